@@ -1,4 +1,4 @@
-"""Damped least squares from one start: the inner loop of inverse kinematics.
+"""Damped least squares from one start: the inner loop of inverse kinematics; and where to start.
 
 With the error twist e of the site in its own frame and its Jacobian J (mink's FrameTask), each iteration solves
 
@@ -12,6 +12,7 @@ not help: far from the solution and near singularities it is gradient descent. T
 """
 
 import time
+from collections.abc import Callable
 
 import daqp
 import mink
@@ -38,6 +39,10 @@ _UNBOUNDED = 1e30  # DAQP's infinity
 _FOUL_M = 1e-4  # by how much a step may spoil a distance, from curvature
 _NEAR_M = 0.05  # a pair that is farther from its limit than this has no say in the next step
 _ENOUGH_M = 5e-4  # of a distance that is called kept: hulls are approximations to millimetres
+
+_STARTS = 1000
+_ALIKE_M_PER_RAD = 0.3  # orientation against position, when poses are compared; LEVER_M would find the same places
+_TRAVEL_M_PER_RAD = 0.05  # price of joint motion from where the arm is: of two that suit, the nearer one comes first
 
 _NO_SLACK = np.zeros(0)
 
@@ -82,18 +87,20 @@ class SelfClearance:
 
 
 class Descent:
-    """Descends to a pose of `site` from wherever it is started. Not thread-safe.
+    """Descends to a pose of a frame from wherever it is started. Not thread-safe.
 
     Args:
         model: its first joints are the arm's; others stay where `qpos0` has them.
         joints: how many.
-        site: name of a site of the model.
+        frame: name and kind ("site" or "body") of a frame of the model.
         clearance: distances to keep; None keeps no distance.
     """
 
-    def __init__(self, model: mujoco.MjModel, joints: int, site: str, clearance: SelfClearance | None = None):
+    def __init__(
+        self, model: mujoco.MjModel, joints: int, frame: tuple[str, str], clearance: SelfClearance | None = None
+    ):
         self._configuration = mink.Configuration(model)
-        self._task = mink.FrameTask(site, "site", position_cost=1.0, orientation_cost=LEVER_M)
+        self._task = mink.FrameTask(*frame, position_cost=1.0, orientation_cost=LEVER_M)
         self._clearance = clearance
         self._full = model.qpos0.copy()
         self._joints, self._no_rows = joints, np.zeros((0, joints))
@@ -149,6 +156,36 @@ class Descent:
     def _distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(k, n) gradients and (k,) slack of the distances that may run short."""
         return (self._no_rows, _NO_SLACK) if self._clearance is None else self._clearance.rows(q)
+
+
+class Starts:
+    """Joint vectors drawn evenly from the joint ranges, with their poses: where to start without a pose nearby.
+
+    Starts that resemble the target halve the number of descents, against starts drawn blindly.
+
+    Args:
+        fk: (n,) to (4, 4).
+        lower, upper: (n,) joint limits, rad.
+    """
+
+    def __init__(self, fk: Callable[[np.ndarray], np.ndarray], lower: np.ndarray, upper: np.ndarray):
+        self._q = np.random.default_rng(1).uniform(lower, upper, size=(_STARTS, len(lower)))
+        self._poses = np.array([fk(q) for q in self._q])
+
+    def nearest(self, pose: np.ndarray, count: int, near: np.ndarray | None = None) -> np.ndarray:
+        """(count, n) joint vectors at most, those whose poses resemble `pose` (4, 4) most first.
+
+        Rotations are compared by |R₁ − R₂|² ≈ 2 φ².
+        """
+        off = self._poses[:, :3] - pose[:3]
+        off[:, :, :3] *= _ALIKE_M_PER_RAD / np.sqrt(2.0)
+        distance = np.einsum("kij,kij->k", off, off)
+        if near is not None:
+            away = np.abs(self._q - near).max(axis=1)
+            distance += (_TRAVEL_M_PER_RAD * away) ** 2
+        count = min(count, _STARTS)
+        best = np.argpartition(distance, count - 1)[:count]
+        return self._q[best[np.argsort(distance[best])]]
 
 
 def _solved(error: np.ndarray) -> bool:

@@ -10,14 +10,14 @@ A pose out of reach is no error: the result is the nearest one found, and says b
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.ik_solver import LEVER_M, Descent, SelfClearance
+from lerobot_robot_yam.arm.ik_solver import LEVER_M, Descent, SelfClearance, Starts
 from lerobot_robot_yam.arm.model import build_spec
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
@@ -31,9 +31,6 @@ _SKEW = 1e-3  # by how much RᵀR may differ from 1: single precision and rounde
 _UNIT = np.eye(4)
 _TURN_M_PER_RAD = 0.01  # error that a solution may leave to save the arm a radian of motion,
 _ELSEWHERE_M = 0.01  # and to stay where it comes to from `near`
-_STARTS = 1000
-_ALIKE_M_PER_RAD = 0.3  # of orientation against position, when poses are compared; LEVER_M would find the same places
-_TRAVEL_M_PER_RAD = 0.05  # of joint motion from where the arm is: of two that suit, the nearer one first
 
 
 @dataclass(frozen=True)
@@ -61,36 +58,6 @@ class IkResult:
         return math.hypot(self.position_error_m, self.orientation_error_rad * LEVER_M)
 
 
-class Starts:
-    """Joint vectors drawn evenly from the joint ranges, with their poses: where to start without a pose nearby.
-
-    Starts that resemble the target halve the number of descents, against starts drawn blindly.
-
-    Args:
-        fk: (n,) to (4, 4).
-        lower, upper: (n,) joint limits, rad.
-    """
-
-    def __init__(self, fk: Callable[[np.ndarray], np.ndarray], lower: np.ndarray, upper: np.ndarray):
-        self._q = np.random.default_rng(1).uniform(lower, upper, size=(_STARTS, len(lower)))
-        self._poses = np.array([fk(q) for q in self._q])
-
-    def nearest(self, pose: np.ndarray, count: int, near: np.ndarray | None = None) -> np.ndarray:
-        """(count, n) joint vectors at most, those whose poses resemble `pose` (4, 4) most first.
-
-        Rotations are compared by |R₁ − R₂|² ≈ 2 φ².
-        """
-        off = self._poses[:, :3] - pose[:3]
-        off[:, :, :3] *= _ALIKE_M_PER_RAD / np.sqrt(2.0)
-        distance = np.einsum("kij,kij->k", off, off)
-        if near is not None:
-            away = np.abs(self._q - near).max(axis=1)
-            distance += (_TRAVEL_M_PER_RAD * away) ** 2
-        count = min(count, _STARTS)
-        best = np.argpartition(distance, count - 1)[:count]
-        return self._q[best[np.argsort(distance[best])]]
-
-
 class YamKinematics:
     """Kinematics of arm + end effector. Poses are (4, 4) homogeneous, m, in the frame of the arm's base.
 
@@ -98,7 +65,7 @@ class YamKinematics:
 
     Args:
         arm, gripper: profiles or their names.
-        site: which frame of the end effector: "tcp_site" or, where it has one, "grasp_site".
+        site: which frame: the end effector's "tcp_site" or, where it has one, "grasp_site"; or a link of the arm.
         collision_margin_m: solutions keep the arm's links this far from each other (less where they are nearer by
             construction), the gripper open; None: not checked, which is many times faster.
 
@@ -141,12 +108,14 @@ class YamKinematics:
         names = [model.joint(i).name for i in range(joints)]
         if not joints or names != [f"joint{i + 1}" for i in range(joints)]:
             raise ConfigError(f"kinematics need an arm with the hinges joint1, joint2 … first, this model has {names}")
-        self._site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, site)
-        if self._site < 0:
-            names = [model.site(i).name for i in range(model.nsite)]
-            raise ConfigError(f"this end effector has no site '{site}'; it has {names}")
+        sites = [model.site(i).name for i in range(model.nsite)]
+        if site not in sites and mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, site) < 0:
+            raise ConfigError(f"this end effector has no site '{site}'; it has {sites}")
         self._model, self._data = model, mujoco.MjData(model)
-        self._descent, self._clearance = Descent(model, joints, site, clearance), clearance
+        kind, frame = ("site", self._data.site(site)) if site in sites else ("body", self._data.body(site))
+        self._position, self._rotation = frame.xpos, frame.xmat.reshape(3, 3)  # views: they follow the data
+        self._body = int(model.site_bodyid[frame.id]) if kind == "site" else frame.id
+        self._descent, self._clearance = Descent(model, joints, (site, kind), clearance), clearance
         self.lower, self.upper = model.jnt_range[:joints].T.copy()
         self.middle = (self.lower + self.upper) / 2
         self._starts = Starts(self._pose, self.lower, self.upper)
@@ -158,6 +127,30 @@ class YamKinematics:
             ActionError: wrong shape, or not finite.
         """
         return self._pose(finite_vector("kinematics", "q", q, self._joints))
+
+    def poses(self, q: np.ndarray) -> np.ndarray:
+        """(…, 4, 4) poses of the site at joints (…, n) rad, which are not checked."""
+        rows = np.reshape(np.asarray(q, dtype=float), (-1, self._joints))
+        return np.array([self._pose(row) for row in rows]).reshape(*np.shape(q)[:-1], 4, 4)
+
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """(6, n) speed of the site's origin, m/s, and its rate of turn, rad/s, in the axes of the base, per rad/s."""
+        self._pose(q)
+        mujoco.mj_comPos(self._model, self._data)
+        jacobian = np.empty((6, self._model.nv))
+        mujoco.mj_jac(self._model, self._data, jacobian[:3], jacobian[3:], self._position, self._body)
+        return jacobian[:, : self._joints]
+
+    def descend(self, target: np.ndarray, start: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> IkResult:
+        """One descent to a pose (4, 4) from joints `start` (n,) rad, between bounds (n,) rad that may be wider than
+        the arm's limits: an arm that lies a little outside them gets back inside.
+
+        Raises:
+            ActionError: no pose.
+        """
+        pose, begin = _rigid(target), np.clip(start, lower, upper)
+        self._descent.aim(pose)
+        return self._judge(self._descent.run(begin, lower, upper, begin, math.inf), pose, 1)
 
     def ik(
         self,
@@ -231,8 +224,7 @@ class YamKinematics:
         self._data.qpos[: self._joints] = q
         mujoco.mj_kinematics(self._model, self._data)
         pose = np.eye(4)
-        pose[:3, :3] = self._data.site_xmat[self._site].reshape(3, 3)
-        pose[:3, 3] = self._data.site_xpos[self._site]
+        pose[:3, :3], pose[:3, 3] = self._rotation, self._position
         return pose
 
 

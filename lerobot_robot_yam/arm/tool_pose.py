@@ -9,6 +9,7 @@ from the base's own axes, a tool that points down is never far from there.
 """
 
 import mink
+import mujoco
 import numpy as np
 
 from lerobot_robot_yam.arm.kinematics import YamKinematics
@@ -24,8 +25,7 @@ def downward(kinematics: YamKinematics) -> np.ndarray:
 
 def pose_to_vector(pose: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """(6,) position, m, and rotation vector, rad, of a pose (4, 4) against a reference orientation (3, 3)."""
-    rotation = mink.SO3.from_matrix(pose[:3, :3] @ reference.T)
-    return np.concatenate([pose[:3, 3], rotation.log()])
+    return np.concatenate([pose[:3, 3], rotation_vector(pose[:3, :3] @ reference.T)])
 
 
 def vector_to_pose(vector: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -35,8 +35,25 @@ def vector_to_pose(vector: np.ndarray, reference: np.ndarray) -> np.ndarray:
         ActionError: numbers so large that they mean no rotation.
     """
     pose = np.eye(4)
-    pose[:3, :3] = mink.SO3.exp(vector[3:]).as_matrix() @ reference
+    pose[:3, :3] = rotation_matrix(vector[3:]) @ reference
     pose[:3, 3] = vector[:3]
     if not np.isfinite(pose).all():
         raise ActionError(f"end effector: {vector.tolist()} is no pose; nothing was sent")
     return pose
+
+
+def rotation_vector(rotation: np.ndarray) -> np.ndarray:
+    """(3,) axis times angle, rad, of length π at most, of a rotation (3, 3).
+
+    Not by mink's `SO3.log`, which gives zeros for exactly half a turn.
+    """
+    quat, vector = np.empty(4), np.empty(3)
+    mujoco.mju_mat2Quat(quat, rotation.ravel())
+    mujoco.mju_quat2Vel(vector, quat, 1.0)
+    return vector
+
+
+def rotation_matrix(vector: np.ndarray) -> np.ndarray:
+    """(3, 3) of a rotation vector (3,) rad."""
+    matrix: np.ndarray = mink.SO3.exp(vector).as_matrix()
+    return matrix

@@ -15,7 +15,13 @@ from lerobot_robot_yam.arm.kinematics import PoseTracker, YamKinematics, pose_di
 from lerobot_robot_yam.arm.model import build_model
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
-from lerobot_robot_yam.arm.tool_pose import downward, pose_to_vector, vector_to_pose
+from lerobot_robot_yam.arm.tool_pose import (
+    downward,
+    pose_to_vector,
+    rotation_matrix,
+    rotation_vector,
+    vector_to_pose,
+)
 from lerobot_robot_yam.errors import ActionError, ConfigError
 from tests.support.paths import GOLDEN as GOLDEN_FILES
 
@@ -67,6 +73,26 @@ def test_a_model_of_ones_own_has_the_same_kinematics():
     ours, given = YamKinematics("yam", GRIPPER), YamKinematics.of_model(build_model("yam", GRIPPER), "tcp_site")
     np.testing.assert_array_equal(ours.fk(BENT), given.fk(BENT))
     np.testing.assert_array_equal(ours.ik(given.fk(BENT), BENT + 0.1).q, given.ik(given.fk(BENT), BENT + 0.1).q)
+
+
+def test_a_link_is_a_frame_too_and_many_poses_are_one_call():
+    link, data = YamKinematics("yam", GRIPPER, "link5"), mujoco.MjData(build_model("yam", GRIPPER))
+    data.qpos[:6] = BENT
+    mujoco.mj_kinematics(data.model, data)
+    np.testing.assert_allclose(link.fk(BENT)[:3, 3], data.body("link5").xpos, atol=1e-12)
+    np.testing.assert_allclose(link.poses(np.array([[BENT, -BENT]]))[0, 1], link.fk(-BENT), atol=1e-12)
+    assert link.ik(link.fk(BENT), BENT + 0.1).converged
+
+
+@pytest.mark.parametrize("site", ["tcp_site", "link6"])
+def test_the_jacobian_is_the_derivative_of_the_pose(site):
+    kinematics, step = YamKinematics("yam_ultra", GRIPPER, site), 1e-6
+    pose, jacobian = kinematics.fk(BENT), kinematics.jacobian(BENT)
+    for joint in range(6):
+        there = kinematics.fk(BENT + step * np.eye(6)[joint])
+        turned = rotation_vector(there[:3, :3] @ pose[:3, :3].T)
+        slope = np.concatenate([there[:3, 3] - pose[:3, 3], turned]) / step
+        np.testing.assert_allclose(slope, jacobian[:, joint], atol=1e-5)
 
 
 # inverse
@@ -332,6 +358,17 @@ def test_six_numbers_and_poses_are_the_same_thing(arms):
         vector = pose_to_vector(pose, reference)
         np.testing.assert_allclose(vector_to_pose(vector, reference), pose, atol=1e-9)
         assert np.linalg.norm(vector[3:]) <= np.pi + 1e-9
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-4, 1.0, np.pi - 1e-9, np.pi])
+def test_rotation_vectors_come_back(angle):
+    for axis in (*np.eye(3), *np.random.default_rng(0).normal(size=(5, 3))):
+        rotation = rotation_matrix(angle * axis / np.linalg.norm(axis))
+        assert np.abs(rotation_matrix(rotation_vector(rotation)) - rotation).max() < 1e-7
+
+
+def test_exactly_half_a_turn_is_a_turn():
+    assert np.linalg.norm(rotation_vector(np.diag([1.0, -1.0, -1.0]))) == pytest.approx(np.pi)
 
 
 def test_numbers_that_are_no_rotation_are_refused(arms):
