@@ -25,7 +25,7 @@ def write(path: Path | None, arm: str, gripper: str, form: str) -> int:
     Raises:
         ConfigError: no such arm or gripper, or the file cannot be written.
     """
-    from lerobot_robot_yam.arm.model_export import mjcf, urdf
+    from lerobot_robot_yam.arm.export.model_export import mjcf, urdf
     from lerobot_robot_yam.arm.mounting import resolve_profiles
 
     text = {"mjcf": mjcf, "urdf": urdf}[form](*resolve_profiles(arm, gripper))

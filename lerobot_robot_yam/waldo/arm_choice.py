@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.export.model_export import frame
 from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
 
 ENV_ARM, ENV_GRIPPER = "YAM_WALDO_ARM", "YAM_WALDO_GRIPPER"
 NO_TOOL = "NONE"
@@ -49,6 +49,18 @@ def tool_keys(gripper: GripperProfile) -> list[str]:
     return list(dict.fromkeys((NO_TOOL, tool_key(gripper))))
 
 
+def tool_centre(gripper: GripperProfile) -> np.ndarray:
+    """(4, 4) of the point between the fingers in the flange, m; of an end effector without fingers its tip.
+
+    Args:
+        gripper: as mounted, see `mounting.mounted`: its first body is fixed to the flange.
+    """
+    (root, *_) = gripper.bodies
+    sites = {site.name: site for site in root.sites}
+    site = sites.get("grasp_site", sites["tcp_site"])
+    return frame(root.pos_m, root.quat_wxyz) @ frame(site.pos_m, site.quat_wxyz)
+
+
 def tip(gripper: GripperProfile, key: str, offset_m: np.ndarray) -> np.ndarray:
     """(4, 4) of the tool's tip in the flange, m, with an offset (3,) along the tool's own axes.
 
@@ -57,6 +69,6 @@ def tip(gripper: GripperProfile, key: str, offset_m: np.ndarray) -> np.ndarray:
     """
     if key not in tool_keys(gripper):
         raise ConfigError(f"no tool {key!r}; this arm has {', '.join(tool_keys(gripper))}")
-    frame, moved = np.eye(4) if key == NO_TOOL else tool_centre(gripper), np.eye(4)
+    moved = np.eye(4)
     moved[:3, 3] = offset_m
-    return frame @ moved
+    return moved if key == NO_TOOL else tool_centre(gripper) @ moved

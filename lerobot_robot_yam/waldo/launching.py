@@ -10,34 +10,22 @@ import signal
 import socket
 import sys
 import time
-from typing import Any
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ControllerError
 from lerobot_robot_yam.session.runners import LAND_TIMEOUT_S
 from lerobot_robot_yam.waldo.arm_choice import ArmChoice
-from lerobot_robot_yam.waldo.wire import MOST_BYTES, decode, encode
+from lerobot_robot_yam.waldo.wire import ANSWER_S, ask_once
 
 _MODULE = "lerobot_robot_yam.waldo.controller.controller_process"
-_ANSWER_S = 1.0
 _LOOK_S = 0.05
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-
-def ask_once(host: str, port: int, name: str, timeout_s: float = _ANSWER_S) -> Any:
-    """The answer to one request without arguments; None: nobody answers, or somebody else."""
-    try:
-        with socket.create_connection((host, port), timeout_s) as line:
-            line.sendall(encode({"id": 1, "do": name, "with": {}}))
-            return decode(line.makefile("rb").readline(MOST_BYTES)).get("result")
-    except (OSError, ValueError):
-        return None
 
 
 def serves(host: str, port: int) -> bool:
     """Whether anybody serves the port."""
     try:
-        socket.create_connection((host, port), _ANSWER_S).close()
+        socket.create_connection((host, port), ANSWER_S).close()
     except OSError:
         return False
     return True

@@ -1,41 +1,43 @@
-"""What the motion commands of a program mean: degrees and millimetres in, plans out.
+"""What the commands of a program mean: degrees and millimetres in, plans out.
 
 The dry run, the simulator and the real arm all plan here, so that a preview shows what will happen.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.errors import PlanError
 from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, tool_key
-from lerobot_robot_yam.waldo.kinematics.frames import commanded
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan, standing
 from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.poses import Numbers, commanded, numbers
 
 PROFILES = ("ruckig",)
 """Motion profiles: there is one, limited in speed, acceleration and jerk."""
 
-_LONGEST_S = 600.0  # of a delay or a duration
+_LONGEST_S = 600.0  # of a delay
 _ACTIONS = {"open": 0.0, "close": 1.0}  # Commander's positions
-
-Numbers = Sequence[float] | np.ndarray
-
-
-class Pace(NamedTuple):
-    """How fast: shares 0 … 1 of the limits, or a time in s that counts if it is above 0."""
-
-    speed: float = 0.0
-    accel: float = 1.0
-    duration: float = 0.0
 
 
 def move_j(
-    planner: Planner, start_q: np.ndarray, angles: Numbers | None, pose: Numbers | None, pace: Pace, rel: bool
+    planner: Planner,
+    start_q: np.ndarray,
+    angles: Numbers | None = None,
+    pose: Numbers | None = None,
+    *,
+    rel: bool = False,
+    speed: float = 0.0,
+    accel: float = 1.0,
+    duration: float | None = 0.0,
 ) -> Plan:
     """A move of the joints from start_q (n,) rad, to angles (deg) or to a pose of the tool (mm, deg).
+
+    Args:
+        rel: the numbers are added to where it starts.
+        speed, accel: shares 0 … 1 of the limits.
+        duration: s; above 0 it counts in place of the speed.
 
     Raises:
         PlanError: neither or both are given, or see `Planner.joints`.
@@ -46,15 +48,27 @@ def move_j(
         target = planner.inverse(commanded(planner.pose(start_q), pose, rel=rel), start_q)
     else:
         target = np.radians(numbers("angles", angles, len(start_q))) + (start_q if rel else 0.0)
-    speed, accel, duration = pace
-    return planner.joints(start_q, target, speed=speed, accel=accel, duration_s=duration)
+    return planner.joints(start_q, target, speed=speed, accel=accel, duration_s=duration or 0.0)
 
 
-def move_l(planner: Planner, start_q: np.ndarray, pose: Numbers, frame: str, pace: Pace, rel: bool) -> Plan:
-    """A straight line of the tool from start_q (n,) rad to a pose (mm, deg). Raises PlanError: see `Planner.line`."""
-    speed, accel, duration = pace
+def move_l(
+    planner: Planner,
+    start_q: np.ndarray,
+    pose: Numbers,
+    *,
+    frame: str = "WRF",
+    rel: bool = False,
+    speed: float = 0.0,
+    accel: float = 1.0,
+    duration: float | None = 0.0,
+) -> Plan:
+    """A straight line of the tool from start_q (n,) rad to a pose (mm, deg); arguments as for `move_j`.
+
+    Raises:
+        PlanError: see `Planner.line`.
+    """
     target = commanded(planner.pose(start_q), pose, frame, rel)
-    return planner.line(start_q, target, speed=speed, accel=accel, duration_s=duration)
+    return planner.line(start_q, target, speed=speed, accel=accel, duration_s=duration or 0.0)
 
 
 def pause(start_q: np.ndarray, seconds: float) -> Plan:
@@ -67,7 +81,7 @@ def pause(start_q: np.ndarray, seconds: float) -> Plan:
 
 
 def radius(r: float) -> float:
-    """A blend radius in m, of one in mm. Raises PlanError: no number from 0 on."""
+    """A blend radius in m, from one in mm. Raises PlanError: no number from 0 on."""
     (given,) = numbers("r", [r or 0.0], 1).tolist()
     if given < 0.0:
         raise PlanError(f"r, a radius in mm, is 0 or more, not {r!r}")
@@ -95,14 +109,3 @@ def swapped(position: float) -> float:
     Here and nowhere else one becomes the other.
     """
     return 1.0 - position
-
-
-def numbers(what: str, values: object, count: int) -> np.ndarray:
-    """`values` as (count,) finite floats. Raises PlanError: they are not."""
-    try:
-        given = np.array(values, dtype=float)
-    except (TypeError, ValueError):
-        given = np.zeros(0)
-    if given.shape != (count,) or not np.isfinite(given).all():
-        raise PlanError(f"{what} takes {count} finite numbers, not {values!r}")
-    return given

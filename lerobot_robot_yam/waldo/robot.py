@@ -22,14 +22,12 @@ from waldoctl import (
 
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.waldo.arm_choice import ArmChoice, tip
+from lerobot_robot_yam.waldo.arm_model import ArmModel
 from lerobot_robot_yam.waldo.client.async_client import AsyncRobotClient
 from lerobot_robot_yam.waldo.client.dry_run_client import DryRunClient
 from lerobot_robot_yam.waldo.client.sync_client import RobotClient
-from lerobot_robot_yam.waldo.kinematics import rotation
-from lerobot_robot_yam.waldo.kinematics.frames import FRAMES
-from lerobot_robot_yam.waldo.launching import LaunchedController, ask_once
-from lerobot_robot_yam.waldo.model.arm_model import ArmModel
-from lerobot_robot_yam.waldo.planning.motion_limits import (
+from lerobot_robot_yam.waldo.launching import LaunchedController
+from lerobot_robot_yam.waldo.planning.motion_plan import (
     JOG_SHARE,
     LINE_ACCELERATION_M_S2,
     LINE_ACCELERATION_RAD_S2,
@@ -37,9 +35,10 @@ from lerobot_robot_yam.waldo.planning.motion_limits import (
     LINE_SPEED_RAD_S,
 )
 from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.poses import FRAMES, from_vector, to_vector
 from lerobot_robot_yam.waldo.program import PROFILES
 from lerobot_robot_yam.waldo.tool_catalog import YamTools, model_of, tools_of
-from lerobot_robot_yam.waldo.wire import HOST, PORT
+from lerobot_robot_yam.waldo.wire import HOST, PORT, ask_once
 
 
 class Robot(waldoctl.Robot):
@@ -52,6 +51,18 @@ class Robot(waldoctl.Robot):
     Raises:
         ConfigError: no such arm or gripper.
     """
+
+    position_unit = "mm"
+    digital_outputs = digital_inputs = 0
+    joint_index_mapping = tuple(range(6))  # the joints of the URDF are ours, in order
+    backend_package = "lerobot_robot_yam"
+    sync_client_class, async_client_class = RobotClient, AsyncRobotClient
+    motion_profiles, cartesian_frames = PROFILES, FRAMES
+    cartesian_limits = CartesianKinodynamicLimits(
+        LinearAngularLimits(LINE_SPEED_M_S, LINE_SPEED_RAD_S),
+        LinearAngularLimits(LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2),
+    )
+    has_freedrive = has_collision_checking = True
 
     def __init__(self, arm: str | None = None, gripper: str | None = None, **options: Any):
         choice = ArmChoice.of_environment()
@@ -87,29 +98,6 @@ class Robot(waldoctl.Robot):
             """As `native_tools`."""
             return self.native_tools
 
-    @property
-    def cartesian_limits(self) -> CartesianKinodynamicLimits:
-        """Of the tool: m/s, rad/s, m/s², rad/s²."""
-        return CartesianKinodynamicLimits(
-            LinearAngularLimits(LINE_SPEED_M_S, LINE_SPEED_RAD_S),
-            LinearAngularLimits(LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2),
-        )
-
-    @property
-    def position_unit(self) -> str:
-        """How lengths are shown."""
-        return "mm"
-
-    @property
-    def digital_outputs(self) -> int:
-        """A YAM has none."""
-        return 0
-
-    @property
-    def digital_inputs(self) -> int:
-        """A YAM has none."""
-        return 0
-
     @cached_property
     def _model(self) -> ArmModel:
         model = model_of(self._choice)
@@ -126,62 +114,22 @@ class Robot(waldoctl.Robot):
         """Absolute path of the STL files."""
         return str(self._model.mesh_dir)
 
-    @property
-    def joint_index_mapping(self) -> tuple[int, ...]:
-        """The joints of the URDF are ours, in order."""
-        return tuple(range(self._hardware.joints))
-
-    @property
-    def backend_package(self) -> str:
-        """Import name of the package that has the clients."""
-        return "lerobot_robot_yam"
-
-    @property
-    def sync_client_class(self) -> type:
-        """For scripts."""
-        return RobotClient
-
-    @property
-    def async_client_class(self) -> type:
-        """For the page."""
-        return AsyncRobotClient
-
-    @property
-    def motion_profiles(self) -> tuple[str, ...]:
-        """There is one: limited in jerk, by ruckig."""
-        return PROFILES
-
-    @property
-    def cartesian_frames(self) -> tuple[str, ...]:
-        """Of the base and of the tool."""
-        return FRAMES
-
-    @property
-    def has_freedrive(self) -> bool:
-        """A hand can move the real arm."""
-        return True
-
-    @property
-    def has_collision_checking(self) -> bool:
-        """Plans keep away from the shapes that were set."""
-        return True
-
     def fk(self, q_rad: np.ndarray, out: np.ndarray) -> np.ndarray:
         """x y z rx ry rz of joints (6,), written into `out` (6,), which is returned."""
-        out[:] = rotation.to_vector(self._planner.pose(np.asarray(q_rad, dtype=float)))
+        out[:] = self.fk_batch(q_rad)
         return out
+
+    def fk_batch(self, joint_path_rad: np.ndarray) -> np.ndarray:
+        """(N, 6) of joints (N, 6)."""
+        return to_vector(self._planner.pose(joint_path_rad))
 
     def ik(self, pose: np.ndarray, q_seed_rad: np.ndarray) -> IKResultData:
         """Joints that put the tool at a pose (6,), near the seed (6,); one out of reach is no error."""
         try:
-            q = self._planner.inverse(rotation.of_vector(pose), np.asarray(q_seed_rad, dtype=float))
+            q = self._planner.inverse(from_vector(pose), np.asarray(q_seed_rad, dtype=float))
         except YamError as error:
             return IKResultData(np.array(q_seed_rad, dtype=float), False, str(error))
         return IKResultData(q, True)
-
-    def fk_batch(self, joint_path_rad: np.ndarray) -> np.ndarray:
-        """(N, 6) of joints (N, 6)."""
-        return rotation.to_vector(self._planner.pose(np.asarray(joint_path_rad, dtype=float)))
 
     def ik_batch(self, poses: np.ndarray, q_start_rad: np.ndarray) -> list[IKResultData]:
         """One result per pose (N, 6), each seeded with the one before."""
@@ -195,7 +143,7 @@ class Robot(waldoctl.Robot):
     ) -> None:
         """Poses are of this tool's tip from now on, in this object alone. Raises ConfigError: no such tool."""
         offset = np.array((0.0,) * 3 if tcp_offset_m is None else tcp_offset_m, dtype=float)
-        self._planner.tool = tip(self._hardware.gripper, tool_key, offset)
+        self._planner.kinematics.tool = tip(self._hardware.gripper, tool_key, offset)
 
     def check_limits(self, q_rad: np.ndarray) -> bool:
         """Whether all joints (6,) are within their ranges."""

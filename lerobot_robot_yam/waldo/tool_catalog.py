@@ -1,8 +1,12 @@
-"""The tools of an arm as Commander shows them: none, and the gripper that is on it. Positions are 0 open … 1 closed."""
+"""The tools of an arm as Commander shows them: none, and the gripper that is on it. Positions are 0 open … 1 closed.
 
-from collections.abc import Iterator
+And the palette of commands in its editor, which shows each call whose docstring has a category and an example.
+"""
+
+import inspect
+from collections.abc import Callable, Iterator
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 from waldoctl import (
     ChannelDescriptor,
@@ -15,13 +19,24 @@ from waldoctl import (
     ToolType,
 )
 
+from lerobot_robot_yam.arm.export.model_export import rpy
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.errors import ControllerError
-from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, ArmChoice, tool_key
-from lerobot_robot_yam.waldo.kinematics.rotation import to_rpy
-from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
-from lerobot_robot_yam.waldo.model.arm_model import ArmModel
+from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, ArmChoice, tool_centre, tool_key
+from lerobot_robot_yam.waldo.arm_model import ArmModel
+
+Call = TypeVar("Call", bound=Callable[..., object])
+
+
+def palette(category: str, example: str) -> Callable[[Call], Call]:
+    """Show a call in the palette, in this category, with this example of one line."""
+
+    def shown(call: Call) -> Call:
+        call.__doc__ = f"{inspect.getdoc(call)}\n\nCategory: {category}\n\nExample:\n    {example}\n"
+        return call
+
+    return shown
 
 
 class NoTool(ToolSpec):
@@ -45,34 +60,19 @@ class YamGripper(ElectricGripperTool):
         """What `ToolStatus.channels` has: the torque of the gripper's motor."""
         return (ChannelDescriptor("motor torque", "Nm"),)
 
+    @palette("Gripper", "rbt.tool.set_position(0.5)")
     async def set_position(self, position: float, **kwargs: Any) -> int:
-        """Move the jaws to a position, 0 open … 1 closed.
-
-        Category: Gripper
-
-        Example:
-            rbt.tool.set_position(0.5)
-        """
+        """Move the jaws to a position, 0 open … 1 closed."""
         return await self._act("move", [position], **kwargs)
 
+    @palette("Gripper", "rbt.tool.open()")
     async def open(self, **kwargs: Any) -> int:
-        """Open the jaws.
-
-        Category: Gripper
-
-        Example:
-            rbt.tool.open()
-        """
+        """Open the jaws."""
         return await self._act("open", None, **kwargs)
 
+    @palette("Gripper", "rbt.tool.close()")
     async def close(self, **kwargs: Any) -> int:
-        """Close the jaws, with no more than the gripper's force limit on what is between them.
-
-        Category: Gripper
-
-        Example:
-            rbt.tool.close()
-        """
+        """Close the jaws, with no more than the gripper's force limit on what is between them."""
         return await self._act("close", None, **kwargs)
 
     async def _act(self, action: str, params: list[float] | None, wait: bool = False, timeout: float = 10.0) -> int:
@@ -136,7 +136,8 @@ def _looks(gripper: GripperProfile, model: ArmModel) -> dict[str, Any]:
     """Name, tip, meshes and motion of a gripper, in the frame of the flange: arguments of its `ToolSpec`."""
     assert gripper.motor is not None
     tip = tool_centre(gripper)
-    meshes = [MeshSpec(file, role=role) for role, files in _parts(model) for file in files]
+    parts = ((MeshRole.BODY, model.body_meshes), (MeshRole.JAW, model.jaw_meshes))
+    meshes = [MeshSpec(file, role=role) for role, files in parts for file in files]
     motions = []
     if model.jaws is not None:
         x, y, z = model.jaws.axis.tolist()
@@ -148,11 +149,7 @@ def _looks(gripper: GripperProfile, model: ArmModel) -> dict[str, Any]:
         "key": tool_key(gripper),
         "display_name": gripper.name.replace("_", " "),
         "tcp_origin": tuple(tip[:3, 3].tolist()),
-        "tcp_rpy": tuple(to_rpy(tip[:3, :3]).tolist()),
+        "tcp_rpy": tuple(rpy(tip[:3, :3]).tolist()),
         "meshes": tuple(meshes),
         "motions": tuple(motions),
     }
-
-
-def _parts(model: ArmModel) -> list[tuple[MeshRole, list[str]]]:
-    return [(MeshRole.BODY, model.body_meshes), (MeshRole.JAW, model.jaw_meshes)]

@@ -1,19 +1,28 @@
-"""The wire between the controller and its clients: one JSON object per line, over TCP.
+"""The wire to a controller: one JSON object per line. A connection carries one request and its answer.
 
-    {"id": 7, "do": "move_j", "with": {"angles": [0, 60, 60, -29, 0, 0]}}   a request
-    {"id": 7, "result": 3}                                                  its answer
-    {"id": 7, "refused": "joint_2 would be at 215.00°, beyond its …"}        or this
+    {"do": "move_j", "with": {"angles": [0, 60, 60, -29, 0, 0]}}     a request
+    {"result": 3}                                                    its answer
+    {"refused": "joint_2 would be at 215.00°, beyond its …"}         or this
 
-Requests of one connection are begun in their order; answers come when they are ready. After the request "stream" the
-connection carries statuses, one per line, and nothing else.
+After the request "stream" the connection carries statuses, one per line. Clients come over TCP. The operator of this
+computer, who alone may arm and land, comes by a socket in the runtime directory, which is open to its user alone.
 """
 
 import json
+import socket
+from pathlib import Path
 from typing import Any
+
+from lerobot_robot_yam.errors import ControllerError
+from lerobot_robot_yam.system.runtime_files import runtime_dir
 
 HOST, PORT = "127.0.0.1", 5001  # Commander's own defaults
 STREAM = "stream"
 MOST_BYTES = 1 << 20  # of a line; the longest is a list of shapes
+ANSWER_S = 1.0  # wait for a controller that has nothing to do for its answer
+_OPERATOR_S = (
+    120.0  # wait for the operator's answer: an arm may have to find its gripper's stops, or fold from far away
+)
 
 
 def encode(message: dict[str, Any]) -> bytes:
@@ -27,6 +36,54 @@ def decode(line: bytes) -> dict[str, Any]:
     if not isinstance(message, dict):
         raise ValueError("not a JSON object")
     return message
+
+
+def result_of(name: str, line: bytes) -> Any:
+    """The result in the answer to a request. Raises ControllerError: it is refused, or there is no answer."""
+    if not line:
+        raise ControllerError(f"{name}: the controller ended before it was done; see its terminal")
+    answer = decode(line)
+    if "refused" in answer:
+        raise ControllerError(answer["refused"])
+    return answer.get("result")
+
+
+def ask_once(host: str, port: int, name: str) -> Any:
+    """The answer to one request without arguments; None: nobody answers, or somebody else."""
+    try:
+        with socket.create_connection((host, port), ANSWER_S) as line:
+            return _exchange(line, name)
+    except (OSError, ValueError, ControllerError):
+        return None
+
+
+def door_path(port: int) -> Path:
+    """The operator's socket of the controller that serves a port. Raises ConfigError: no runtime directory."""
+    return runtime_dir() / f"waldo-{port}"
+
+
+def ask_operator_door(port: int, act: str) -> str:
+    """Have the controller of this computer that serves `port` do something; what it says.
+
+    Raises:
+        ControllerError: there is none, or it refused.
+    """
+    with socket.socket(socket.AF_UNIX) as line:
+        line.settimeout(_OPERATOR_S)
+        try:
+            line.connect(str(door_path(port)))
+            return str(_exchange(line, act))
+        except OSError as error:
+            raise ControllerError(
+                f"no controller of yours serves port {port} on this computer ({error}); start it first: "
+                "yam-waldo --hardware --channel …"
+            ) from error
+
+
+def _exchange(line: socket.socket, name: str) -> Any:
+    line.sendall(encode({"do": name, "with": {}}))
+    with line.makefile("rb") as answers:
+        return result_of(name, answers.readline(MOST_BYTES))
 
 
 def _plain(value: Any) -> Any:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from lerobot_robot_yam.arm.model_export import mjcf, urdf
+from lerobot_robot_yam.arm.export.model_export import mjcf, urdf
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.commands.model_file import main
 

@@ -4,13 +4,22 @@ import asyncio
 import contextlib
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.waldo.arm_choice import ArmChoice
+from lerobot_robot_yam.waldo.arm_choice import ArmChoice, tool_centre
 from lerobot_robot_yam.waldo.controller.command_server import CommandServer
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
-from lerobot_robot_yam.waldo.controller.real_arm import RealArm
+from lerobot_robot_yam.waldo.controller.plant import RealArm
+from lerobot_robot_yam.waldo.planning.planner import Planner
 from tests.support.rigged import isolation_of, sim_config
 
+HOME_DEG = [0.0, 60.0, 60.0, -29.0, 0.0, 0.0]
 PATIENCE_S = 0.05  # real time that planning may take; a request that takes longer waits for the arm
+
+
+def planner_of(arm="yam", gripper="linear_4310"):
+    """The planner of an arm, its tool on."""
+    planner = Planner(ArmChoice(arm, gripper).resolved())
+    planner.kinematics.tool = tool_centre(planner.hardware.gripper)
+    return planner
 
 
 class Passing:

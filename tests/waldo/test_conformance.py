@@ -1,4 +1,8 @@
-"""The backend, as Commander uses it: conformance.py passes for both contracts, and finds the faults that are seeded."""
+"""The backend, as Commander uses it: conformance.py passes for both contracts, and finds the faults that are seeded.
+
+The default tier runs what needs no motion, and the start of a page. Stops, jogs, refusals and the gripper have quicker
+tests in lock-step beside this file.
+"""
 
 import contextlib
 import os
@@ -14,28 +18,17 @@ from tests.support.paths import ROOT
 
 SEEDS = ROOT / "tests" / "waldo" / "seeds"
 OTHER_ULTRA, BIG = ("yam_ultra_2", "flexible_4310"), ("big_yam", "no_gripper")
-LIVE = pytest.mark.long
 
 
-def begin(*options, seed=None, **variables):
-    """A run that has begun."""
+def conformance(*options, seed=None, **variables):
+    """(exit status, lines) of a run."""
     environment = {**os.environ, **variables}
     if seed is not None:
         environment |= {"PYTHONPATH": str(SEEDS), "YAM_SEED": seed}
     command = [sys.executable, "tests/waldo/conformance.py", "lerobot_robot_yam.waldo.robot:Robot", "--quiet", *options]
     # Not stderr: an orphaned controller would keep a pipe open.
-    return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
-
-
-def end(run):
-    """(exit status, lines) of a run that has begun."""
-    said, _ = run.communicate()
-    return run.returncode, said.splitlines()
-
-
-def conformance(*options, **more):
-    """(exit status, lines) of a run."""
-    return end(begin(*options, **more))
+    run = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
+    return run.returncode, run.stdout.splitlines()
 
 
 @pytest.fixture
@@ -52,10 +45,17 @@ def failed(lines):
     return [line for line in lines if line.startswith("FAIL")]
 
 
-def test_the_backend_meets_both_contracts():
-    """At the same time: a run waits more than it computes."""
-    for status, lines in map(end, [begin("--contract", contract) for contract in "BC"]):
-        assert not failed(lines) and status == 0, lines
+@pytest.mark.parametrize(
+    "options",
+    [
+        pytest.param(["--only", "static,dry"], id="static,dry"),
+        pytest.param(["--contract", "C", "--only", "live", "--sections", "boot"], id="boot"),
+        pytest.param([], id="all", marks=pytest.mark.long),
+    ],
+)
+def test_the_backend_meets_the_contract(options):
+    status, lines = conformance(*options)
+    assert not failed(lines) and status == 0, lines
 
 
 @pytest.mark.long
@@ -73,19 +73,20 @@ def test_the_other_arms_meet_the_contract_live(arm, gripper):
     assert not failed(lines) and status == 0, lines
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "seed, found, only, sections",
     [
         ("constructor_without_kwargs", "constructor takes Commander's arguments", "static", ""),
         ("lower_case_tool_key", "tool keys are unique, UPPER CASE", "static", ""),
-        pytest.param("io_of_five", "every status fits Commander's buffers", "live", "boot", marks=LIVE),
-        pytest.param("metres_in_pose", "pose = fk(angles), translation in mm", "live", "page", marks=LIVE),
-        pytest.param("resume_replays_a_cancelled_move", "after a stop moves nothing", "live", "stopping", marks=LIVE),
-        pytest.param("jog_without_expiry", "stands still within", "live", "motion", marks=LIVE),
-        pytest.param("nan_jog", "jog_j NaN speed", "live", "refusals", marks=LIVE),
-        pytest.param("inverted_gripper", "(0 open, 1 closed)", "live", "tools_live", marks=LIVE),
-        pytest.param("served_on_every_address", "serves on loopback only", "live", "boot", marks=LIVE),
-        pytest.param("orphaned_controller", "ends within 10 s of its parent's kill", "live", "end", marks=LIVE),
+        ("io_of_five", "every status fits Commander's buffers", "live", "boot"),
+        ("metres_in_pose", "pose = fk(angles), translation in mm", "live", "page"),
+        ("resume_replays_a_cancelled_move", "after a stop moves nothing", "live", "stopping"),
+        ("jog_without_expiry", "stands still within", "live", "motion"),
+        ("nan_jog", "jog_j NaN speed", "live", "refusals"),
+        ("inverted_gripper", "(0 open, 1 closed)", "live", "tools_live"),
+        ("served_on_every_address", "serves on loopback only", "live", "boot"),
+        ("orphaned_controller", "ends within 10 s of its parent's kill", "live", "end"),
     ],
 )
 def test_a_seeded_fault_is_found(no_orphans, seed, found, only, sections):

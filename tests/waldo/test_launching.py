@@ -8,7 +8,8 @@ import pytest
 
 from lerobot_robot_yam.errors import ControllerError
 from lerobot_robot_yam.waldo.arm_choice import ArmChoice
-from lerobot_robot_yam.waldo.launching import LaunchedController, ask_once
+from lerobot_robot_yam.waldo.launching import LaunchedController
+from lerobot_robot_yam.waldo.wire import ask_once
 
 HOST = "127.0.0.1"
 

@@ -14,7 +14,7 @@ from lerobot_robot_yam.errors import ControllerError, YamError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.waldo.controller.controller_process import operator_acts
-from lerobot_robot_yam.waldo.controller.real_arm import RealArm
+from lerobot_robot_yam.waldo.controller.plant import RealArm
 from tests.support.rigged import lockstep_rig
 from tests.support.waldo_desk import waldo_desk
 

@@ -15,8 +15,7 @@ from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, save_s
 from lerobot_robot_yam.control.landing.landing_move import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.errors import ControllerError, YamError
 from lerobot_robot_yam.rig.client.rig_control import running_rig
-from lerobot_robot_yam.waldo.launching import ask_once
-from lerobot_robot_yam.waldo.operator_door import ask_operator_door, door_path
+from lerobot_robot_yam.waldo.wire import ask_once, ask_operator_door, door_path
 from tests.support.paths import ROOT
 from tests.support.rigged import STOPS, arm_on
 

@@ -13,8 +13,7 @@ from lerobot_robot_yam.waldo.arm_choice import ArmChoice
 from lerobot_robot_yam.waldo.controller.command_server import CommandServer
 from lerobot_robot_yam.waldo.controller.controller import Controller
 from lerobot_robot_yam.waldo.controller.controller_process import operator_acts
-from lerobot_robot_yam.waldo.operator_door import OperatorDoor, ask_operator_door, door_path
-from lerobot_robot_yam.waldo.wire import MOST_BYTES
+from lerobot_robot_yam.waldo.wire import MOST_BYTES, ask_operator_door, door_path
 from tests.support.pages import block
 
 HOST = "127.0.0.1"
@@ -35,7 +34,8 @@ async def broken():
 @contextlib.asynccontextmanager
 async def serving(port):
     """A controller of a simulated arm."""
-    server = CommandServer(Controller(ArmChoice().resolved()))
+    controller = Controller(ArmChoice().resolved())
+    server = CommandServer(controller, operator_acts(controller) | {"break": broken})
     await server.open(HOST, port)
     try:
         yield server
@@ -89,12 +89,13 @@ def test_bad_lines_are_answered_or_end_their_own_connection_alone():
         async with serving(port), client_of(port) as client:
             for line in (b"hello\n", b"[1]\n", b"\xff\xfe\n", b"x" * (2 * MOST_BYTES)):
                 assert await raw(port, line) in (["closed"], [])
-            (answer,) = await raw(port, b'{"id": 1, "do": "arm", "with": {}}\n')
-            assert answer == {"id": 1, "refused": "the controller knows no request 'arm'"}
-            (answer,) = await raw(port, b'{"id": 2, "do": "jog_j", "with": {"joints": [0], "speeds": [NaN]}}\n')
-            assert "a number from -1 to 1, not nan" in answer["refused"]
-            (answer,) = await raw(port, b'{"id": 3, "do": "move_j", "with": []}\n')
-            assert "refused" in answer
+            for line, words in (
+                (b'{"do": "arm", "with": {}}\n', "the controller knows no request 'arm'"),
+                (b'{"do": "jog_j", "with": {"joints": [0], "speeds": [NaN]}}\n', "a number from -1 to 1, not nan"),
+                (b'{"do": "move_j", "with": []}\n', "move_j"),
+            ):
+                answer, end = await raw(port, line)
+                assert words in answer["refused"] and end == "closed"
             assert (await client.ping()).hardware_connected is False
 
     asyncio.run(run())
@@ -106,7 +107,7 @@ def test_statuses_do_not_pile_up_for_a_reader_that_does_not_read():
         async with serving(port) as server:
             with socket.create_connection((HOST, port)) as idle:
                 idle.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-                idle.sendall(b'{"id": 0, "do": "stream", "with": {}}\n')
+                idle.sendall(b'{"do": "stream", "with": {}}\n')
                 while not server._subscribers:
                     await asyncio.sleep(0.01)
                 (writer,) = server._subscribers
@@ -166,20 +167,17 @@ def test_a_port_has_one_controller():
 def test_only_the_operators_door_knows_arm_and_land():
     async def run():
         port = free_port()
-        controller = Controller(ArmChoice().resolved())
-        door = OperatorDoor(port, operator_acts(controller) | {"break": broken})
-        await door.open()
-        assert door_path(port).stat().st_mode & 0o777 == 0o600
-        for act, words in (
-            ("arm", "has no hardware"),
-            ("about", "only a simulated arm"),
-            ("spin", "spin"),
-            ("break", "it failed .RuntimeError."),
-        ):
-            with pytest.raises(ControllerError, match=words):
-                await asyncio.to_thread(ask_operator_door, port, act)
-        assert "has landed" in await asyncio.to_thread(ask_operator_door, port, "land")
-        door.close()
+        async with serving(port):
+            assert door_path(port).stat().st_mode & 0o777 == 0o600
+            for act, words in (
+                ("arm", "has no hardware"),
+                ("about", "only a simulated arm"),
+                ("home", "knows no request 'home'"),
+                ("break", "break failed .RuntimeError."),
+            ):
+                with pytest.raises(ControllerError, match=words):
+                    await asyncio.to_thread(ask_operator_door, port, act)
+            assert "has landed" in await asyncio.to_thread(ask_operator_door, port, "land")
         with pytest.raises(ControllerError, match="no controller of yours serves port"):
             ask_operator_door(port, "land")
 

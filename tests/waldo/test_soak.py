@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.waldo.launching import ask_once
+from lerobot_robot_yam.waldo.wire import ask_once
 from tests.waldo.conformance import Host, free_port
 
 pytestmark = [pytest.mark.long, pytest.mark.alone, pytest.mark.timeout(1200)]

@@ -30,8 +30,7 @@ from lerobot_robot_yam.commands.lib.arm_command import (
 )
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.waldo.arm_choice import ArmChoice
-from lerobot_robot_yam.waldo.operator_door import ask_operator_door
-from lerobot_robot_yam.waldo.wire import HOST, PORT
+from lerobot_robot_yam.waldo.wire import HOST, PORT, ask_operator_door
 
 _WORD = "arm"
 _PAGE = "waldo-commander"

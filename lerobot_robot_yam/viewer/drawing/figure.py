@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 import viser
 
+from lerobot_robot_yam.arm.export.primitives import box
 from lerobot_robot_yam.arm.model import VISUAL_GROUP, base_quat, build_spec
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.viewer.drawing.bodies import add_body, put
-from lerobot_robot_yam.viewer.drawing.primitives import box
 
 _GHOST = (70, 130, 255), 0.3
 _TOOL_AXES_M = 0.08

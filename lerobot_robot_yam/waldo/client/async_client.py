@@ -1,166 +1,225 @@
-"""The client that Commander's page uses: every call is a coroutine; and the status that it streams.
+"""The client that Commander's page uses: every call is a coroutine.
 
 async with AsyncRobotClient() as rbt:
     await rbt.move_j([0, 60, 60, -29, 0, 0], wait=True)
 """
 
-import asyncio
-import copy
-from collections.abc import AsyncIterator, Callable
-from enum import IntEnum
+from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-from waldoctl import ActionState, ToolSpec, ToolState, ToolStatus
 from waldoctl import RobotClient as WaldoClient
 
 from lerobot_robot_yam.errors import ControllerError
-from lerobot_robot_yam.waldo.client.motion_calls import MotionCalls
-from lerobot_robot_yam.waldo.client.query_calls import QueryCalls
-from lerobot_robot_yam.waldo.client.setting_calls import SettingCalls
-from lerobot_robot_yam.waldo.kinematics.frames import FRAMES
-from lerobot_robot_yam.waldo.tool_catalog import bound_tool
-from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, encode
+from lerobot_robot_yam.waldo.client.state_client import StateClient
+from lerobot_robot_yam.waldo.tool_catalog import palette
 
-_AGAIN_S = 0.2  # before the stream looks for the controller again
-_VARIANT = {"variant_key": ""} if "variant_key" in getattr(ToolStatus, "__dataclass_fields__", {}) else {}
-_PLAIN = (
-    "action_current action_params executing_index completed_index last_checkpoint tcp_speed simulator_active "
-    "collision_active scene_epoch homed enabled link_health drive_health loop_health homing freedrive session_id"
-).split()
+Numbers = Sequence[float]
+_WAIT_S = 60.0  # of a call with wait=True that gives no time-out: longer than any move of a YAM
+_JAW_S = 3.0  # in which a gripper has stopped
 
 
-class ControllerMode(IntEnum):
-    """What commands move; its name is displayed."""
-
-    SIMULATOR = 0
-    ROBOT = 1
-
-
-class StatusBuffer:
-    """One status. Lengths in mm, angles in deg; `speeds` in rad/s, torques in Nm, `tcp_speed` in mm/s.
-
-    The fields are those of the contract. `tool_status` is a new object each time: the host writes into it.
-    """
-
-    def __init__(self) -> None:
-        self.pose, self.angles, self.speeds = np.eye(4).reshape(16), np.zeros(6), np.zeros(6)
-        self.torques: np.ndarray = np.zeros(6)
-        self.torques_ext: np.ndarray | None = None  # no model of the tool's contact: not offered
-        self.io, self.joint_en = np.ones(1, np.int32), np.zeros(12, np.int32)
-        self.cart_en = {frame: np.zeros(12, np.int32) for frame in FRAMES}
-        self.tool_status = ToolStatus()
-        self.action_state = ActionState.IDLE
-        self.mode = ControllerMode.SIMULATOR
-
-    def take(self, message: dict[str, Any]) -> None:
-        """Write a status as it comes over the wire."""
-        for name in ("pose", "angles", "speeds", "torques", "io", "joint_en"):
-            getattr(self, name)[:] = message[name]
-        for frame in FRAMES:
-            self.cart_en[frame][:] = message["cart_en"][frame]
-        for name in _PLAIN:
-            setattr(self, name, message[name])
-        self.warnings = [tuple(warning) for warning in message["warnings"]]
-        self.error = None if message["error"] is None else tuple(message["error"])
-        self.collision_pairs = [tuple(pair) for pair in message["collision_pairs"]]
-        self.action_state = ActionState(message["action_state"])
-        self.mode = ControllerMode.SIMULATOR if message["simulator_active"] else ControllerMode.ROBOT
-        tool = dict(message["tool"])
-        tool["state"] = ToolState(tool["state"])
-        tool["positions"], tool["channels"] = tuple(tool["positions"]), tuple(tool["channels"])
-        self.tool_status = ToolStatus(**tool, **_VARIANT)
-
-    def copy(self) -> "StatusBuffer":
-        """A status that shares nothing with this one."""
-        return copy.deepcopy(self)
-
-
-class AsyncRobotClient(MotionCalls, QueryCalls, SettingCalls, WaldoClient):
+class AsyncRobotClient(StateClient, WaldoClient):
     """A client of the controller. Lengths in mm, angles in degrees, times in s; gripper 0 open … 1 closed.
 
-    Args:
-        host, port: where the controller serves.
-        timeout: s in which it has to answer.
-
-    Every call raises ControllerError where the controller refuses it, with the reason, or does not answer.
+    Queued commands return their index, others 1. Every call raises ControllerError where the controller refuses it,
+    with the reason, or does not answer. Arguments as for `StateClient`.
     """
 
-    def __init__(self, *args: Any, **kwargs: Any):
-        super().__init__(*args, **kwargs)
-        self._tool: ToolSpec | None = None
-        self._streams: set[asyncio.StreamWriter] = set()
-        self._closed = False
-
-    @property
-    def tool(self) -> ToolSpec:
-        """The selected tool. Raises RuntimeError: none was selected through this client yet."""
-        if self._tool is None:
-            raise ControllerError("no tool was selected through this client yet: call select_tool or tools")
-        return self._tool
-
-    async def select_tool(self, tool_name: str, variant_key: str = "") -> int:
-        code = await super().select_tool(tool_name, variant_key)
-        await self.tools()
-        return code
-
-    select_tool.__doc__ = SettingCalls.select_tool.__doc__
-
-    async def tools(self) -> Any:
-        found = await super().tools()
-        self._tool = bound_tool(found.tool, self)
-        return found
-
-    tools.__doc__ = QueryCalls.tools.__doc__
-
-    async def wait_status(self, predicate: Callable[[Any], bool], timeout: float = 5.0) -> bool:
-        """Wait for a status of which `predicate` is true. False: none within `timeout` s."""
-        try:
-            async with asyncio.timeout(timeout):
-                async for status in self.stream_status_shared():
-                    if predicate(status):
-                        return True
-        except TimeoutError:
-            pass
-        return False
-
-    async def stream_status(self) -> AsyncIterator[StatusBuffer]:
-        """Statuses, each an object of its own, until the client is closed."""
-        async for status in self.stream_status_shared():
-            yield status.copy()
-
-    async def stream_status_shared(self) -> AsyncIterator[StatusBuffer]:
-        """Statuses in one object that is written anew for each, until the client is closed."""
-        status = StatusBuffer()
-        while not self._closed:
-            try:
-                reader, writer = await asyncio.open_connection(self.host, self.port, limit=MOST_BYTES)
-            except OSError:
-                await asyncio.sleep(_AGAIN_S)
-                continue
-            self._streams.add(writer)
-            try:
-                writer.write(encode({"id": 0, "do": STREAM, "with": {}}))
-                while line := await reader.readline():
-                    status.take(decode(line))
-                    yield status
-            except ConnectionError:
-                pass
-            finally:
-                self._streams.discard(writer)
-                writer.close()
-
-    async def close(self) -> None:
-        """End the streams and hang up. Idempotent."""
-        self._closed = True
-        for writer in tuple(self._streams):
-            writer.close()
-        connection, self._connection = self._connection, None
-        if connection is not None:
-            connection.close()
+    async def _then_wait(self, index: int, wait: bool, timeout: float = _WAIT_S, **_: Any) -> int:
+        """The index of a command, after it has ended if that is wanted. Raises ControllerError: it did not."""
+        if wait and not await self.wait_command(index, timeout):
+            raise ControllerError(f"command {index} did not end within {timeout:g} s, or was cancelled")
+        return index
 
     async def __aenter__(self) -> "AsyncRobotClient":
         return self
 
     async def __aexit__(self, *_: object) -> None:
         await self.close()
+
+    # motion
+
+    @palette("Motion", "rbt.move_j([0, 60, 60, -29, 0, 0], speed=0.5)")
+    async def move_j(
+        self,
+        angles: Numbers | None = None,
+        *,
+        pose: Numbers | None = None,
+        duration: float = 0.0,
+        speed: float = 0.0,
+        accel: float = 1.0,
+        r: float = 0.0,
+        rel: bool = False,
+        wait: bool = False,
+        timeout: float = 10.0,
+        **wait_kwargs: Any,
+    ) -> int:
+        """Move the joints to angles (deg), or to where they bring the tool to a pose (mm, deg).
+
+        Args:
+            duration: s; above 0 it counts in place of `speed`.
+            speed, accel: shares 0 … 1 of the limits; 0 is the default speed.
+            r: radius (mm) around the target within which the next move may begin, if it is sent in time.
+            rel: the numbers are added to where the move before ends.
+        """
+        pace = {"duration": duration, "speed": speed, "accel": accel, "rel": rel, "r": r}
+        index = await self._ask("move_j", _WAIT_S, angles=angles, pose=pose, **pace)
+        return await self._then_wait(index, wait, timeout)
+
+    @palette("Motion", "rbt.move_l([0, 0, 20, 0, 0, 0], rel=True, speed=0.5)")
+    async def move_l(
+        self,
+        pose: Numbers,
+        *,
+        frame: str = "WRF",
+        duration: float = 0.0,
+        speed: float = 0.0,
+        accel: float = 1.0,
+        r: float = 0,
+        rel: bool = False,
+        wait: bool = False,
+        **wait_kwargs: Any,
+    ) -> int:
+        """Move the tool along a straight line to a pose (mm, deg); arguments as for `move_j`."""
+        pace = {"duration": duration, "speed": speed, "accel": accel, "rel": rel, "r": r}
+        index = await self._ask("move_l", _WAIT_S, pose=pose, frame=frame, **pace)
+        return await self._then_wait(index, wait, **wait_kwargs)
+
+    @palette("Motion", "rbt.home()")
+    async def home(self, wait: bool = False, calibrate: bool = False, **wait_kwargs: Any) -> int:
+        """Move the joints to the home pose, where the arm is bent and nothing is near a limit.
+
+        `calibrate` changes nothing: the motors know their angles.
+        """
+        return await self._then_wait(await self._ask("home", _WAIT_S), wait, **wait_kwargs)
+
+    @palette("Streaming", "rbt.servo_j([0, 60, 60, -29, 0, 0])")
+    async def servo_j(
+        self, angles: Numbers, *, pose: Numbers | None = None, speed: float = 1.0, accel: float = 1.0
+    ) -> int:
+        """Follow joint angles (deg) that change all the time: the newest replaces the one before."""
+        return int(await self._ask("servo_j", angles=angles, pose=pose, speed=speed, accel=accel))
+
+    @palette("Streaming", "rbt.servo_l([300, 0, 250, 0, -61, 180])")
+    async def servo_l(self, pose: Numbers, *, speed: float = 1.0, accel: float = 1.0) -> int:
+        """Follow a pose of the tool (mm, deg) that changes all the time: the newest replaces the one before."""
+        return int(await self._ask("servo_l", pose=pose, speed=speed, accel=accel))
+
+    @palette("Jog", "rbt.jog_j(0, speed=0.3, duration=0.5)")
+    async def jog_j(
+        self,
+        joint: int,
+        speed: float = 0.0,
+        duration: float = 0.1,
+        *,
+        joints: Sequence[int] | None = None,
+        speeds: Numbers | None = None,
+        accel: float = 1.0,
+    ) -> int:
+        """Turn a joint (0 … 5), at a share -1 … 1 of its jog speed, for `duration` s and no longer."""
+        given = {"joints": [joint] if joints is None else joints, "speeds": [speed] if speeds is None else speeds}
+        return int(await self._ask("jog_j", **given, duration=duration, accel=accel))
+
+    @palette("Jog", 'rbt.jog_l("WRF", "Z", 0.3, 0.5)')
+    async def jog_l(
+        self,
+        frame: str,
+        axis: str | None = None,
+        speed: float = 0.0,
+        duration: float = 0.1,
+        *,
+        axes: Sequence[str] | None = None,
+        speeds_list: Numbers | None = None,
+        accel: float = 1.0,
+    ) -> int:
+        """Move the tool along or about an axis (X Y Z RX RY RZ) of a frame (WRF, TRF) for `duration` s."""
+        given = {"axes": [axis] if axes is None else axes, "speeds": [speed] if speeds_list is None else speeds_list}
+        return int(await self._ask("jog_l", frame=frame, **given, duration=duration, accel=accel))
+
+    @palette("I/O", 'rbt.tool_action("LINEAR_4310", "close")')
+    async def tool_action(
+        self, tool_key: str, action: str, params: Numbers | None = None, *, wait: bool = False, timeout: float = 10.0
+    ) -> int:
+        """Have the tool `open`, `close`, or `move` to params[0], 0 open … 1 closed. It takes its turn in the queue."""
+        index = await self._ask("tool_action", tool_key=tool_key, action=action, params=params)
+        if wait and not await self._ask("wait_command", timeout + _JAW_S, command_index=index, timeout=timeout):
+            raise ControllerError(f"{tool_key}: {action} did not end within {timeout:g} s, or was cancelled")
+        return 1
+
+    # the queue, and waiting
+
+    @palette("Synchronization", 'rbt.checkpoint("picked")')
+    async def checkpoint(self, label: str) -> int:
+        """Put a mark into the queue."""
+        return int(await self._ask("checkpoint", label=label))
+
+    @palette("Synchronization", "rbt.delay(1.0)")
+    async def delay(self, seconds: float) -> int:
+        """Put a pause into the queue."""
+        return int(await self._ask("delay", seconds=seconds))
+
+    @palette("Synchronization", "rbt.wait_motion()")
+    async def wait_motion(self, timeout: float = 10.0, **kwargs: Any) -> bool:
+        """Wait until nothing moves or is queued, and stays so for `settle_window` s (0.1). False: after `timeout` s."""
+        settle = kwargs.get("settle_window", 0.1)
+        return bool(await self._ask("wait_motion", timeout + 1.0, timeout=timeout, settle_window=settle))
+
+    @palette("Synchronization", "rbt.wait_command(rbt.home())")
+    async def wait_command(self, command_index: int, timeout: float = 10.0) -> bool:
+        """Wait until a queued command has ended. False: it was cancelled, or has not ended after `timeout` s."""
+        return bool(await self._ask("wait_command", timeout + 1.0, command_index=command_index, timeout=timeout))
+
+    async def wait_checkpoint(self, label: str, timeout: float = 30.0) -> bool:
+        """Wait until the queue has passed a checkpoint. False: not within `timeout` s."""
+        return bool(await self._ask("wait_checkpoint", timeout + 1.0, label=label, timeout=timeout))
+
+    # control
+
+    @palette("Control", "rbt.stop()")
+    async def stop(self) -> int:
+        """Stop, empty the queue, and hold: the next command is taken. In software; torque stays on."""
+        return int(await self._ask("stop"))
+
+    @palette("Control", "rbt.estop()")
+    async def estop(self) -> int:
+        """Stop, empty the queue, hold, and take no commands until `reset`. In software: TORQUE STAYS ON, the arm has
+        no brakes and would fall.
+        """
+        return int(await self._ask("estop"))
+
+    @palette("Control", "rbt.reset()")
+    async def reset(self) -> int:
+        """Take commands again after `estop` or a fault that has passed. Nothing moves, nothing is energised."""
+        return int(await self._ask("reset"))
+
+    @palette("Control", "rbt.halt()")
+    async def halt(self) -> int:
+        """The same as `estop`: its name in older versions."""
+        return await self.estop()
+
+    @palette("Control", "rbt.resume()")
+    async def resume(self) -> int:
+        """The same as `reset`: its name in older versions."""
+        return await self.reset()
+
+    @palette("Control", "rbt.simulator(True)")
+    async def simulator(self, enabled: bool) -> int:
+        """Have commands move the simulated arm, or the real one, which holds where it is. Energises nothing: the real
+        arm has to be armed before, by `yam-waldo arm`.
+        """
+        return int(await self._ask("simulator", enabled=bool(enabled)))
+
+    @palette("Control", "rbt.teleport([0, 60, 60, -29, 0, 0])")
+    async def teleport(self, angles_deg: Numbers, tool_positions: Numbers | None = None) -> int:
+        """Put the simulated arm, and its jaws (0 open … 1 closed), somewhere at once. No real arm can be told so."""
+        return int(await self._ask("teleport", angles_deg=angles_deg, tool_positions=tool_positions))
+
+    @palette("Control", "rbt.freedrive(True)")
+    async def freedrive(self, enabled: bool) -> int:
+        """Let a hand move the real arm, which weighs nothing to it, or have it hold where it is."""
+        return int(await self._ask("freedrive", enabled=bool(enabled)))
+
+    @palette("Control", "rbt.reset_state()")
+    async def reset_state(self) -> int:
+        """Stop, and put tool, offset, payload and shapes back to what they were at the start. Nothing else moves."""
+        return int(await self._ask("reset_state"))

@@ -11,15 +11,14 @@ from waldoctl import DryRunResultData, ToolSpec
 
 from lerobot_robot_yam.waldo import program
 from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, ArmChoice, tip, tool_key
-from lerobot_robot_yam.waldo.kinematics import rotation
-from lerobot_robot_yam.waldo.kinematics.frames import check_frame, to_command
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.program import Numbers, Pace, numbers
+from lerobot_robot_yam.waldo.poses import Numbers, check_frame, numbers, to_command, to_vector
 from lerobot_robot_yam.waldo.tool_catalog import YamTools, tools_of
 
 _ROW_S = 0.02  # between two rows of a result: Commander plays 50 a second
 _MM = 1e-3
+_PACE = ("frame", "rel", "speed", "accel", "duration")
 
 
 class DryTool:
@@ -86,36 +85,14 @@ class DryRunClient:
         return list(to_command(np.eye(4) if check_frame(frame) == "TRF" else here).tolist())
 
     def move_j(
-        self,
-        angles: Numbers | None = None,
-        *,
-        pose: Numbers | None = None,
-        duration: float = 0.0,
-        speed: float = 0.0,
-        accel: float = 1.0,
-        r: float = 0.0,
-        rel: bool = False,
-        **_: Any,
+        self, angles: Numbers | None = None, *, pose: Numbers | None = None, r: float = 0.0, **pace: Any
     ) -> DryRunResultData | None:
         """As the client's."""
-        pace = Pace(speed, accel, duration or 0.0)
-        return self._moved(program.move_j(self._planner, self._q, angles, pose, pace, rel), r)
+        return self._moved(program.move_j(self._planner, self._q, angles, pose, **_pace(pace)), r)
 
-    def move_l(
-        self,
-        pose: Numbers,
-        *,
-        frame: str = "WRF",
-        duration: float = 0.0,
-        speed: float = 0.0,
-        accel: float = 1.0,
-        r: float = 0.0,
-        rel: bool = False,
-        **_: Any,
-    ) -> DryRunResultData | None:
+    def move_l(self, pose: Numbers, *, r: float = 0.0, **pace: Any) -> DryRunResultData | None:
         """As the client's."""
-        pace = Pace(speed, accel, duration or 0.0)
-        return self._moved(program.move_l(self._planner, self._q, pose, frame, pace, rel), r)
+        return self._moved(program.move_l(self._planner, self._q, pose, **_pace(pace)), r)
 
     def home(self, *_: Any, **__: Any) -> DryRunResultData | None:
         """As the client's."""
@@ -143,12 +120,13 @@ class DryRunClient:
 
     def select_tool(self, tool_name: str, variant_key: str = "") -> int:
         """As the client's."""
-        self._planner.tool, self._key = tip(self._hardware.gripper, tool_name.upper(), np.zeros(3)), tool_name.upper()
+        key = tool_name.upper()
+        self._planner.kinematics.tool, self._key = tip(self._hardware.gripper, key, np.zeros(3)), key
         return 1
 
     def set_tcp_offset(self, x: float = 0, y: float = 0, z: float = 0) -> int:
         """As the client's."""
-        self._planner.tool = tip(self._hardware.gripper, self._key, numbers("an offset", [x, y, z], 3) * _MM)
+        self._planner.kinematics.tool = tip(self._hardware.gripper, self._key, numbers("an offset", [x, y, z], 3) * _MM)
         return 1
 
     def checkpoint(self, label: str) -> int:
@@ -193,6 +171,11 @@ class DryRunClient:
         return None if radius_m else result_of(plan, self._planner.pose)
 
 
+def _pace(given: dict[str, Any]) -> dict[str, Any]:
+    """Arguments of a motion without those that say how to wait: what was planned counts as done."""
+    return {name: value for name, value in given.items() if name in _PACE}
+
+
 def result_of(plan: Plan, pose: Callable[[np.ndarray], np.ndarray]) -> DryRunResultData:
     """A plan as Commander shows it: rows evenly spaced over its duration.
 
@@ -202,7 +185,7 @@ def result_of(plan: Plan, pose: Callable[[np.ndarray], np.ndarray]) -> DryRunRes
     rows = max(int(np.ceil(plan.duration_s / _ROW_S)), 1) + 1
     q = plan.at(np.linspace(0.0, plan.duration_s, rows))[0]
     return DryRunResultData(
-        tcp_poses=rotation.to_vector(pose(q)),
+        tcp_poses=to_vector(pose(q)),
         end_joints_rad=q[-1].copy(),
         duration=plan.duration_s,
         joint_trajectory_rad=q,

@@ -44,7 +44,7 @@ class RobotClient:
         """Hang up. Idempotent."""
         if self._loop is not None and not self._loop.is_closed():
             self._run(self._client.close())
-            self._run(asyncio.sleep(0))
+            self._run(asyncio.sleep(0))  # closed transports end in the next turn
             self._loop.close()
 
     def __enter__(self) -> "RobotClient":

@@ -1,10 +1,14 @@
-"""Serves the controller to its clients over TCP: answers requests, and sends statuses to all who asked for them."""
+"""Serves the controller: answers requests of clients over TCP, sends statuses to all who asked for them, and does what
+the operator of this computer asks for.
+"""
 
 import asyncio
 import contextlib
+import functools
 import inspect
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from lerobot_robot_yam.errors import ControllerError, YamError
@@ -12,7 +16,7 @@ from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.requests_of_motion import MotionRequests
 from lerobot_robot_yam.waldo.controller.requests_of_settings import SettingRequests
 from lerobot_robot_yam.waldo.controller.status_report import STATUS_HZ, StatusReport
-from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, encode
+from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, door_path, encode
 
 _BEHIND_BYTES = 1 << 16  # of statuses that a client has not read; it is sent no more until it has
 _REQUESTS = {
@@ -27,7 +31,9 @@ _REQUESTS = {
     ),
     StatusReport: "ping angles joint_speeds pose queue status",
 }
-"""What clients may ask for. To arm and to land are not among it: they are the operator's (`operator_door`)."""
+"""What clients may ask for. To arm and to land are not among it: they are the operator's."""
+
+Requests = Mapping[str, Callable[..., Any]]
 
 logger = logging.getLogger(__name__)
 
@@ -37,34 +43,46 @@ class CommandServer:
 
     Args:
         controller: of the arm.
+        operator: what the operator may ask for besides, by the socket `wire.door_path`; without any it is not opened.
     """
 
-    def __init__(self, controller: Controller):
+    def __init__(self, controller: Controller, operator: Requests | None = None):
         self.controller = controller
         self.motions = MotionRequests(controller)
         settings = SettingRequests(controller, self.motions)
         self.report = StatusReport(controller, settings)
         parts = {type(part): part for part in (controller, self.motions, settings, self.report)}
-        self._requests: dict[str, Callable[..., Any]] = {
+        self._requests: Requests = {
             name: getattr(parts[kind], name) for kind, names in _REQUESTS.items() for name in names.split()
         }
         self._subscribers: set[asyncio.StreamWriter] = set()
         self._tasks: set[asyncio.Task[None]] = set()
-        self._server: asyncio.Server | None = None
+        self._operator = operator
+        self._door: Path | None = None
+        self._servers: list[asyncio.Server] = []
 
     async def open(self, host: str, port: int) -> None:
         """Serve from now on. Raises ControllerError: the port is taken, or the host is not of this computer."""
         try:
-            self._server = await asyncio.start_server(self._serve, host, port, limit=MOST_BYTES)
+            serve = functools.partial(self._serve, self._requests)
+            self._servers.append(await asyncio.start_server(serve, host, port, limit=MOST_BYTES))
         except OSError as error:
             raise ControllerError(f"{host}:{port} cannot be served ({error.strerror}); is it taken?") from error
+        if self._operator is not None:
+            self._door = door_path(port)
+            self._door.unlink(missing_ok=True)  # the port is ours: a controller that died has left this one
+            serve = functools.partial(self._serve, self._operator)
+            self._servers.append(await asyncio.start_unix_server(serve, self._door))
+            self._door.chmod(0o600)
         for work in (self._tick_on(), self._send_on(), self.report.probe_on()):
             self._keep(asyncio.create_task(work))
 
     async def close(self) -> None:
         """Serve no more. The arm is not touched: see `Controller.land`."""
-        if self._server is not None:
-            self._server.close()
+        for server in self._servers:
+            server.close()
+        if self._door is not None:
+            self._door.unlink(missing_ok=True)
         for task in tuple(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -73,8 +91,11 @@ class CommandServer:
         self.motions.close()
 
     async def request(self, name: str, /, **arguments: Any) -> Any:
-        """The answer to a request of a client. Raises YamError: it is refused."""
-        request = self._requests.get(name)
+        """The result of a request of a client. Raises YamError: it is refused."""
+        return await self._result(self._requests, name, arguments)
+
+    async def _result(self, requests: Requests, name: str, arguments: dict[str, Any]) -> Any:
+        request = requests.get(name)
         if request is None:
             raise ControllerError(f"the controller knows no request {name!r}")
         try:
@@ -120,17 +141,18 @@ class CommandServer:
             if writer.transport.get_write_buffer_size() < _BEHIND_BYTES:
                 writer.write(line)
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _serve(self, requests: Requests, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         assert task is not None
         self._keep(task)
         try:
-            while line := await reader.readline():
-                message = decode(line)
-                if message.get("do") == STREAM:
-                    self._subscribers.add(writer)
-                else:
-                    self._keep(asyncio.create_task(self._answer(message, writer)))
+            message = decode(await reader.readline())
+            if requests is self._requests and message.get("do") == STREAM:
+                self._subscribers.add(writer)
+                await reader.read()  # until it hangs up
+            else:
+                writer.write(encode(await self._answer(requests, message)))
+                await writer.drain()
         except (OSError, ValueError) as error:  # hung up, or no client of ours
             logger.debug("a client is gone: %s", error)
         except asyncio.CancelledError:  # the controller ends; Python would log it as an error
@@ -140,15 +162,12 @@ class CommandServer:
             with contextlib.suppress(OSError):
                 writer.close()
 
-    async def _answer(self, message: dict[str, Any], writer: asyncio.StreamWriter) -> None:
-        name, reply = str(message.get("do")), {"id": message.get("id")}
+    async def _answer(self, requests: Requests, message: dict[str, Any]) -> dict[str, Any]:
+        name = str(message.get("do"))
         try:
-            reply["result"] = await self.request(name, **message.get("with", {}))
+            return {"result": await self._result(requests, name, dict(message.get("with", {})))}
         except YamError as error:
-            reply["refused"] = str(error)
-        except Exception as error:
+            return {"refused": str(error)}
+        except Exception as error:  # a defect: nobody must wait for an answer that never comes
             logger.exception("%s failed", name)
-            reply["refused"] = f"{name} failed ({type(error).__name__}); see the log of the controller"
-        with contextlib.suppress(OSError):
-            writer.write(encode(reply))
-            await writer.drain()
+            return {"refused": f"{name} failed ({type(error).__name__}); see the log of the controller"}

@@ -16,10 +16,10 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ControllerError, YamError
 from lerobot_robot_yam.waldo.arm_choice import NO_TOOL, tip
 from lerobot_robot_yam.waldo.controller.motion import Motion
-from lerobot_robot_yam.waldo.controller.plant import Plant, Reading, SimulatedArm
-from lerobot_robot_yam.waldo.controller.real_arm import RealArm
+from lerobot_robot_yam.waldo.controller.plant import Plant, Reading, RealArm, SimulatedArm
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.program import numbers, swapped
+from lerobot_robot_yam.waldo.poses import numbers
+from lerobot_robot_yam.waldo.program import swapped
 
 TICK_S = 0.01
 _REST_S = 0.2  # after the last motion the arm is told to hold; its own loop would do so after 0.5 s
@@ -232,7 +232,7 @@ class Controller:
         """Poses are of this tool's tip from now on. Raises ConfigError: the arm has no such tool."""
         frame = tip(self.hardware.gripper, key, offset_m)
         self.tool_key, self.offset_m, self.tip = key, offset_m, frame
-        self.planner.tool = frame
+        self.planner.kinematics.tool = frame
 
     # what only an operator at this computer may do
 

@@ -23,8 +23,7 @@ from lerobot_robot_yam.session.arm_session import still_in_the_air
 from lerobot_robot_yam.waldo.arm_choice import ArmChoice
 from lerobot_robot_yam.waldo.controller.command_server import CommandServer
 from lerobot_robot_yam.waldo.controller.controller import Controller
-from lerobot_robot_yam.waldo.controller.real_arm import RealArm
-from lerobot_robot_yam.waldo.operator_door import OperatorDoor
+from lerobot_robot_yam.waldo.controller.plant import RealArm
 from lerobot_robot_yam.waldo.wire import HOST, PORT
 
 _LOOK_S = 0.2
@@ -74,23 +73,21 @@ async def serve(
         controller = Controller(ArmChoice.of_environment().resolved())
     else:
         controller = Controller(ResolvedArm(config), RealArm(config))
-    server, door = CommandServer(controller), OperatorDoor(port, operator_acts(controller))
+    server = CommandServer(controller, operator_acts(controller))
     ended = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         asyncio.get_running_loop().add_signal_handler(number, ended.set)
     await server.open(host, port)
     try:
-        await door.open()
         opened()
         await _ended(ended, parent)
         await controller.land()
     finally:
-        door.close()
         await server.close()
 
 
 def operator_acts(controller: Controller) -> dict[str, Callable[[], Awaitable[str]]]:
-    """What an operator may ask a controller for, see `OperatorDoor`."""
+    """What the operator of this computer may ask a controller for; each says what has been done."""
 
     async def about() -> str:
         real = controller.real

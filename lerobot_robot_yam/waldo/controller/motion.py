@@ -14,9 +14,9 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ControllerError
 from lerobot_robot_yam.waldo.controller.plant import Reading
+from lerobot_robot_yam.waldo.planning.jog import Play, State, Stream
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.planning.streaming import Streaming
 
 MOST_QUEUED = 1000  # commands; a program that sends more has lost its waits
 _REMEMBERED = 100_000  # ends of commands, for `wait_command`
@@ -68,7 +68,7 @@ class Motion:
     """The set-point of one arm, and what moves it.
 
     Args:
-        planner: of this arm; the stream uses it.
+        planner: of this arm; it plans the stops.
         reading: of the arm.
 
     Attributes:
@@ -81,14 +81,15 @@ class Motion:
     """
 
     def __init__(self, planner: Planner, reading: Reading):
-        self._planner, self._streaming = planner, Streaming(planner, reading.setpoint_q)
+        self._planner = planner
         self._queue: deque[Command] = deque()
         self._ends: dict[int, End] = {}
         self._next_index, self._began_s = 0, 0.0
         self._last_s: float | None = None
         self._free_s: float | None = None  # since when nothing runs
-        self._streams, self._late = False, False
-        self._brake: Plan | None = None
+        self._late = False
+        self._stream: Stream | None = None
+        self._stopping = False  # the stream is the way to rest after a stop
         self.running: Command | None = None
         self.completed, self.checkpoint, self.epoch = -1, "", 0
         self.take_over(reading)
@@ -96,9 +97,14 @@ class Motion:
     def take_over(self, reading: Reading) -> None:
         """Begin at where an arm is asked to be, at rest; whatever was queued or streamed is dropped."""
         self._cancel()
-        self._streams, self._brake, self._free_s = False, None, None
+        self._stream, self._free_s = None, None
         self.q, self.dq = np.array(reading.setpoint_q), np.zeros(len(reading.setpoint_q))
         self.opening = reading.asked_opening
+
+    @property
+    def setpoint(self) -> State:
+        """The set-point and its speed."""
+        return self.q, self.dq
 
     @property
     def planned(self) -> bool:
@@ -108,7 +114,7 @@ class Motion:
     @property
     def streams(self) -> bool:
         """Whether a stream moves the arm, or it comes to rest after a stop."""
-        return self._streams or self._brake is not None
+        return self._stream is not None
 
     @property
     def waiting(self) -> list[Command]:
@@ -162,36 +168,35 @@ class Motion:
             return
         before.plan, command.plan = joined.cut(begins_s + overlap_s / 2)
 
-    def stream(self, begin: Callable[[Streaming], None]) -> None:
-        """Jog or servo: `begin` tells the stream what to do.
+    def stream(self, begin: Callable[[], Stream]) -> None:
+        """Jog or servo, with what `begin` makes.
 
         Raises:
             ControllerError: a queued command moves the arm.
+            PlanError: as `begin`; what went on goes on.
         """
         if any(command.plan is not None for command in self.waiting):
             raise ControllerError("a queued command moves the arm: stop it, or wait until it has ended")
-        if not self._streams:
-            self._streaming.seed(self.q, self.dq)
-        begin(self._streaming)
-        self._streams, self._brake = True, None
+        newer = begin()
+        if self._stream is None or not self._stream.renewed_by(newer):
+            self._stream, self._stopping = newer, False
 
     def end_stream(self) -> None:
         """Let a stream come to rest, for a planned command to follow."""
-        if self._streams:
-            self._streaming.stop()
+        if self._stream is not None and not self._stopping:
+            self._come_to_rest(self._planner.stop(self.q, self.dq))
 
     def stop(self, now: float) -> None:
         """Come to rest as soon as the limits allow, on the path of a plan that runs; cancel everything."""
         running = self.running.plan if self.running is not None else None
         self._cancel()
-        self._streams = False
-        if self._brake is not None:
-            return
-        if running is None:
-            self._brake = self._planner.stop(self.q, self.dq)
+        if running is not None:
+            self._come_to_rest(self._planner.stop_on(running, (self._last_s or now) - self._began_s))
         else:
-            self._brake = self._planner.stop_on(running, (self._last_s or now) - self._began_s)
-        self._began_s = now
+            self.end_stream()
+
+    def _come_to_rest(self, plan: Plan) -> None:
+        self._stream, self._stopping = Play(plan), True
 
     def _cancel(self) -> None:
         for command in self.waiting:
@@ -212,13 +217,10 @@ class Motion:
         """
         dt_s = 0.0 if self._last_s is None else now - self._last_s
         self._last_s, moved = now, self.streams or self.planned
-        if self._streams:
-            self.q, self.dq = self._streaming.step(now, dt_s)
-            self._streams = dt_s <= 0.0 or not self._streaming.still
-        elif self._brake is not None:
-            self.q, self.dq = self._brake.at(now - self._began_s)
-            if now - self._began_s >= self._brake.duration_s:
-                self._brake = None
+        if self._stream is not None and dt_s > 0.0:
+            self.q, self.dq = self._stream.step(self.q, self.dq, now, dt_s)
+            if not self.dq.any() and self._stream.ended(now):
+                self._stream = None
         if self.streams:
             self._free_s = None
         else:

@@ -1,15 +1,30 @@
-"""What the controller moves: the seam between its set-point and an arm, and the simulated arm behind it.
+"""What the controller moves: an arm that follows its set-point, simulated or real.
 
-The real one is in `real_arm`.
+The real arm is behind the session layer: its limits, landing, emergency stop and stand-by all hold. Nothing here
+energises but `RealArm.arm`, which only an operator's own command reaches.
 """
 
+import dataclasses
+import logging
+from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
+from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.errors import ControllerError, LifeCycleError, YamError
+from lerobot_robot_yam.session.arm_client import ArmClient
+from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import ArmState
 
 _JAW_ROUNDING = 0.03  # of the stroke: as near as a jaw comes to where it is asked to be
+_STILL_PER_S = 0.02  # strokes/s, below which a jaw stands
+
+logger = logging.getLogger(__name__)
 
 
 class Reading(NamedTuple):
@@ -89,3 +104,137 @@ class SimulatedArm:
         self._q, self._dq = q, np.zeros(len(q))
         if self._opening is not None and opening is not None:
             self._opening = self._asked = opening
+
+
+class RealArm:
+    """A plant that drives the arm on a CAN channel. Methods other than `arm` and `land` return at once.
+
+    It tracks with `track_integral`: without, friction takes the tool up to 2.7 mm off a line on the virtual rig.
+
+    Args:
+        config: the arm.
+        isolation: where its control loop runs, see `ArmSession`.
+
+    Attributes:
+        config: as it will be armed the next time.
+        floats: a hand may move it, and it takes no targets.
+    """
+
+    def __init__(self, config: ArmConfig, isolation: Isolation = "process"):
+        self.config, self._isolation = dataclasses.replace(config, track_integral=True), isolation
+        self._session: ArmSession | None = None
+        self.floats = False
+
+    @property
+    def armed(self) -> bool:
+        """Whether an operator has armed it, and it has not landed since."""
+        return self._session is not None and self._session.running
+
+    @property
+    def seeks(self) -> bool:
+        """Whether arming it will close and open its gripper fully, to find its stops."""
+        config = self.config
+        if not config.gripper_search or config.gripper_stops_rad is not None or not ResolvedArm(config).has_gripper:
+            return False
+        return config.calibration_path is None or not Path(config.calibration_path).exists()
+
+    @property
+    def client(self) -> ArmClient:
+        """Of the armed arm. Raises ControllerError: it is not armed."""
+        if self._session is None or not self._session.running:
+            raise ControllerError(f"{self.config.name}: it is not armed; at its computer: yam-waldo arm")
+        return self._session[self.config.name]
+
+    def load(self, mass_kg: float, com_m: Sequence[float]) -> None:
+        """Say what is fixed to the tool. Raises YamError: out of range, or the arm is armed."""
+        if self.armed:
+            raise ControllerError(
+                f"{self.config.name}: the arm is armed, and carries what it was armed with; `yam-waldo land` first"
+            )
+        self.config = dataclasses.replace(self.config, payload_mass_kg=mass_kg, payload_com_m=list(com_m))
+
+    def keep_clear(self, workspace: WorkspaceConfig) -> None:
+        """Keep away from these. Raises YamError: malformed, or the arm is armed."""
+        if self.armed:
+            raise ControllerError(f"{self.config.name}: the arm is armed; `yam-waldo land`, then change the shapes")
+        self.config = dataclasses.replace(self.config, workspace=workspace)
+
+    def arm(self) -> None:
+        """ENERGISE the arm: it holds where it is. Waits; one that is armed and well goes on.
+
+        One that has failed is enabled again where it is; where that is not enough, it lands as far as it can, and is
+        then armed anew.
+
+        Raises:
+            YamError: what failed; nothing is energised that was not.
+        """
+        if self._session is not None:
+            why = self.trouble()
+            if not why:
+                return
+            if self.client.published().mode is Mode.STOPPED:
+                raise LifeCycleError(why)
+            try:
+                self._session.rearm()
+                return
+            except LifeCycleError as error:
+                logger.warning("%s; it is connected anew", error)
+                self.land()
+        session = ArmSession([self.config], self._isolation)
+        session.start()
+        self._session = session
+
+    def land(self) -> bool:
+        """Bring it down, cut torque, let go of the channel. Waits; idempotent. False: it is in the air still."""
+        session, self._session = self._session, None
+        return session is None or session.stop()
+
+    def trouble(self) -> str:
+        """Why it neither takes targets nor floats as it was told to; empty: all is well."""
+        try:
+            self._taking()
+        except YamError as error:
+            return str(error)
+        return ""
+
+    def _taking(self) -> ArmState:
+        """The newest state of an arm that takes targets. Raises YamError: it does not."""
+        state = self.client.newest()
+        if state.mode is Mode.STOPPED:
+            raise LifeCycleError(f"{self.config.name}: the emergency stop is latched; `yam-estop release` ends it")
+        self.floats = self.floats and state.mode is Mode.FLOAT
+        if state.mode not in (Mode.HOLD, Mode.TRACK) and not self.floats:
+            raise LifeCycleError(f"{self.config.name}: it takes no targets in mode {state.mode.name.lower()}")
+        return state
+
+    def read(self) -> Reading:
+        state = self.client.published()
+        still = state.gripper_rate is None or abs(state.gripper_rate) < _STILL_PER_S
+        return Reading(
+            state.q, state.dq, state.tau_nm, state.setpoint_q, state.gripper, self._asked(state), still,
+            state.gripper_tau_nm or 0.0,
+        )  # fmt: skip
+
+    @staticmethod
+    def _asked(state: ArmState) -> float | None:
+        action = state.action
+        return state.gripper_setpoint if action is None or state.gripper is None else action[-1]
+
+    def follow(self, q: np.ndarray, dq: np.ndarray, opening: float | None, dt_s: float) -> None:
+        self._taking()
+        self.client.write_target(q, opening, dq)
+
+    def rest(self) -> None:
+        self._taking()
+        self.client.hold()
+        self.floats = False
+
+    def let_float(self) -> None:
+        """Let a hand move it, carried against gravity. Raises YamError: it does not, and holds."""
+        self._taking()
+        self.client.float()
+        self.floats = True
+
+    def published(self) -> ArmState:
+        """The state as last published. Raises YamError: not armed."""
+        return self.client.published()

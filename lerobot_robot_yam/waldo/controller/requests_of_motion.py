@@ -11,11 +11,11 @@ from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.waldo import program
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.motion import Blend, Command, End
-from lerobot_robot_yam.waldo.kinematics.frames import of_command
+from lerobot_robot_yam.waldo.planning.jog import JOG_S, JointJog, LineJog, Play, Stream
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
-from lerobot_robot_yam.waldo.planning.streaming import Streaming
-from lerobot_robot_yam.waldo.program import Numbers, Pace, swapped
+from lerobot_robot_yam.waldo.poses import Numbers, from_command, numbers
+from lerobot_robot_yam.waldo.program import swapped
 
 _STILL_RAD_S = 0.05  # three steps in which the motors tell speed
 
@@ -24,7 +24,7 @@ class MotionRequests:
     """Motion commands of one controller.
 
     Each method but the first two answers the request of its name: arguments, units and results are those of the
-    client's call (`client.motion_calls`), and YamError says why it is refused.
+    client's call (`client.async_client`), and YamError says why it is refused.
 
     Args:
         controller: of the arm.
@@ -45,32 +45,13 @@ class MotionRequests:
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(self._worker, lambda: self._planner.keep_clear(workspace))
 
-    async def move_j(
-        self,
-        angles: Numbers | None,
-        pose: Numbers | None = None,
-        rel: bool = False,
-        speed: float = 0.0,
-        accel: float = 1.0,
-        duration: float = 0.0,
-        r: float = 0.0,
-    ) -> int:
+    async def move_j(self, angles: Numbers | None, pose: Numbers | None = None, r: float = 0.0, **pace: Any) -> int:
         command = Command("move_j", _text(angles if pose is None else pose), radius_m=program.radius(r))
-        pace = Pace(speed, accel, duration or 0.0)
-        return await self._planned(command, lambda p, q: program.move_j(p, q, angles, pose, pace, rel))
+        return await self._planned(command, lambda p, q: program.move_j(p, q, angles, pose, **pace))
 
-    async def move_l(
-        self,
-        pose: Numbers,
-        frame: str = "WRF",
-        rel: bool = False,
-        speed: float = 0.0,
-        accel: float = 1.0,
-        duration: float = 0.0,
-        r: float = 0.0,
-    ) -> int:
-        command, pace = Command("move_l", _text(pose), radius_m=program.radius(r)), Pace(speed, accel, duration or 0.0)
-        return await self._planned(command, lambda p, q: program.move_l(p, q, pose, frame, pace, rel))
+    async def move_l(self, pose: Numbers, r: float = 0.0, **pace: Any) -> int:
+        command = Command("move_l", _text(pose), radius_m=program.radius(r))
+        return await self._planned(command, lambda p, q: program.move_l(p, q, pose, **pace))
 
     async def home(self) -> int:
         return await self._planned(Command("home"), lambda p, q: p.home(q))
@@ -92,7 +73,7 @@ class MotionRequests:
             radius_m = motion.waiting[-1].radius_m if first is not None else 0.0
 
             def work() -> tuple[Plan, Blend | None]:
-                self._planner.tool = tip
+                self._planner.kinematics.tool = tip
                 made = plan(self._planner, start_q)
                 return made, first and Blend(first, self._planner.joined(first, made, radius_m))
 
@@ -121,22 +102,30 @@ class MotionRequests:
     ) -> int:
         if pose is not None:
             return self.servo_l(pose, speed, accel)
-        target = np.radians(program.numbers("angles", angles, self._controller.hardware.joints))
-        return self._stream(lambda stream: stream.servo(target, speed=speed, accel=accel))
+        target = np.radians(numbers("angles", angles, self._controller.hardware.joints))
+        return self._stream(lambda: self._servo(target, speed, accel))
 
     def servo_l(self, pose: Numbers, speed: float = 1.0, accel: float = 1.0) -> int:
-        target = of_command(pose)
-        return self._stream(lambda stream: stream.servo_pose(target, speed=speed, accel=accel))
+        target, planner = from_command(pose), self._controller.planner
+        return self._stream(lambda: self._servo(planner.inverse(target, self._motion.q, turn_over=False), speed, accel))
 
-    def jog_j(self, joints: Sequence[int], speeds: Numbers, duration: float = 0.1, accel: float = 1.0) -> int:
-        wanted, now = dict(zip(joints, speeds, strict=True)), self._controller.now()
-        return self._stream(lambda stream: stream.jog_joints(wanted, now, duration, accel))
+    def _servo(self, target: np.ndarray, speed: float, accel: float) -> Play:
+        q, dq = self._motion.setpoint
+        return Play(self._controller.planner.joints(q, target, speed=speed, accel=accel, start_dq=dq))
 
-    def jog_l(self, frame: str, axes: Sequence[str], speeds: Numbers, duration: float = 0.1, accel: float = 1.0) -> int:
-        wanted, now = dict(zip(axes, speeds, strict=True)), self._controller.now()
-        return self._stream(lambda stream: stream.jog_line(frame, wanted, now, duration, accel))
+    def jog_j(self, joints: Sequence[int], speeds: Numbers, duration: float = JOG_S, accel: float = 1.0) -> int:
+        wanted, controller = dict(zip(joints, speeds, strict=True)), self._controller
+        return self._stream(lambda: JointJog(controller.planner, wanted, controller.now(), duration, accel))
 
-    def _stream(self, begin: Callable[[Streaming], None]) -> int:
+    def jog_l(
+        self, frame: str, axes: Sequence[str], speeds: Numbers, duration: float = JOG_S, accel: float = 1.0
+    ) -> int:
+        wanted, controller, start = dict(zip(axes, speeds, strict=True)), self._controller, self._motion.setpoint
+        return self._stream(
+            lambda: LineJog(controller.planner, frame, wanted, start, controller.now(), duration, accel)
+        )
+
+    def _stream(self, begin: Callable[[], Stream]) -> int:
         self._controller.check_enabled()
         self._motion.stream(begin)
         return 1

@@ -12,7 +12,8 @@ from lerobot_robot_yam.errors import ControllerError, PlanError
 from lerobot_robot_yam.waldo.arm_choice import tool_keys
 from lerobot_robot_yam.waldo.controller.controller import Controller
 from lerobot_robot_yam.waldo.controller.requests_of_motion import MotionRequests
-from lerobot_robot_yam.waldo.program import PROFILES, numbers
+from lerobot_robot_yam.waldo.poses import numbers
+from lerobot_robot_yam.waldo.program import PROFILES
 
 _MM = 1e-3
 _NO_LOAD = {"mass": 0.0, "com": [0.0, 0.0, 0.0]}
@@ -21,8 +22,7 @@ _NO_LOAD = {"mass": 0.0, "com": [0.0, 0.0, 0.0]}
 class SettingRequests:
     """Settings of one controller.
 
-    Each method answers the request of its name, see `client.setting_calls` and `client.query_calls`; YamError says why
-    it is refused.
+    Each method answers the request of its name, see `client.state_client`; YamError says why it is refused.
 
     Args:
         controller: of the arm.

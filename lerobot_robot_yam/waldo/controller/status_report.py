@@ -16,9 +16,8 @@ from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.waldo.arm_choice import NO_TOOL
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.requests_of_settings import SettingRequests
-from lerobot_robot_yam.waldo.kinematics.frames import FRAMES, check_frame, commanded, to_command
-from lerobot_robot_yam.waldo.kinematics.inverse import Bounds, descend
 from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.poses import FRAMES, check_frame, commanded, to_command
 from lerobot_robot_yam.waldo.program import swapped
 
 STATUS_HZ = 100  # the most that the contract has: one late turn does not yet make an interval of 30 ms
@@ -64,7 +63,7 @@ class StatusReport:
             await asyncio.sleep(_PROBE_S)
 
     def _probe(self, q: np.ndarray, tip: np.ndarray) -> dict[str, list[int]]:
-        self._prober.tool = tip
+        self._prober.kinematics.tool = tip
         return {frame: found.tolist() for frame, found in axes_enabled(self._prober, q).items()}
 
     # queries
@@ -189,14 +188,13 @@ def joints_enabled(planner: Planner, q: np.ndarray) -> np.ndarray:
 
 def axes_enabled(planner: Planner, q: np.ndarray) -> dict[str, np.ndarray]:
     """By frame, (12,) 1 or 0, int32, X+ X− Y+ Y− … RZ−: whether the tool can go 5 mm or turn 1° that way from q."""
-    now = planner.pose(q)
+    now, found = planner.pose(q), {}
     steps = [sign * _PROBES * axis for axis in np.eye(6) for sign in (1.0, -1.0)]
-    targets = np.array([commanded(now, step, frame, rel=True) for frame in FRAMES for step in steps])
-    seeds = np.repeat(q[None], len(targets), axis=0)
-    bounds = Bounds(np.minimum(planner.lower, q), np.maximum(planner.upper, q))
-    found = descend(planner.chain, targets @ np.linalg.inv(planner.tool), seeds, bounds)
-    free = found.reached & (np.abs(found.q - q).max(axis=1) < _JUMP_RAD)
-    return dict(zip(FRAMES, free.astype(np.int32).reshape(len(FRAMES), -1), strict=True))
+    for frame in FRAMES:
+        ends = [planner.kinematics.follow(commanded(now, step, frame, rel=True), q) for step in steps]
+        free = [reached and np.abs(there - q).max() < _JUMP_RAD for there, reached in ends]
+        found[frame] = np.array(free, dtype=np.int32)
+    return found
 
 
 def _listed(values: np.ndarray) -> list[Any]:

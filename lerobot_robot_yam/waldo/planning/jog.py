@@ -1,25 +1,35 @@
-"""Jog commands: a speed of the joints, or of the tool along and about axes, that holds for a moment and then brakes.
+"""Short commands that move the set-point tick by tick: a jog of joints, or of the tool along and about axes; or the way
+to a target. The newest takes the place of the one before, at the speed that the arm has.
 
-Each brakes at its end, at a limit, or before a thing. The same command given on does not try again, any other does.
-
-A jog of the tool moves the tool's pose on by the tool's speed, and the joints follow it by inverse kinematics, so that
-nothing drifts. It goes on only as long as the place where it would come to rest is free. Near a singularity it slows
-down with the joints that have to turn fast. At the end of the reach it stops.
+A jog is a speed that holds for a moment and then brakes: at its end, at a limit, or before a thing. A jog of the tool
+moves the tool's pose on by the tool's speed, and the joints follow it by inverse kinematics, so that nothing drifts. It
+goes on only as long as the place where it would come to rest is free. Near a singularity it slows down with the joints
+that have to turn fast. At the end of the reach it stops.
 """
+
+from collections.abc import Mapping
+from numbers import Real
+from typing import Protocol
 
 import numpy as np
 
-from lerobot_robot_yam.waldo.kinematics.inverse import Bounds, descend
-from lerobot_robot_yam.waldo.kinematics.rotation import cross, of_turn
-from lerobot_robot_yam.waldo.planning.motion_limits import (
+from lerobot_robot_yam.arm.tool_pose import rotation_matrix
+from lerobot_robot_yam.errors import PlanError
+from lerobot_robot_yam.waldo.planning.motion_plan import (
     JOG_SHARE,
     LINE_ACCELERATION_M_S2,
     LINE_ACCELERATION_RAD_S2,
     LINE_SPEED_M_S,
     LINE_SPEED_RAD_S,
     STOP_FACTOR,
+    Plan,
+    shares,
 )
 from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.poses import AXES, check_frame, number
+
+JOG_S = 0.1
+"""How long a jog lasts without being renewed, unless it says otherwise."""
 
 _SPEEDS = np.array([LINE_SPEED_M_S] * 3 + [LINE_SPEED_RAD_S] * 3)
 _RATES = (LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2)
@@ -27,42 +37,98 @@ _JOINT_SHARE = 0.8  # of the joints' speed limits that a jog may ask for
 _LEAST = 0.01  # of the tool's speed limits: so slowly it may still go near a singularity
 _TINY = 1e-9
 _JUMP_RAD = 0.6  # to where it would come to rest: another way of holding the tool
+_MOST_JOG_S = 10.0  # ours: longer than this a motion is a move
+
+State = tuple[np.ndarray, np.ndarray]
+"""A set-point (n,) rad and its speed (n,) rad/s."""
+
+
+class Stream(Protocol):
+    """A command that moves the set-point tick by tick, until it rests."""
+
+    def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> State:
+        """The set-point one tick of dt_s after this one."""
+
+    def renewed_by(self, newer: "Stream") -> bool:
+        """Go on as long as a newer command of the same motion; whether it is one."""
+
+    def ended(self, now_s: float) -> bool:
+        """Whether it is over once the set-point rests."""
+
+
+class Play:
+    """A plan that is played from the first tick on."""
+
+    def __init__(self, plan: Plan):
+        self._plan, self._t_s = plan, 0.0
+
+    def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> State:
+        """See `Stream`."""
+        self._t_s += dt_s
+        if self._t_s >= self._plan.duration_s:
+            return self._plan.q[-1], np.zeros(len(q))
+        return self._plan.at(self._t_s)
+
+    def renewed_by(self, newer: Stream) -> bool:
+        """Never: a newer target is another way."""
+        return False
+
+    def ended(self, now_s: float) -> bool:
+        """See `Stream`."""
+        return self._t_s >= self._plan.duration_s
 
 
 class JointJog:
-    """One command that turns joints; renewed as long as a button is held.
+    """Turns joints; renewed as long as a button is held.
 
     Args:
         planner: of the arm.
-        shares: (n,) signed, −1 … 1 of the jog speed.
+        speeds: by joint, from 0: signed shares −1 … 1 of the jog speed.
+        now_s, duration_s: when it begins, and how long it lasts.
         accel: share 0 … 1 of the acceleration limit, for speeding up; it always brakes with all of it.
-        until_s: when it ends.
 
-    Attributes:
-        until_s: when it ends.
+    Raises:
+        PlanError: malformed.
     """
 
-    def __init__(self, planner: Planner, shares: np.ndarray, accel: float, until_s: float):
-        self._planner, self._shares, self._accel, self.until_s = planner, shares, accel, until_s
-        self._blocked = False
+    def __init__(
+        self,
+        planner: Planner,
+        speeds: Mapping[int, float],
+        now_s: float,
+        duration_s: float = JOG_S,
+        accel: float = 1.0,
+    ):
+        self._planner, self._shares, self._blocked = planner, np.zeros(len(planner.lower)), False
+        for joint, speed in speeds.items():
+            if not (isinstance(joint, Real) and joint in range(len(self._shares))):
+                raise PlanError(f"there is no joint {joint!r}; joints are 0 to {len(self._shares) - 1}")
+            self._shares[int(joint)] = _signed_share(speed)
+        self._from_s, self._until_s = now_s, now_s + _duration(duration_s)
+        self._accel = shares(1.0, accel, 0.0)[1]
 
-    def renewed(self, newer: "JointJog") -> "JointJog":
-        """The newer command; what stood in the way of this one stands in the way of the same asked again."""
-        newer._blocked = self._blocked and np.array_equal(newer._shares, self._shares)
-        return newer
+    def renewed_by(self, newer: Stream) -> bool:
+        """See `Stream`. What stood in the way of this one stands in the way of the same asked again."""
+        if not (isinstance(newer, JointJog) and np.array_equal(newer._shares, self._shares)):
+            return False
+        return _renew(self, newer)
 
-    def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
+    def ended(self, now_s: float) -> bool:
+        """See `Stream`."""
+        return now_s >= self._until_s
+
+    def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> State:
         """The set-point (n,) rad and its speed (n,) rad/s one tick after these."""
         limits = self._planner.limits
-        if now_s < self.until_s and not self._blocked:
+        if now_s < self._until_s and not self._blocked:
             there = self._towards(JOG_SHARE * limits.speed * self._shares, q, dq, dt_s)
             stop = there[0] + there[1] * np.abs(there[1]) / (2.0 * limits.acceleration)
-            if self._planner.surroundings.first_conflict(np.array([q, stop])) is None:
+            if self._planner.conflict(np.array([q, stop])) is None:
                 return there
             self._blocked = True
         return self._towards(np.zeros(len(q)), q, dq, dt_s)
 
-    def _towards(self, wanted: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def _towards(self, wanted: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float) -> State:
         planner, most = self._planner, self._planner.limits.acceleration
         gains = (np.abs(wanted) > np.abs(dq)) & (wanted * dq >= 0.0)
         step = np.where(gains, self._accel, 1.0) * most * dt
@@ -73,56 +139,60 @@ class JointJog:
 
 
 class LineJog:
-    """One command that moves the tool; renewed as long as a button is held.
+    """Moves the tool; renewed as long as a button is held.
 
     Args:
         planner: of the arm.
-        in_tool: the axes are the tool's, not the base's.
-        shares: (6,) signed, −1 … 1 of the speed limits along and about x, y, z.
+        frame: whose axes: the base's or the tool's.
+        speeds: by axis, signed shares −1 … 1 of the tool's speed limits along and about it.
+        start: the set-point that it goes on from.
+        now_s, duration_s: when it begins, and how long it lasts.
         accel: share 0 … 1 of the acceleration limits, for speeding up; it always brakes with all of them.
-        until_s: when it ends.
-        q, dq: (n,) the set-point that it goes on from, rad and rad/s.
 
-    Attributes:
-        until_s: when it ends.
+    Raises:
+        PlanError: malformed.
     """
 
     def __init__(
         self,
         planner: Planner,
-        in_tool: bool,
-        shares: np.ndarray,
-        accel: float,
-        until_s: float,
-        q: np.ndarray,
-        dq: np.ndarray,
+        frame: str,
+        speeds: Mapping[str, float],
+        start: State,
+        now_s: float,
+        duration_s: float = JOG_S,
+        accel: float = 1.0,
     ):
-        self._planner, self._in_tool, self._shares = planner, in_tool, shares
-        self._accel, self.until_s = accel, until_s
+        self._planner, self._in_tool, self._shares = planner, check_frame(frame) == "TRF", np.zeros(len(AXES))
+        for axis, speed in speeds.items():
+            if axis not in AXES:
+                raise PlanError(f"there is no axis {axis!r}; axes are {', '.join(AXES)}")
+            self._shares[AXES.index(axis)] = _signed_share(speed)
+        self._from_s, self._until_s = now_s, now_s + _duration(duration_s)
+        self._accel = shares(1.0, accel, 0.0)[1]
         self._blocked = self._off_line = False
-        self._begin(q, dq)
+        self._begin(*start)
 
     def _begin(self, q: np.ndarray, dq: np.ndarray) -> None:
         self._pose, self._rest_q = self._planner.pose(q), q
-        _, jacobian = self._planner.chain.place(q)
-        speed = jacobian @ dq
-        arm = self._pose[:3, 3] - self._planner.chain.pose(q)[:3, 3]
-        self._twist = np.concatenate([speed[:3] + cross(speed[3:], arm), speed[3:]])
+        self._twist = self._planner.kinematics.twist(q, dq)
         self._brake_ease = 1.0  # with which the place where it would come to rest was found free
 
-    def renewed(self, newer: "LineJog") -> "LineJog":
-        """The newer command, from where this one is; see `JointJog.renewed`."""
-        newer._pose, newer._twist = self._pose, self._twist
-        newer._rest_q, newer._brake_ease, newer._off_line = self._rest_q, self._brake_ease, self._off_line
-        same = newer._in_tool == self._in_tool and np.array_equal(newer._shares, self._shares)
-        newer._blocked = self._blocked and same
-        return newer
+    def renewed_by(self, newer: Stream) -> bool:
+        """See `JointJog.renewed_by`."""
+        if not (isinstance(newer, LineJog) and newer._in_tool == self._in_tool):
+            return False
+        return np.array_equal(newer._shares, self._shares) and _renew(self, newer)
 
-    def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
+    def ended(self, now_s: float) -> bool:
+        """See `Stream`."""
+        return now_s >= self._until_s
+
+    def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> State:
         """The set-point (n,) rad and its speed (n,) rad/s one tick after these."""
         if self._off_line:
             return self._brake(q, dq, dt_s)
-        if now_s < self.until_s and not self._blocked:
+        if now_s < self._until_s and not self._blocked:
             wanted = self._wanted()
             ease = min(self._ease(twist, place) for twist in (self._twist, wanted) for place in (q, self._rest_q))
             ease = max(ease, _LEAST)
@@ -144,21 +214,12 @@ class LineJog:
         turn = self._pose[:3, :3]
         return np.concatenate([turn @ wanted[:3], turn @ wanted[3:]])
 
-    def _rates(self, twist: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """(n,) rad/s of the joints when the tool moves with a share 1 of its speed limits in a twist's direction."""
-        pose, jacobian = self._planner.chain.place(q)
-        arm = pose[:3, :3] @ self._planner.tool[:3, 3]
-        flange = np.concatenate([twist[:3] - cross(twist[3:], arm), twist[3:]]) / max(_level(twist), _TINY)
-        return np.linalg.lstsq(jacobian, flange, rcond=1e-6)[0]
-
     def _ease(self, twist: np.ndarray, q: np.ndarray) -> float:
         """Share of the tool's speed limits, in the direction of a twist (6,), at which no joint turns too fast at q."""
-        most = _JOINT_SHARE * self._planner.limits.speed
-        return min(1.0, float((most / np.maximum(np.abs(self._rates(twist, q)), _TINY)).min()))
+        rates = self._planner.kinematics.rates(q, twist / max(_level(twist), _TINY))
+        return min(1.0, float((_JOINT_SHARE * self._planner.limits.speed / np.maximum(np.abs(rates), _TINY)).min()))
 
-    def _try(
-        self, wanted: np.ndarray, ease: float, q: np.ndarray, dq: np.ndarray, dt: float
-    ) -> tuple[np.ndarray, np.ndarray] | None:
+    def _try(self, wanted: np.ndarray, ease: float, q: np.ndarray, dq: np.ndarray, dt: float) -> State | None:
         """One tick on; None if that, or the place where it would come to rest afterwards, is out of the question.
 
         ease: share of the acceleration limits that the joints can follow.
@@ -174,23 +235,21 @@ class LineJog:
         there = np.concatenate(speeds)
         pose = _moved(self._pose, there, dt, dt)
         rest = _moved(pose, there, *spans)
-        flange = np.linalg.inv(planner.tool)
-        bounds = Bounds(np.minimum(planner.lower, q), np.maximum(planner.upper, q))
-        seeds = np.array([q + dq * dt, q + dq * (dt + max(spans))])
-        found = descend(planner.chain, np.array([pose @ flange, rest @ flange]), seeds, bounds)
-        speed = (found.q[0] - q) / dt if there.any() else np.zeros(len(q))
+        there_q, reached = planner.kinematics.follow(pose, q, q + dq * dt)
+        rest_q, rest_reached = planner.kinematics.follow(rest, q, q + dq * (dt + max(spans)))
+        speed = (there_q - q) / dt if there.any() else np.zeros(len(q))
         if (
-            not found.reached.all()
+            not (reached and rest_reached)
             or (np.abs(speed) > np.maximum(planner.limits.speed, np.abs(dq))).any()
             or (np.abs(speed - dq) > STOP_FACTOR * planner.limits.acceleration * dt).any()
-            or np.abs(found.q[1] - found.q[0]).max() > _JUMP_RAD
-            or planner.surroundings.first_conflict(np.array([q, found.q[1]])) is not None
+            or np.abs(rest_q - there_q).max() > _JUMP_RAD
+            or planner.conflict(np.array([q, rest_q])) is not None
         ):
             return None
-        self._pose, self._twist, self._rest_q = pose, there, found.q[1]
-        return found.q[0], speed
+        self._pose, self._twist, self._rest_q = pose, there, rest_q
+        return there_q, speed
 
-    def _brake(self, q: np.ndarray, dq: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def _brake(self, q: np.ndarray, dq: np.ndarray, dt: float) -> State:
         """Where the tool's line cannot be kept any more, each joint comes to rest on its own."""
         step = STOP_FACTOR * self._planner.limits.acceleration * dt
         speed = dq - np.clip(dq, -step, step)
@@ -199,6 +258,22 @@ class LineJog:
         self._begin(there, speed)
         self._off_line = bool(speed.any())
         return there, speed
+
+
+def _renew(jog: JointJog | LineJog, newer: JointJog | LineJog) -> bool:
+    """Give a jog the end of a newer one of the same motion, unless it had ended before that."""
+    if newer._from_s > jog._until_s:
+        return False
+    jog._until_s, jog._accel = newer._until_s, newer._accel
+    return True
+
+
+def _signed_share(speed: float) -> float:
+    return number("a jog's speed", speed, -1.0, 1.0)
+
+
+def _duration(duration_s: float) -> float:
+    return number("a jog's duration", duration_s, 0.0, _MOST_JOG_S)
 
 
 def _speed_within(room: np.ndarray, deceleration: np.ndarray, dt: float) -> np.ndarray:
@@ -215,5 +290,5 @@ def _moved(pose: np.ndarray, twist: np.ndarray, linear_s: float, angular_s: floa
     """A pose (4, 4) after a time at a speed (6,), shifts and turns for a time of their own."""
     out = pose.copy()
     out[:3, 3] += twist[:3] * linear_s
-    out[:3, :3] = of_turn(twist[3:] * angular_s) @ pose[:3, :3]
+    out[:3, :3] = rotation_matrix(twist[3:] * angular_s) @ pose[:3, :3]
     return out

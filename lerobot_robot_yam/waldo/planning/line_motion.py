@@ -16,20 +16,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lerobot_robot_yam.arm.kinematics import pose_errors
+from lerobot_robot_yam.arm.tool_pose import rotation_matrix, rotation_vector
 from lerobot_robot_yam.errors import PlanError
-from lerobot_robot_yam.waldo.kinematics.inverse import Bounds, descend
-from lerobot_robot_yam.waldo.kinematics.rotation import cross, of_turn, to_turn
-from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
-from lerobot_robot_yam.waldo.planning import ruckig_motion
-from lerobot_robot_yam.waldo.planning.motion_limits import (
+from lerobot_robot_yam.waldo.planning import motion_plan
+from lerobot_robot_yam.waldo.planning.motion_plan import (
     LINE_ACCELERATION_M_S2,
     LINE_ACCELERATION_RAD_S2,
     LINE_RAMP_S,
     LINE_SPEED_M_S,
     LINE_SPEED_RAD_S,
     Limits,
+    Plan,
 )
-from lerobot_robot_yam.waldo.planning.motion_plan import Plan
+from lerobot_robot_yam.waldo.planning.tool_kinematics import ToolKinematics
 
 STRAIGHT_M, STRAIGHT_RAD = 1e-4, 1e-3
 """How far the middle of a piece may be off the line: a fifth of what is promised, 0.5 mm and 0.3°."""
@@ -52,7 +52,7 @@ class Line(NamedTuple):
     @classmethod
     def between(cls, start: np.ndarray, end: np.ndarray) -> "Line":
         """From one pose (4, 4) to another, the shorter way round."""
-        return cls(start, end[:3, 3] - start[:3, 3], to_turn(end[:3, :3] @ start[:3, :3].T))
+        return cls(start, end[:3, 3] - start[:3, 3], rotation_vector(end[:3, :3] @ start[:3, :3].T))
 
     @property
     def size(self) -> tuple[float, float]:
@@ -62,20 +62,20 @@ class Line(NamedTuple):
     def at(self, share: float) -> np.ndarray:
         """The pose (4, 4) of the tool at a share of the way."""
         pose = self.start.copy()
-        pose[:3, :3] = of_turn(share * self.turn) @ self.start[:3, :3]
+        pose[:3, :3] = rotation_matrix(share * self.turn) @ self.start[:3, :3]
         pose[:3, 3] = self.start[:3, 3] + share * self.way
         return pose
 
-    def twist(self, offset: np.ndarray) -> np.ndarray:
-        """(6,) per share: speed of a point of the tool at `offset` (3,) from its centre, and rate of turn."""
-        return np.concatenate([self.way + cross(self.turn, offset), self.turn])
+    @property
+    def twist(self) -> np.ndarray:
+        """(6,) per share: speed and rate of turn."""
+        return np.concatenate([self.way, self.turn])
 
 
-def joint_path(chain: SerialChain, line: Line, tool: np.ndarray, start_q: np.ndarray, names: list[str]) -> Plan:
+def joint_path(arm: ToolKinematics, line: Line, start_q: np.ndarray, names: list[str]) -> Plan:
     """The joints along a line, as a `Plan` whose times are shares of the way.
 
     Args:
-        tool: (4, 4) of the tool's centre in the flange.
         start_q: (n,) rad, where the tool is at the line's start; outside its range a joint may only come back.
         names: of the joints.
 
@@ -85,8 +85,8 @@ def joint_path(chain: SerialChain, line: Line, tool: np.ndarray, start_q: np.nda
     length, turn = line.size
     pieces = max(math.ceil(length / _PIECE_M), math.ceil(turn / _PIECE_RAD), 2)
     for division in range(_DIVISIONS + 1):
-        path = _divided(chain, line, tool, start_q, names, pieces * 2**division)
-        if _straight(chain, line, tool, path):
+        path = _divided(arm, line, start_q, names, pieces * 2**division)
+        if _straight(arm, line, path):
             return path
     raise PlanError(
         "the line passes a singularity, where the arm cannot keep the tool on it; "
@@ -127,50 +127,37 @@ def timed(
         np.array([acceleration]),
         np.array([acceleration / LINE_RAMP_S]),
     )
-    way = ruckig_motion.move(np.zeros(1), np.zeros(1), np.ones(1), limits, duration_s)
+    way = motion_plan.move(np.zeros(1), np.zeros(1), np.ones(1), limits, duration_s)
     q, rate = path.at(way.q[:, 0])
     return Plan(way.times_s, q, rate * way.dq)
 
 
-def _divided(
-    chain: SerialChain, line: Line, tool: np.ndarray, start_q: np.ndarray, names: list[str], pieces: int
-) -> Plan:
+def _divided(arm: ToolKinematics, line: Line, start_q: np.ndarray, names: list[str], pieces: int) -> Plan:
     """The path through this many equal pieces; where the joints jump, it is not straight in between."""
-    flange = np.linalg.inv(tool)
-    bounds = Bounds(np.minimum(chain.lower, start_q), np.maximum(chain.upper, start_q))
     shares = np.linspace(0.0, 1.0, pieces + 1)
-    q, rate = np.empty((2, pieces + 1, chain.n))
-    q[0] = start_q
-    rate[0] = _rate(chain, line, tool, q[0])
+    q, rate = np.empty((2, pieces + 1, len(start_q)))
+    q[0], rate[0] = start_q, arm.rates(start_q, line.twist)
     for k in range(1, pieces + 1):
         seed = q[k - 1] + np.clip(rate[k - 1] / pieces, -_AHEAD_RAD, _AHEAD_RAD)
-        found = descend(chain, (line.at(shares[k]) @ flange)[None], seed[None], bounds)
-        q[k] = found.q[0]
-        if not found.reached[0]:
-            raise PlanError(_why_not(chain, q[k], names, shares[k]))
-        rate[k] = _rate(chain, line, tool, q[k])
+        q[k], reached = arm.follow(line.at(shares[k]), start_q, seed)
+        if not reached:
+            raise PlanError(_why_not(arm, q[k], names, shares[k]))
+        rate[k] = arm.rates(q[k], line.twist)
     return Plan(shares, q, rate)
 
 
-def _rate(chain: SerialChain, line: Line, tool: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """(n,) dq/ds at q (n,), of least length where the pose leaves a choice."""
-    pose, jacobian = chain.place(q)
-    twist = line.twist(-(pose[:3, :3] @ tool[:3, 3]))
-    return np.linalg.lstsq(jacobian, twist, rcond=1e-6)[0]
-
-
-def _straight(chain: SerialChain, line: Line, tool: np.ndarray, path: Plan) -> bool:
+def _straight(arm: ToolKinematics, line: Line, path: Plan) -> bool:
     middles = (path.times_s[:-1] + path.times_s[1:]) / 2
-    poses = chain.pose(path.at(middles)[0]) @ tool
-    wanted = np.array([line.at(share) for share in middles.tolist()])
-    off = np.linalg.norm(poses[:, :3, 3] - wanted[:, :3, 3], axis=1)
-    turned = np.linalg.norm(to_turn(poses[:, :3, :3] @ np.swapaxes(wanted[:, :3, :3], -1, -2)), axis=1)
-    return bool((off <= STRAIGHT_M).all() and (turned <= STRAIGHT_RAD).all())
+    for pose, share in zip(arm.pose(path.at(middles)[0]), middles.tolist(), strict=True):
+        off_m, turned_rad = pose_errors(pose, line.at(share))
+        if off_m > STRAIGHT_M or turned_rad > STRAIGHT_RAD:
+            return False
+    return True
 
 
-def _why_not(chain: SerialChain, q: np.ndarray, names: list[str], share: float) -> str:
+def _why_not(arm: ToolKinematics, q: np.ndarray, names: list[str], share: float) -> str:
     """Why there was no solution but q (n,), which is as near as the arm comes."""
-    room = np.minimum(q - chain.lower, chain.upper - q)
+    room = np.minimum(q - arm.lower, arm.upper - q)
     where = f"at {100 * share:.0f} % of the line"
     stopped = [f"{names[i]} at {math.degrees(q[i]):.1f}°" for i in np.flatnonzero(room <= _AT_LIMIT_RAD).tolist()]
     if stopped:

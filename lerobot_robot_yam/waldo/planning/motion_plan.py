@@ -1,5 +1,9 @@
 """A planned motion: what the dry run draws, the simulator plays, and a real arm is sent, all from one value.
 
+Motions are time-optimal under limits of speed, acceleration and jerk, by ruckig. From rest to rest all coordinates keep
+the same share of their way (phase synchronisation), so that the way is a straight line in joint space and does not
+depend on the speed. From a motion they only end at the same time.
+
 Two motions become one where the second begins before the first has come to rest. The corner between them is rounded:
 
     q(t) = first(t) + second(t − t_b) − corner
@@ -13,9 +17,62 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import ruckig
 
+from lerobot_robot_yam.errors import PlanError
+from lerobot_robot_yam.waldo.poses import number
+
+JOINT_ACCELERATION_RAD_S2 = 6.0  # ours: 1.5 rad/s after 0.35 s; the control loop's set-point can do 30
+JOINT_JERK_RAD_S3 = 60.0  # ours: full acceleration after 0.1 s
+STOP_FACTOR = 2.0  # of both when the arm is stopped: from 1.5 rad/s it is still after 0.23 s
+LINE_SPEED_M_S, LINE_SPEED_RAD_S = 0.25, 1.2  # ours: a hand beside the arm can follow it
+LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2 = 1.0, 5.0  # ours: full speed after 0.35 s
+LINE_RAMP_S = 0.1  # to full acceleration
+JOG_SHARE = 0.5  # of the joints' speed limits, for jogging
+DEFAULT_SPEED = 0.5  # share of the limits, for a command that says 0
+LEAST_ACCELERATION = 0.05  # share: Commander's slider goes down to 0
+HOME_RAD = np.radians([0.0, 60.0, 60.0, -29.0, 0.0, 0.0])
+"""Where `home` goes, off every limit and off gimbal lock: the upper arm raised, the tool 29° below the level."""
+
+_LONGEST_S = 3600.0  # that a motion may be asked to take
 _SAMPLE_S = 0.01  # between two points of a plan; a cubic through them is off by less than 1e-5 rad
 _LOOKS = 100  # at each motion, for where it is within the radius
+_LATE = 1.05  # share of the duration asked for: a motion that takes longer is refused
+_TINY = 1e-9
+_JERK_SHARES = (1.0, 0.999, 0.99, 0.9)
+
+
+class Limits(NamedTuple):
+    """Of n coordinates: speed (n,) unit/s, acceleration (n,) unit/s², jerk (n,) unit/s³."""
+
+    speed: np.ndarray
+    acceleration: np.ndarray
+    jerk: np.ndarray
+
+    def scaled(self, speed: float, acceleration: float) -> "Limits":
+        """These shares of them; the jerk goes with the acceleration."""
+        return Limits(speed * self.speed, acceleration * self.acceleration, acceleration * self.jerk)
+
+
+def joint_limits(speed_rad_s: np.ndarray) -> Limits:
+    """Of joints that may turn with speed_rad_s (n,)."""
+    n = len(speed_rad_s)
+    return Limits(speed_rad_s.copy(), np.full(n, JOINT_ACCELERATION_RAD_S2), np.full(n, JOINT_JERK_RAD_S3))
+
+
+def shares(speed: float, accel: float, duration_s: float) -> tuple[float, float]:
+    """Shares of the speed and acceleration limits that a command asks for.
+
+    Args:
+        speed, accel: 0 … 1; a speed of 0 is `DEFAULT_SPEED`.
+        duration_s: above 0 it counts in place of the speed.
+
+    Raises:
+        PlanError: not numbers, or outside these ranges.
+    """
+    fast, quick = number("speed", speed, 0.0, 1.0), number("accel", accel, 0.0, 1.0)
+    timed = number("duration", duration_s, 0.0, _LONGEST_S) > 0.0
+    return 1.0 if timed else fast or DEFAULT_SPEED, max(quick, LEAST_ACCELERATION)
 
 
 class Plan(NamedTuple):
@@ -90,3 +147,63 @@ def superposed(first: Plan, second: Plan, overlap: float) -> Plan:
     times = sample_times(begin + second.duration_s)
     (q, dq), (further, further_dq) = first.at(times), second.at(times - begin)
     return Plan(times, q + further - second.q[0], dq + further_dq)
+
+
+def move(start: np.ndarray, speed: np.ndarray, target: np.ndarray, limits: Limits, duration_s: float = 0.0) -> Plan:
+    """From start (n,), moving with speed (n,), to rest at target (n,).
+
+    Args:
+        duration_s: how long it takes; 0 as short as the limits allow.
+
+    Raises:
+        PlanError: it takes longer than `duration_s`.
+    """
+    if np.abs(target - start).max() < _TINY and np.abs(speed).max() < _TINY and not duration_s:
+        return standing(start)
+    given = ruckig.InputParameter(len(start))
+    given.current_position, given.current_velocity, given.target_position = start, speed, target
+    # ruckig refuses a start that is faster than its limit; a set-point may be, by rounding or from a quicker motion.
+    given.max_velocity = np.maximum(limits.speed, np.abs(speed))
+    given.max_acceleration, given.max_jerk = limits.acceleration, limits.jerk
+    given.synchronization = ruckig.Synchronization.Phase
+    if duration_s > 0.0:
+        given.minimum_duration = duration_s
+    trajectory = _trajectory(given)
+    times = sample_times(trajectory.duration)
+    rows = [trajectory.at_time(t) for t in times.tolist()]
+    plan = Plan(times, np.array([row[0] for row in rows]), np.array([row[1] for row in rows]))
+    plan.q[-1], plan.dq[-1] = target, 0.0  # to the last bit: a target may be a limit
+    if 0.0 < duration_s * _LATE < plan.duration_s:
+        raise PlanError(
+            f"this takes at least {plan.duration_s:.2f} s within the limits, not {duration_s:.2f} s; "
+            "give it a longer duration, or a speed instead"
+        )
+    return plan
+
+
+def brake(start: np.ndarray, speed: np.ndarray, deceleration: np.ndarray) -> Plan:
+    """To rest from start (n,), moving with speed (n,), each coordinate evenly with its deceleration (n,).
+
+    No ramp of the deceleration: whatever could brake before a limit with less of it still can.
+    """
+    lasts_s = np.abs(speed) / deceleration
+    if lasts_s.max() < _TINY:
+        return standing(start)
+    times = sample_times(float(lasts_s.max()))
+    braked = np.minimum(times[:, None], lasts_s)
+    dq = speed - np.sign(speed) * deceleration * braked
+    return Plan(times, start + (speed + dq) / 2.0 * braked, dq)
+
+
+def _trajectory(given: ruckig.InputParameter) -> ruckig.Trajectory:
+    """By ruckig, which fails where two of its cases meet to the last bit; a little less jerk gets it out of there."""
+    trajectory = ruckig.Trajectory(given.degrees_of_freedom)
+    jerk = np.array(given.max_jerk)
+    for share in _JERK_SHARES:
+        given.max_jerk = share * jerk
+        try:
+            ruckig.Ruckig(given.degrees_of_freedom).calculate(given, trajectory)
+        except ruckig.RuckigError:
+            continue
+        return trajectory
+    raise PlanError(f"no motion was found from {given.current_position} to {given.target_position}; nothing moves")

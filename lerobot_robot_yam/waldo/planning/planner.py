@@ -8,28 +8,39 @@ import math
 
 import numpy as np
 
+from lerobot_robot_yam.arm.collision.clearance import Clearance
+from lerobot_robot_yam.arm.collision.parts import GuardedArm
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError, PlanError
-from lerobot_robot_yam.waldo.kinematics import inverse
-from lerobot_robot_yam.waldo.kinematics.serial_chain import SerialChain
-from lerobot_robot_yam.waldo.planning import ruckig_motion
+from lerobot_robot_yam.waldo.planning import motion_plan
 from lerobot_robot_yam.waldo.planning.line_motion import Line, joint_path, timed
-from lerobot_robot_yam.waldo.planning.motion_limits import HOME_RAD, STOP_FACTOR, joint_limits, shares
-from lerobot_robot_yam.waldo.planning.motion_plan import Plan, overlap_s, sample_times, standing, superposed
-from lerobot_robot_yam.waldo.planning.surroundings import Surroundings
+from lerobot_robot_yam.waldo.planning.motion_plan import (
+    HOME_RAD,
+    STOP_FACTOR,
+    Plan,
+    joint_limits,
+    overlap_s,
+    sample_times,
+    shares,
+    standing,
+    superposed,
+)
+from lerobot_robot_yam.waldo.planning.tool_kinematics import ToolKinematics
+from lerobot_robot_yam.waldo.poses import numbers
 
 _ROUNDING_RAD = 1e-4  # by which a target may miss a limit: degrees as text
 _SAME_M, _SAME_RAD = 1e-6, 1e-6  # a line to where the tool is
 _SAME_S = 1e-3  # to come to rest in
 _RESTS_RAD_S = 1e-6
 _SPEED_ROUNDING = 1.001
+_LOOK_RAD = 0.05  # joint motion between two looks; `Clearance` looks in between where something is near
 
 
 class Planner:
     """Plans motions of an arm. Not thread-safe.
 
-    All angles in rad, lengths in m; poses are (4, 4) of the tool's centre in the frame of the arm's base.
+    All angles in rad, lengths in m; poses are (4, 4) of the tool's tip in the frame of the arm's base.
 
     Args:
         hardware: the arm.
@@ -37,8 +48,7 @@ class Planner:
 
     Attributes:
         hardware: the arm.
-        chain: its kinematics, of the flange.
-        tool: (4, 4) of the tool's centre in the flange; as made, the flange itself.
+        kinematics: of the arm and its tool; as made, of the bare flange.
         lower, upper: (n,) limits of the joints.
         limits: of the joints' motion.
         home_q: (n,) where `home` goes.
@@ -52,23 +62,49 @@ class Planner:
         if n != len(HOME_RAD):
             raise ConfigError(f"{hardware.name}: Commander shows arms of six joints, and this one has {n}")
         self.hardware, self._names = hardware, hardware.joint_names
-        self.chain = SerialChain(hardware.arm)
-        self.lower, self.upper = self.chain.lower, self.chain.upper
+        self.kinematics = ToolKinematics(hardware.arm, hardware.gripper)
+        self.lower, self.upper = self.kinematics.lower, self.kinematics.upper
         self.limits = joint_limits(hardware.speed_limit[:n])
         self.home_q = np.clip(HOME_RAD, self.lower, self.upper)
-        self.tool: np.ndarray = np.eye(4)
         self.keep_clear(hardware.config.workspace if workspace is None else workspace)
 
     def keep_clear(self, workspace: WorkspaceConfig) -> None:
-        """From now on keep these limits in space. Raises ConfigError: they cannot be used, the old ones stay."""
-        self.surroundings = Surroundings(self.hardware, workspace)
+        """Keep these limits in space from now on: floor, boxes and the arm itself, the gripper open.
+
+        Raises:
+            ConfigError: they cannot be used; the old ones stay.
+        """
+        hardware = self.hardware
+        guarded = GuardedArm(hardware.name, hardware.arm, hardware.gripper, workspace, hardware.tilt_rad)
+        self._clearance = Clearance([guarded]) if workspace.limits_anything else None
+
+    def conflict(self, q: np.ndarray) -> tuple[str, str] | None:
+        """Names of the two parts that a way through joints (k, n) brings too near first; None: the way is clear."""
+        if self._clearance is None:
+            return None
+        kept = [0]
+        for k in range(1, len(q)):
+            if np.abs(q[k] - q[kept[-1]]).max() > _LOOK_RAD or k == len(q) - 1:
+                kept.append(k)
+        for before, after in zip(kept, kept[1:], strict=False):
+            for found in self._clearance.conflicts(q[before], q[after]):
+                names = self._clearance.parts.part_names
+                return names[found.pair.first], names[found.pair.second]
+        return None
+
+    def _check_clear(self, q: np.ndarray) -> None:
+        pair = self.conflict(q)
+        if pair is not None:
+            raise PlanError(
+                f"{self.hardware.name}: on the way {pair[0]} would come too near to {pair[1]}; nothing moves"
+            )
 
     def pose(self, q: np.ndarray) -> np.ndarray:
-        """(…, 4, 4) of the tool's centre at joints (…, n)."""
-        return self.chain.pose(q) @ self.tool
+        """(…, 4, 4) of the tool's tip at joints (…, n)."""
+        return self.kinematics.pose(q)
 
     def inverse(self, pose: np.ndarray, near_q: np.ndarray, turn_over: bool = True) -> np.ndarray:
-        """(n,) joints that put the tool's centre at a pose, near `near_q` if they can be.
+        """(n,) joints that put the tool's tip at a pose, near `near_q` if they can be.
 
         Args:
             turn_over: look for them elsewhere too.
@@ -76,19 +112,15 @@ class Planner:
         Raises:
             PlanError: out of reach.
         """
-        flange = pose @ np.linalg.inv(self.tool)
-        if turn_over:
-            found = inverse.solve(self.chain, flange, near_q)
-        else:
-            found = inverse.descend(self.chain, flange[None], near_q[None])
-        if not found.reached[0]:
+        found = self.kinematics.solve(pose, near_q, turn_over)
+        if not found.converged:
             x, y, z = (1000.0 * pose[:3, 3]).tolist()
             raise PlanError(
                 f"{self.hardware.name}: the tool cannot be put at x {x:.0f}, y {y:.0f}, z {z:.0f} mm with this "
-                f"orientation; it comes to within {1000 * found.position_m[0]:.1f} mm and "
-                f"{math.degrees(found.turn_rad[0]):.1f}°"
+                f"orientation; it comes to within {1000 * found.position_error_m:.1f} mm and "
+                f"{math.degrees(found.orientation_error_rad):.1f}°"
             )
-        return found.q[0]
+        return found.q
 
     def joints(
         self,
@@ -105,7 +137,7 @@ class Planner:
         Args:
             start_q: (n,) the set-point.
             target_q: (n,).
-            speed, accel: shares 0 … 1 of the limits; a speed of 0 is `motion_limits.DEFAULT_SPEED`.
+            speed, accel: shares 0 … 1 of the limits; a speed of 0 is `motion_plan.DEFAULT_SPEED`.
             duration_s: above 0 it counts in place of `speed`.
             start_dq: (n,) rad/s, of a set-point that moves; None: it rests.
 
@@ -113,11 +145,11 @@ class Planner:
             PlanError: malformed, beyond a limit, too fast, or in the way of something.
         """
         target, limits = self.within(target_q), self.limits.scaled(*shares(speed, accel, duration_s))
-        resting = np.zeros(self.chain.n)
-        plan = ruckig_motion.move(start_q, resting if start_dq is None else start_dq, target, limits, duration_s)
+        resting = np.zeros(len(target))
+        plan = motion_plan.move(start_q, resting if start_dq is None else start_dq, target, limits, duration_s)
         if start_dq is not None:  # it may swing out first
             self._check_range(plan, start_q)
-        self.surroundings.check(plan.q)
+        self._check_clear(plan.q)
         return plan
 
     def line(
@@ -129,7 +161,7 @@ class Planner:
         accel: float = 1.0,
         duration_s: float = 0.0,
     ) -> Plan:
-        """A move of the tool's centre along a straight line, turning evenly; from rest.
+        """A move of the tool's tip along a straight line, turning evenly; from rest.
 
         Args:
             target: (4, 4).
@@ -144,8 +176,8 @@ class Planner:
         length, turn = line.size
         if length < _SAME_M and turn < _SAME_RAD:
             return standing(start_q)
-        path = joint_path(self.chain, line, self.tool, start_q, self._names)
-        self.surroundings.check(path.q)
+        path = joint_path(self.kinematics, line, start_q, self._names)
+        self._check_clear(path.q)
         return timed(path, line, self.limits, share, duration_s, self._names)
 
     def home(self, start_q: np.ndarray, *, speed: float = 0.0, accel: float = 1.0) -> Plan:
@@ -154,7 +186,7 @@ class Planner:
 
     def stop(self, q: np.ndarray, dq: np.ndarray) -> Plan:
         """From any set-point (n,) that moves with dq (n,) rad/s to rest, harder than a move brakes."""
-        return ruckig_motion.brake(q, dq, STOP_FACTOR * self.limits.acceleration)
+        return motion_plan.brake(q, dq, STOP_FACTOR * self.limits.acceleration)
 
     def stop_on(self, plan: Plan, t_s: float) -> Plan:
         """To rest from a plan that is being carried out, t_s after its begin, without leaving its path.
@@ -180,8 +212,8 @@ class Planner:
         for share in (1.0, 0.5, 0.25):
             plan = superposed(first, second, share * overlap)
             fast = np.abs(plan.dq).max(axis=0) > _SPEED_ROUNDING * self.limits.speed
-            out = self._outside(plan.q) > max(self._outside(first.q[0]), 0.0) + _ROUNDING_RAD
-            if not fast.any() and not out and self.surroundings.first_conflict(plan.q) is None:
+            out = self._outside(plan.q).max() > max(self._outside(first.q[0]).max(), 0.0) + _ROUNDING_RAD
+            if not fast.any() and not out and self.conflict(plan.q) is None:
                 return plan
         return superposed(first, second, 0.0)
 
@@ -191,31 +223,26 @@ class Planner:
         Raises:
             PlanError: names the joint that is beyond its limit, or says what is malformed.
         """
-        name, n = self.hardware.name, self.chain.n
-        try:
-            given = np.array(q, dtype=float)
-        except (TypeError, ValueError):
-            given = np.zeros(0)
-        if given.shape != (n,) or not np.isfinite(given).all():
-            raise PlanError(f"{name}: a target takes {n} finite joint angles, not {q!r}")
-        over = np.maximum(self.lower - given, given - self.upper)
+        given = numbers(f"{self.hardware.name}: a target, angles of joints,", q, len(self.lower))
+        over = self._outside(given)
         worst = int(over.argmax())
         if over[worst] > _ROUNDING_RAD:
             low, high = np.degrees([self.lower[worst], self.upper[worst]])
             raise PlanError(
-                f"{name}: {self._names[worst]} would be at {math.degrees(given[worst]):.2f}°, beyond its limits "
-                f"{low:.2f}° … {high:.2f}°"
+                f"{self.hardware.name}: {self._names[worst]} would be at {math.degrees(given[worst]):.2f}°, beyond its "
+                f"limits {low:.2f}° … {high:.2f}°"
             )
         return np.clip(given, self.lower, self.upper)
 
-    def _outside(self, q: np.ndarray) -> float:
-        """By how much the worst joint of q (…, n) is outside its range; below 0 inside."""
-        return float(np.maximum(self.lower - q, q - self.upper).max())
+    def _outside(self, q: np.ndarray) -> np.ndarray:
+        """(n,) by how much each joint of q (…, n) is outside its range at most, rad; below 0 inside."""
+        over = np.maximum(self.lower - q, q - self.upper)
+        return over.reshape(-1, over.shape[-1]).max(axis=0)
 
     def _check_range(self, plan: Plan, start_q: np.ndarray) -> None:
-        over = np.maximum(self.lower - plan.q, plan.q - self.upper).max(axis=0)
+        over = self._outside(plan.q)
         worst = int(over.argmax())
-        if over[worst] > max(self._outside(start_q), 0.0) + _ROUNDING_RAD:
+        if over[worst] > max(self._outside(start_q).max(), 0.0) + _ROUNDING_RAD:
             raise PlanError(
                 f"{self.hardware.name}: {self._names[worst]} moves too fast to keep its limit on this way; stop first"
             )

@@ -11,7 +11,7 @@ import time
 import pytest
 
 from lerobot_robot_yam.commands.pages.waldo import hazard, main
-from lerobot_robot_yam.waldo.launching import ask_once
+from lerobot_robot_yam.waldo.wire import ask_once
 from tests.support.paths import ROOT
 
 HOST = "127.0.0.1"

@@ -3,21 +3,14 @@
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.kinematics import YamKinematics
-from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.waldo.controller.status_report import axes_enabled, joints_enabled
-from lerobot_robot_yam.waldo.kinematics.frames import commanded
-from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
-from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.poses import commanded
+from tests.support.waldo_desk import planner_of
 
 
 @pytest.fixture(scope="module", params=["yam", "big_yam"])
 def planner(request):
-    hardware = ResolvedArm(ArmConfig(channel="can0", arm=request.param))
-    planner = Planner(hardware)
-    planner.tool = tool_centre(hardware.gripper)
-    return planner
+    return planner_of(request.param)
 
 
 def test_at_home_every_button_is_open(planner):
@@ -45,26 +38,9 @@ def test_with_the_shoulder_at_its_limit_some_axis_is_shut_and_some_open(planner)
         assert 0 < row.sum() < 12
 
 
-def test_the_arms_own_kinematics_agree(planner):
-    """The other solver of this package, from the same pose, reaches what is open and does not reach what is shut."""
-    other = YamKinematics(planner.hardware.arm, planner.hardware.gripper, "grasp_site")
-    draw, agreed = np.random.default_rng(2), []
-    for _ in range(6):
-        q = draw.uniform(planner.lower, planner.upper)
-        now = planner.pose(q)
-        for frame, row in axes_enabled(planner, q).items():
-            for index, open_ in enumerate(row.tolist()):
-                step = np.zeros(6)
-                step[index // 2] = (5.0 if index < 6 else 1.0) * (1.0 if index % 2 == 0 else -1.0)
-                target = commanded(now, step, frame, rel=True)
-                agreed.append(other.ik(target, q, attempts=1, within_rad=0.5).converged == bool(open_))
-    assert np.mean(agreed) > 0.95
-
-
 def test_where_the_arm_would_have_to_turn_over_the_button_is_shut():
     """There are joints for the pose 5 mm away, but they are nearly 1 rad away."""
-    planner = Planner(ResolvedArm(ArmConfig(channel="can0")))
-    planner.tool = tool_centre(planner.hardware.gripper)
+    planner = planner_of()
     q = np.array([1.88, 3.4, 0.47, 0.35, -1.12, -0.24])
     there = commanded(planner.pose(q), [5.0, 0, 0, 0, 0, 0], "WRF", rel=True)
     assert np.abs(planner.inverse(there, q) - q).max() > 0.6

@@ -3,24 +3,15 @@
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.arm.kinematics import pose_errors
+from lerobot_robot_yam.arm.tool_pose import rotation_vector
 from lerobot_robot_yam.errors import PlanError
-from lerobot_robot_yam.waldo.kinematics.frames import commanded
-from lerobot_robot_yam.waldo.kinematics.rotation import to_turn
-from lerobot_robot_yam.waldo.kinematics.serial_chain import tool_centre
 from lerobot_robot_yam.waldo.planning.line_motion import STRAIGHT_M, STRAIGHT_RAD, Line
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
-from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.poses import commanded
+from tests.support.waldo_desk import planner_of
 
 LOOKS = 400
-
-
-def planner_of(arm="yam", gripper="linear_4310"):
-    hardware = ResolvedArm(ArmConfig(channel="can0", arm=arm, gripper=gripper))
-    planner = Planner(hardware)
-    planner.tool = tool_centre(hardware.gripper)
-    return planner
 
 
 def off_the_line(planner, plan, target):
@@ -29,10 +20,10 @@ def off_the_line(planner, plan, target):
     line = Line.between(poses[0], target)
     length, turn = line.size
     moved = poses[:, :3, 3] - line.start[:3, 3]
-    turned = to_turn(poses[:, :3, :3] @ line.start[:3, :3].T)
+    turned = np.array([rotation_vector(pose[:3, :3] @ line.start[:3, :3].T) for pose in poses])
     shares = moved @ line.way / length**2 if length > 1e-6 else turned @ line.turn / turn**2
-    rests = [to_turn(pose[:3, :3] @ line.at(share)[:3, :3].T) for pose, share in zip(poses, shares, strict=True)]
-    return np.linalg.norm(moved - np.outer(shares, line.way), axis=1).max(), np.linalg.norm(rests, axis=1).max()
+    rests = [pose_errors(pose, line.at(share))[1] for pose, share in zip(poses, shares, strict=True)]
+    return np.linalg.norm(moved - np.outer(shares, line.way), axis=1).max(), max(rests)
 
 
 @pytest.mark.parametrize(
@@ -55,7 +46,7 @@ def test_the_tool_stays_on_the_line_and_ends_on_its_target(arm, way):
 def test_many_lines_are_straight_or_refused_at_once():
     planner, draw = planner_of(), np.random.default_rng(3)
     kept = 0
-    for _ in range(300):
+    for _ in range(100):
         start = draw.uniform(planner.lower, planner.upper)
         way = np.concatenate([draw.uniform(-150, 150, 3), draw.uniform(-40, 40, 3)])
         target = commanded(planner.pose(start), way, "WRF", rel=True)
@@ -70,7 +61,7 @@ def test_many_lines_are_straight_or_refused_at_once():
         acceleration = np.abs(np.diff(plan.dq, axis=0)) / np.diff(plan.times_s)[:, None]
         assert (acceleration <= 1.5 * planner.limits.acceleration).all()
         assert (plan.q >= planner.lower - 1e-3).all() and (plan.q <= planner.upper + 1e-3).all()
-    assert kept > 60
+    assert kept > 20
 
 
 def test_a_line_beyond_a_joints_limit_is_refused_with_its_name():

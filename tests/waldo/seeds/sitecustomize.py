@@ -21,15 +21,15 @@ def lower_case_tool_key(arm_choice):
     arm_choice.tool_key = lambda gripper: key(gripper).lower()
 
 
-def io_of_five(async_client):
-    take = async_client.StatusBuffer.take
+def io_of_five(status_stream):
+    write = status_stream.StatusBuffer.write
 
     def five(self, message):
         self.io = self.io[:1]
-        take(self, message)
+        write(self, message)
         self.io = self.io.repeat(5)
 
-    async_client.StatusBuffer.take = five
+    status_stream.StatusBuffer.write = five
 
 
 def metres_in_pose(status_report):
@@ -61,12 +61,12 @@ def resume_replays_a_cancelled_move(controller):
     controller.Controller.estop, controller.Controller.reset = remembering, replaying
 
 
-def jog_without_expiry(streaming):
-    streaming._duration = lambda duration_s: 1e9
+def jog_without_expiry(jog):
+    jog._duration = lambda duration_s: 1e9
 
 
-def nan_jog(streaming):
-    streaming._signed_share = float
+def nan_jog(jog):
+    jog._signed_share = float
 
 
 def inverted_gripper(status_report):
@@ -85,11 +85,11 @@ def orphaned_controller(lifeline):
 SEEDS = {
     constructor_without_kwargs: W + "robot",
     lower_case_tool_key: W + "arm_choice",
-    io_of_five: W + "client.async_client",
+    io_of_five: W + "client.status_stream",
     metres_in_pose: W + "controller.status_report",
     resume_replays_a_cancelled_move: W + "controller.controller",
-    jog_without_expiry: W + "planning.streaming",
-    nan_jog: W + "planning.streaming",
+    jog_without_expiry: W + "planning.jog",
+    nan_jog: W + "planning.jog",
     inverted_gripper: W + "controller.status_report",
     served_on_every_address: W + "controller.command_server",
     orphaned_controller: "lerobot_robot_yam.control.process.lifeline",

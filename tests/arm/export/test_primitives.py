@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from lerobot_robot_yam.viewer.drawing.primitives import ball, box, capsule, cylinder, joined
+from lerobot_robot_yam.arm.export.primitives import ball, box, capsule, cylinder, joined
 
 BALL_M3 = 4.0 / 3.0 * np.pi
 ROUND = 0.03  # of the volume, that 24 sections of a circle leave out

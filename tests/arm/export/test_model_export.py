@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from lerobot.model.kinematics import RobotKinematics
 
+from lerobot_robot_yam.arm.export.model_export import mjcf, urdf
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.arm.model import Physics, build_model
-from lerobot_robot_yam.arm.model_export import mjcf, urdf
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
 from tests.support.paths import GOLDEN

@@ -1,0 +1,129 @@
+"""An arm and its gripper as Commander draws them: a URDF of one chain, and STL meshes, made from the profiles.
+
+    arm = ArmModel(arm, gripper)
+    arm.write()          # …/yam.urdf and …/meshes/*.stl in the user's cache
+
+The chain ends at the flange, the frame of the arm's last link. The gripper is a tool: its meshes lie in that frame, the
+fingers open, and Commander slides them.
+"""
+
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from lerobot_robot_yam.arm.export.body_meshes import meshes, stl
+from lerobot_robot_yam.arm.export.model_export import drawn_urdf
+from lerobot_robot_yam.arm.export.primitives import Mesh, joined
+from lerobot_robot_yam.arm.model import VISUAL_GROUP, build_spec
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.paths import write_whole
+
+MESHES = "meshes"
+"""Folder of the meshes beside the URDF: the one place where old and new Commander look."""
+
+_PACKAGE = "lerobot_robot_yam"
+
+
+class Jaws(NamedTuple):
+    """How the fingers move as Commander tells it: the mesh i by −axis · travel · position, every second one the
+    other way round; position 0 is open, 1 closed.
+
+    Attributes:
+        axis: (3,) of length 1, in the flange: the way on which the first finger opens.
+        travel_m: of each finger.
+    """
+
+    axis: np.ndarray
+    travel_m: float
+
+
+class ArmModel:
+    """Files of one arm with its gripper.
+
+    Args:
+        arm, gripper: resolved profiles, see `mounting.resolve_profiles`.
+
+    Attributes:
+        body_meshes: names of the files of the gripper's body, in the flange's frame.
+        jaw_meshes: of its fingers, open, in the order of `Jaws`; none without fingers.
+        jaws: None without two fingers.
+    """
+
+    def __init__(self, arm: ArmProfile, gripper: GripperProfile):
+        self._names = arm.name, gripper.name
+        self.body_meshes: list[str] = []
+        self.jaw_meshes: list[str] = []
+        self.jaws: Jaws | None = None
+        self._files: dict[str, bytes] = {}
+        model = build_spec(arm, gripper).compile()
+        self._add_arm(arm, model)
+        self._add_tool(arm, gripper, model)
+
+    @property
+    def folder(self) -> Path:
+        """Where the files are, or will be."""
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        return cache / _PACKAGE / f"waldo-{self._names[0]}-{self._names[1]}"
+
+    @property
+    def urdf_path(self) -> Path:
+        """Path of the URDF."""
+        return self.folder / f"{self._names[0]}.urdf"
+
+    @property
+    def mesh_dir(self) -> Path:
+        """Folder of the meshes."""
+        return self.folder / MESHES
+
+    def write(self) -> None:
+        """Write the files that are not there already, each whole. Raises ConfigError: they cannot be written."""
+        try:
+            self.mesh_dir.mkdir(parents=True, exist_ok=True)
+            for name, content in self._files.items():
+                path = self.folder / name
+                if not path.exists() or path.read_bytes() != content:
+                    write_whole(path, content)
+        except OSError as error:
+            raise ConfigError(
+                f"{self.folder} cannot be written ({error}); set XDG_CACHE_HOME to one that can"
+            ) from error
+
+    def _add_mesh(self, name: str, mesh: Mesh) -> str:
+        file = f"{name}.stl"
+        self._files[f"{MESHES}/{file}"] = stl(mesh)
+        return file
+
+    def _add_arm(self, arm: ArmProfile, model: mujoco.MjModel) -> None:
+        links = {}
+        for body in arm.bodies:
+            drawn = enumerate(meshes(model, model.body(body.name).id, (VISUAL_GROUP,)))
+            links[body.name] = {
+                colour: f"package://{_PACKAGE}/{self._add_mesh(f'{body.name}_{i}', mesh)}"
+                for i, (mesh, colour) in drawn
+            }
+        self._files[f"{arm.name}.urdf"] = drawn_urdf(arm, model, links).encode()
+
+    def _add_tool(self, arm: ArmProfile, gripper: GripperProfile, model: mujoco.MjModel) -> None:
+        """Add the gripper's meshes in the frame of the flange, its fingers open."""
+        data, travel = mujoco.MjData(model), gripper.finger_range_m
+        if travel is not None:
+            data.qpos[arm.joint_count :] = travel[1]
+        mujoco.mj_kinematics(model, data)
+        flange, ways = data.body(arm.bodies[-1].name), []
+        turn = flange.xmat.reshape(3, 3)
+        for body in gripper.bodies:
+            place, drawn = data.body(body.name), meshes(model, model.body(body.name).id, (VISUAL_GROUP,))
+            if body.joint is not None:
+                ways.append(data.joint(body.joint.name).xaxis @ turn)
+            if drawn:
+                mesh = joined([mesh for mesh, _ in drawn])
+                mesh = mesh.moved(turn.T @ place.xmat.reshape(3, 3), (place.xpos - flange.xpos) @ turn)
+                file = self._add_mesh(f"{gripper.name}_{body.name}", mesh)
+                (self.jaw_meshes if body.joint is not None else self.body_meshes).append(file)
+        if travel is not None and len(ways) == len(self.jaw_meshes) == 2:
+            closed, opened = travel.tolist()
+            self.jaws = Jaws(ways[0] * np.sign(opened - closed), abs(opened - closed))

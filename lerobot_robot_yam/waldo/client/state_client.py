@@ -1,0 +1,228 @@
+"""The half of the client that moves nothing: it asks how the arm is, and changes settings."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Sequence
+from typing import Any
+
+from waldoctl import ActionState, ActivityResult, PingResult, ToolResult, ToolSpec
+
+from lerobot_robot_yam.errors import ControllerError
+from lerobot_robot_yam.waldo.client.status_stream import StatusBuffer, StatusStream
+from lerobot_robot_yam.waldo.tool_catalog import bound_tool, palette
+from lerobot_robot_yam.waldo.wire import HOST, MOST_BYTES, PORT, encode, result_of
+
+
+class StateClient:
+    """Queries and settings of a controller, see `AsyncRobotClient`. Making it opens nothing: Commander does so outside
+    any event loop. A call has a connection of its own, so that calls may overlap. Settings return 1.
+
+    Args:
+        host, port: where the controller serves.
+        timeout: s in which it has to answer.
+    """
+
+    def __init__(self, host: str = HOST, port: int = PORT, timeout: float = 5.0, **_: Any):
+        self.host, self.port, self.timeout = host, int(port), float(timeout)
+        self._stream = StatusStream(self.host, self.port)
+        self._tool: ToolSpec | None = None
+
+    async def _ask(self, name: str, within_s: float = 0.0, /, **arguments: Any) -> Any:
+        """The controller's answer, within the client's time-out, or `within_s` if it is longer."""
+        limit_s, address = max(self.timeout, within_s), f"{self.host}:{self.port}"
+        try:
+            async with asyncio.timeout(limit_s):
+                reader, writer = await asyncio.open_connection(self.host, self.port, limit=MOST_BYTES)
+                try:
+                    writer.write(encode({"do": name, "with": arguments}))
+                    return result_of(name, await reader.readline())
+                finally:
+                    writer.close()
+        except TimeoutError:
+            raise ControllerError(f"{name}: no answer from {address} within {limit_s:g} s") from None
+        except OSError as error:
+            raise ControllerError(
+                f"{name}: no controller on {address} ({error.strerror or error}); start it: yam-waldo"
+            ) from error
+
+    async def close(self) -> None:
+        """End the streams. Idempotent."""
+        self._stream.close()
+
+    # the status
+
+    def stream_status_shared(self) -> AsyncIterator[StatusBuffer]:
+        """Statuses in one object that is written anew for each, until the client is closed."""
+        return self._stream.statuses()
+
+    async def stream_status(self) -> AsyncIterator[StatusBuffer]:
+        """Statuses, each an object of its own, until the client is closed."""
+        async for status in self._stream.statuses():
+            yield status.copy()
+
+    async def wait_status(self, predicate: Callable[[Any], bool], timeout: float = 5.0) -> bool:
+        """Wait for a status of which `predicate` is true. False: none within `timeout` s."""
+        try:
+            async with asyncio.timeout(timeout):
+                async for status in self._stream.statuses():
+                    if predicate(status):
+                        return True
+        except TimeoutError:
+            pass
+        return False
+
+    async def wait_ready(self, timeout: float = 5.0, interval: float = 0.05) -> bool:
+        """Wait until the controller answers. False: not within `timeout` s."""
+        end = asyncio.get_running_loop().time() + timeout
+        while await self.ping() is None:
+            if asyncio.get_running_loop().time() > end:
+                return False
+            await asyncio.sleep(interval)
+        return True
+
+    @palette("Query", "rbt.ping()")
+    async def ping(self) -> PingResult | None:
+        """Whether the controller is there (None: it is not), and whether it holds a real arm that may be driven."""
+        try:
+            return PingResult(hardware_connected=bool((await self._ask("ping"))["hardware_connected"]))
+        except ControllerError:
+            return None
+
+    @palette("Query", "rbt.status()")
+    async def status(self) -> dict[str, Any]:
+        """All that is known, as the status stream says it."""
+        return dict(await self._ask("status"))
+
+    @palette("Query", "rbt.angles()")
+    async def angles(self) -> list[float] | None:
+        """The measured joint angles, deg; None: nobody answers."""
+        try:
+            return list(await self._ask("angles"))
+        except ControllerError:
+            return None
+
+    @palette("Query", "rbt.pose()")
+    async def pose(self, frame: str = "WRF") -> list[float]:
+        """The pose of the tool, x y z rx ry rz in mm and deg (intrinsic XYZ)."""
+        return list(await self._ask("pose", frame=frame))
+
+    @palette("Query", "rbt.joint_speeds()")
+    async def joint_speeds(self) -> list[float]:
+        """The measured speeds of the joints, deg/s."""
+        return list(await self._ask("joint_speeds"))
+
+    @palette("Query", "rbt.tcp_speed()")
+    async def tcp_speed(self) -> float:
+        """The speed of the tool, mm/s."""
+        return float((await self.status())["tcp_speed"])
+
+    @palette("Query", "rbt.io()")
+    async def io(self) -> list[int]:
+        """The digital pins, of which there are none, and 1 for the circuit of the e-stop."""
+        return list((await self.status())["io"])
+
+    @palette("Query", "rbt.queue()")
+    async def queue(self) -> list[str]:
+        """The commands that run or wait."""
+        return list(await self._ask("queue"))
+
+    @palette("Query", "rbt.activity()")
+    async def activity(self) -> ActivityResult:
+        """What runs now, and what is wrong."""
+        now = await self.status()
+        wrong = "" if now["error"] is None else now["error"][2]
+        return ActivityResult(
+            ActionState(now["action_state"]), now["action_current"], now["action_params"], error=wrong
+        )
+
+    @palette("Query", "rbt.error()")
+    async def error(self) -> str | None:
+        """What keeps the arm from moving; None: nothing."""
+        wrong = (await self.status())["error"]
+        return None if wrong is None else str(wrong[2])
+
+    @palette("Query", "rbt.reachable()")
+    async def reachable(self) -> dict[str, list[int]]:
+        """The directions in which the tool may go, by frame: X+ X- Y+ Y- Z+ Z- RX+ RX- RY+ RY- RZ+ RZ-, 1 = it may."""
+        return dict((await self.status())["cart_en"])
+
+    @palette("Query", "rbt.is_simulator()")
+    async def is_simulator(self) -> bool:
+        """Whether commands move the simulated arm."""
+        return bool((await self._ask("ping"))["simulator"])
+
+    @palette("Query", "rbt.is_freedrive()")
+    async def is_freedrive(self) -> bool:
+        """Whether a hand may move the arm now."""
+        return bool((await self.status())["freedrive"])
+
+    # the tool
+
+    @property
+    def tool(self) -> ToolSpec:
+        """The selected tool. Raises RuntimeError: none was selected through this client yet."""
+        if self._tool is None:
+            raise ControllerError("no tool was selected through this client yet: call select_tool or tools")
+        return self._tool
+
+    @palette("Query", "rbt.tools()")
+    async def tools(self) -> ToolResult:
+        """The selected tool, and those that there are."""
+        found = ToolResult(**await self._ask("tools"))
+        self._tool = bound_tool(found.tool, self)
+        return found
+
+    @palette("Configuration", 'rbt.select_tool("LINEAR_4310")')
+    async def select_tool(self, tool_name: str, variant_key: str = "") -> int:
+        """Say which tool is on the arm: poses are its tip's from now on, without an offset."""
+        code = int(await self._ask("select_tool", tool_name=tool_name, variant_key=variant_key))
+        await self.tools()
+        return code
+
+    @palette("Configuration", "rbt.set_tcp_offset(0, 0, 10)")
+    async def set_tcp_offset(self, x: float = 0, y: float = 0, z: float = 0) -> int:
+        """Move the tip of the tool by x y z, mm in the tool's frame."""
+        return int(await self._ask("set_tcp_offset", x=x, y=y, z=z))
+
+    @palette("Configuration", "rbt.tcp_offset()")
+    async def tcp_offset(self) -> list[float]:
+        """The offset of the tool's tip, x y z in mm."""
+        return list(await self._ask("tcp_offset"))
+
+    # other settings
+
+    @palette("Configuration", 'rbt.connect_hardware("can_follower_l")')
+    async def connect_hardware(self, port_str: str) -> int:
+        """Refused, unless it names the channel that the controller has: this choice is made at the arm's computer."""
+        return int(await self._ask("connect_hardware", port_str=port_str))
+
+    @palette("Configuration", 'rbt.select_profile("ruckig")')
+    async def select_profile(self, profile: str) -> int:
+        """Choose a motion profile."""
+        return int(await self._ask("select_profile", profile=profile))
+
+    @palette("Query", "rbt.profile()")
+    async def profile(self) -> str:
+        """The selected motion profile."""
+        return str(await self._ask("profile"))
+
+    @palette("Configuration", "rbt.set_payload(0.2)")
+    async def set_payload(
+        self, mass: float, com: Sequence[float] = (0.0, 0.0, 0.0), inertia: Sequence[float] | None = None
+    ) -> int:
+        """Say what the tool carries: kg, and the centre in the frame of the tool, m. `inertia` is not used."""
+        return int(await self._ask("set_payload", mass=mass, com=com))
+
+    @palette("Query", "rbt.payload()")
+    async def payload(self) -> dict[str, Any]:
+        """The load at the tool: mass (kg) and com (m)."""
+        return dict(await self._ask("payload"))
+
+    @palette("Configuration", 'rbt.set_shapes([{"name": "box", "center_m": [0.4, 0, 0.1], "size_m": [0.1, 0.1, 0.2]}])')
+    async def set_shapes(self, shapes: Sequence[dict[str, Any]]) -> int:
+        """Say which boxes the arm keeps away from: name, center_m (3), size_m (3), yaw_rad, in the base frame."""
+        return int(await self._ask("set_shapes", shapes=shapes))
+
+    @palette("Query", "rbt.shapes()")
+    async def shapes(self) -> list[dict[str, Any]]:
+        """The boxes that the arm keeps away from."""
+        return list(await self._ask("shapes"))

@@ -1,0 +1,106 @@
+"""Statuses as Commander reads them, and the stream in which they come."""
+
+import asyncio
+import copy
+from collections.abc import AsyncIterator
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from waldoctl import ActionState, ToolState, ToolStatus
+
+from lerobot_robot_yam.waldo.poses import FRAMES
+from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, encode
+
+_AGAIN_S = 0.2  # wait before the stream looks for the controller again
+_VARIANT = {"variant_key": ""} if "variant_key" in getattr(ToolStatus, "__dataclass_fields__", {}) else {}
+_PLAIN = (
+    "action_current action_params executing_index completed_index last_checkpoint tcp_speed simulator_active "
+    "collision_active scene_epoch homed enabled link_health drive_health loop_health homing freedrive session_id"
+).split()
+
+
+class ControllerMode(IntEnum):
+    """What commands move; its name is displayed."""
+
+    SIMULATOR = 0
+    ROBOT = 1
+
+
+class StatusBuffer:
+    """One status. Lengths in mm, angles in deg; `speeds` in rad/s, torques in Nm, `tcp_speed` in mm/s.
+
+    The fields are those of the contract. `tool_status` is a new object each time: the host writes into it.
+    """
+
+    def __init__(self) -> None:
+        self.pose, self.angles, self.speeds = np.eye(4).reshape(16), np.zeros(6), np.zeros(6)
+        self.torques: np.ndarray = np.zeros(6)
+        self.torques_ext: np.ndarray | None = None  # no model of the tool's contact: not offered
+        self.io, self.joint_en = np.ones(1, np.int32), np.zeros(12, np.int32)
+        self.cart_en = {frame: np.zeros(12, np.int32) for frame in FRAMES}
+        self.tool_status = ToolStatus()
+        self.action_state = ActionState.IDLE
+        self.mode = ControllerMode.SIMULATOR
+
+    def write(self, message: dict[str, Any]) -> None:
+        """Write a status as it comes over the wire."""
+        for name in ("pose", "angles", "speeds", "torques", "io", "joint_en"):
+            getattr(self, name)[:] = message[name]
+        for frame in FRAMES:
+            self.cart_en[frame][:] = message["cart_en"][frame]
+        for name in _PLAIN:
+            setattr(self, name, message[name])
+        self.warnings = [tuple(warning) for warning in message["warnings"]]
+        self.error = None if message["error"] is None else tuple(message["error"])
+        self.collision_pairs = [tuple(pair) for pair in message["collision_pairs"]]
+        self.action_state = ActionState(message["action_state"])
+        self.mode = ControllerMode.SIMULATOR if message["simulator_active"] else ControllerMode.ROBOT
+        tool = dict(message["tool"])
+        tool["state"] = ToolState(tool["state"])
+        tool["positions"], tool["channels"] = tuple(tool["positions"]), tuple(tool["channels"])
+        self.tool_status = ToolStatus(**tool, **_VARIANT)
+
+    def copy(self) -> "StatusBuffer":
+        """A status that shares nothing with this one."""
+        return copy.deepcopy(self)
+
+
+class StatusStream:
+    """Statuses of one controller, and of the next one on its port.
+
+    Args:
+        host, port: where the controller serves.
+    """
+
+    def __init__(self, host: str, port: int):
+        self._address = host, port
+        self._open: set[asyncio.StreamWriter] = set()
+        self._closed = False
+
+    async def statuses(self) -> AsyncIterator[StatusBuffer]:
+        """Statuses in one object that is written anew for each, until the stream is closed."""
+        status = StatusBuffer()
+        while not self._closed:
+            try:
+                reader, writer = await asyncio.open_connection(*self._address, limit=MOST_BYTES)
+            except OSError:
+                await asyncio.sleep(_AGAIN_S)
+                continue
+            self._open.add(writer)
+            try:
+                writer.write(encode({"do": STREAM, "with": {}}))
+                while line := await reader.readline():
+                    status.write(decode(line))
+                    yield status
+            except ConnectionError:
+                pass
+            finally:
+                self._open.discard(writer)
+                writer.close()
+
+    def close(self) -> None:
+        """End it for all who read it. Idempotent."""
+        self._closed = True
+        for writer in tuple(self._open):
+            writer.close()
