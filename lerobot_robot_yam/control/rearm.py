@@ -50,9 +50,9 @@ class Rearm:
         """Re-arm; returns the motors that had failed.
 
         Raises:
-            MotorError: one is where its joint cannot be, contradicts itself, moves too fast to be armed, still does not
-                obey, or two answer for it. Those that do obey again hold where they are; one that had kept its torque
-                keeps it, and is not believed.
+            MotorError: a motor is where its joint cannot be, contradicts itself, moves too fast to be armed, two answer
+                for it, or it still does not obey. Motors that were enabled are disabled again, unless only the last is
+                the matter: then they hold. A motor that had kept its torque keeps it, and is not believed.
         """
         chain = self._chain
         failed = np.flatnonzero(~self._actuation.estimate.usable).tolist()
@@ -143,11 +143,12 @@ class Rearm:
         return off
 
     def _compare(self, motors: Sequence[int]) -> None:
-        """
+        """Compare what motors with power say with their last command.
+
         Raises:
             MotorError: some say to be where they cannot have got from where they were sent last, and from where they
-                were believed. Or they work with another torque than their last
-                command gives there, kp (q* − q) + kd (dq* − dq) + tau: a joint that was pushed away pulls back.
+                were believed. Or they work with another torque than their last command gives there,
+                kp (q* − q) + kd (dq* − dq) + tau: a joint that was pushed away pulls back.
         """
         sent, estimate, specs = self._interface.sent, self._interface.estimate, self._hardware.motors
         low = high = sent[:, mit_laws.Q]

@@ -1,8 +1,11 @@
 """The wire to a controller: one JSON object per line. A connection carries one request and its answer.
 
-    {"do": "move_j", "with": {"angles": [0, 60, 60, -29, 0, 0]}}     a request
+    {"do": "move_j", "with": {"angles": [0, 60, 60, -29, 0, 0]}, "client": "5f0c", "number": 7}     a request
     {"result": 3}                                                    its answer
     {"refused": "joint_2 would be at 215.00°, beyond its …"}         or this
+
+Connections may overtake each other. So a client gives itself a name and counts its requests: what it has sent before a
+stop, and comes after it, moves nothing. Both may be left out.
 
 After the request "stream" the connection carries statuses, one per line. Clients come over TCP. The operator of this
 computer, who alone may arm and land, comes by a socket in the runtime directory, which is open to its user alone.
@@ -20,9 +23,7 @@ HOST, PORT = "127.0.0.1", 5001  # Commander's own defaults
 STREAM = "stream"
 MOST_BYTES = 1 << 20  # of a line; the longest is a list of shapes
 ANSWER_S = 1.0  # wait for a controller that has nothing to do for its answer
-_OPERATOR_S = (
-    120.0  # wait for the operator's answer: an arm may have to find its gripper's stops, or fold from far away
-)
+_OPERATOR_S = 120.0  # wait for the operator's answer: an arm may have to find its gripper's stops, or land from afar
 
 
 def encode(message: dict[str, Any]) -> bytes:

@@ -170,7 +170,8 @@ def test_a_wrist_that_is_not_believed_on_its_way_down_does_not_fall(rig):
     assert moved <= MOST_M
 
 
-def test_a_limp_arm_that_is_pushed_does_not_come_free(rig, caplog, capfd):
+@pytest.mark.parametrize("forces", spread([([[30.0, 33.0, 22.0]],), ([[30.0, 33.0, 22.0], [-30.0, -33.0, 22.0]],)], 0))
+def test_a_limp_arm_that_is_pushed_does_not_come_free(rig, forces, caplog, capfd):
     """Its set-point is nothing that it could spring to, and stays, or a landing would begin anew with each push."""
     caplog.set_level("INFO")
     with arm_on(rig, CHANNEL) as arm:
@@ -180,8 +181,9 @@ def test_a_limp_arm_that_is_pushed_does_not_come_free(rig, caplog, capfd):
         rig.fault(CHANNEL, None, "cable_out", False)
         arm.clock.sleep(2.0)
         assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
-        rig.push(CHANNEL, "link2", [30.0, 33.0, 22.0], 0.4)
-        arm.clock.sleep(1.0)
+        for force in forces:
+            rig.push(CHANNEL, "link2", force, 0.4)
+            arm.clock.sleep(1.0)
     assert "came free" not in caplog.text + capfd.readouterr().err
 
 

@@ -9,6 +9,7 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import HUNG_S
 from lerobot_robot_yam.state.modes import Mode
 from tests.support.rigged import lockstep_rig, pause, rig_of, running_arm, session_on, sim_config, track
+from tests.support.tiers import spread
 
 CHANNEL = "follower_left"
 POSE = np.array([0.2, 1.0, 1.1, -0.3, 0.1, 0.1])
@@ -130,7 +131,8 @@ def test_while_a_whole_arm_is_re_armed_its_peer_goes_on_being_commanded(tmp_path
         session.discard()
 
 
-def test_an_arm_comes_up_and_comes_back_on_a_wire_that_loses_frames_either_way(rig, session):
+@pytest.mark.parametrize("starts", spread([20, 60], 0))
+def test_an_arm_comes_up_and_comes_back_on_a_wire_that_loses_frames_either_way(rig, session, starts):
     for kind in ("loss_rate", "command_loss_rate"):
         rig.fault(CHANNEL, None, kind, 0.01)
     for _ in range(5):
@@ -140,7 +142,7 @@ def test_an_arm_comes_up_and_comes_back_on_a_wire_that_loses_frames_either_way(r
         session.rearm()
         assert all(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
     session.discard()
-    for _ in range(20):
+    for _ in range(starts):
         pause(rig, 0.5)  # until the motors have noticed
         session.start()
         session.discard()

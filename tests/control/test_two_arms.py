@@ -58,6 +58,25 @@ def test_too_much_effort_latches_the_emergency_stop(rig):
         session.stop()
 
 
+@pytest.mark.long
+def test_an_arm_that_holds_because_of_the_other_is_released_with_it_and_not_before(rig):
+    session = session_on(rig, sim_config(rig, LEFT), sim_config(rig, RIGHT))
+    session.start()
+    try:
+        rig.fault(RIGHT, "joint_6", "nibble", int(Fault.OVERLOAD), sticky=True)
+        wait_for(session.clock, "it is noticed", lambda: session[RIGHT].mode() is Mode.FAULT, 1.0)
+        with pytest.raises(LifeCycleError, match="cannot re-arm.*joint_6"):
+            session.rearm()
+        track(session, {LEFT: AWAY}, 0.2)
+        assert session[LEFT].mode() is Mode.HOLD  # it takes no targets
+        rig.clear_faults(RIGHT)
+        session.rearm()
+        track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.2)
+        assert {session[channel].mode() for channel in (LEFT, RIGHT)} == {Mode.TRACK}
+    finally:
+        session.stop()
+
+
 def test_an_arm_that_holds_because_of_the_other_is_not_released_alone(rig):
     session = session_on(rig, sim_config(rig, LEFT), sim_config(rig, RIGHT))
     session.start()

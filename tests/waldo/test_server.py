@@ -83,6 +83,29 @@ def test_clients_share_one_arm_and_a_stop_holds_against_all():
     asyncio.run(run())
 
 
+def test_what_a_stop_has_overtaken_does_nothing():
+    def line(do, number, client="page", **arguments):
+        return json.dumps({"do": do, "with": arguments, "client": client, "number": number}).encode() + b"\n"
+
+    async def run():
+        port, jog = free_port(), {"joints": [0], "speeds": [0.5], "duration": 5.0}
+        async with serving(port) as server:
+            for stop, late in (
+                (line("stop", 8), line("jog_j", 6, **jog)),
+                (line("stop", 8), line("home", 5)),
+                (line("estop", 10), line("reset", 9)),
+            ):
+                (stopped, _), (answer, _) = await raw(port, stop), await raw(port, late)
+                assert "result" in stopped and "overtaken" in answer["refused"]
+            assert server.controller.stopped
+            (there, _), (newer, _) = await raw(port, line("ping", 4)), await raw(port, line("reset", 11))
+            assert "result" in there and "result" in newer and not server.controller.stopped
+            (other, _) = await raw(port, line("jog_j", 1, client="script", **jog))
+            assert "result" in other
+
+    asyncio.run(run())
+
+
 def test_bad_lines_are_answered_or_end_their_own_connection_alone():
     async def run():
         port = free_port()

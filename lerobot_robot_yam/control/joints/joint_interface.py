@@ -26,8 +26,8 @@ from lerobot_robot_yam.errors import MotorError
 logger = logging.getLogger(__name__)
 
 _ASK_AGAIN = 5  # times that ENABLE is sent: it or its answer may get lost
-_SOON_S = 0.02  # where no loop waits
-_OFF_S = 0.01  # and what its adapter takes, 40 ms at most; three times, and in between the other arm is commanded
+_SOON_S = 0.02  # wait for ENABLE replies where no loop waits, s
+_OFF_S = 0.01  # wait for DISABLE replies, s; the adapter's delay (40 ms at most) is added
 
 
 class JointInterface:
@@ -177,6 +177,7 @@ class JointInterface:
         self.estimate.read()
 
     def resolve(self, joints: Sequence[int]) -> None:
+        """Put the readings of these joints on the turn within their limits. Raises YamError: there is none."""
         arm = self._hardware.arm
         for index in joints:
             low, high = arm.joint_limits_rad[index]

@@ -1,6 +1,8 @@
 """The half of the client that moves nothing: it asks how the arm is, and changes settings."""
 
 import asyncio
+import itertools
+import secrets
 from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Any
 
@@ -23,17 +25,19 @@ class StateClient:
 
     def __init__(self, host: str = HOST, port: int = PORT, timeout: float = 5.0, **_: Any):
         self.host, self.port, self.timeout = host, int(port), float(timeout)
+        self._name, self._numbers = secrets.token_hex(8), itertools.count(1)
         self._stream = StatusStream(self.host, self.port)
         self._tool: ToolSpec | None = None
 
     async def _ask(self, name: str, within_s: float = 0.0, /, **arguments: Any) -> Any:
         """The controller's answer, within the client's time-out, or `within_s` if it is longer."""
         limit_s, address = max(self.timeout, within_s), f"{self.host}:{self.port}"
+        request = {"do": name, "with": arguments, "client": self._name, "number": next(self._numbers)}
         try:
             async with asyncio.timeout(limit_s):
                 reader, writer = await asyncio.open_connection(self.host, self.port, limit=MOST_BYTES)
                 try:
-                    writer.write(encode({"do": name, "with": arguments}))
+                    writer.write(encode(request))
                     return result_of(name, await reader.readline())
                 finally:
                     writer.close()

@@ -33,6 +33,9 @@ _REQUESTS = {
 }
 """What clients may ask for. To arm and to land are not among it: they are the operator's."""
 
+_STOPS = ("stop", "estop")
+_MOST_CLIENTS = 64  # whose stops are remembered
+
 Requests = Mapping[str, Callable[..., Any]]
 
 logger = logging.getLogger(__name__)
@@ -55,6 +58,9 @@ class CommandServer:
         self._requests: Requests = {
             name: getattr(parts[kind], name) for kind, names in _REQUESTS.items() for name in names.split()
         }
+        acts = f"{_REQUESTS[Controller]} {_REQUESTS[MotionRequests]}".split()
+        self._acts = {name for name in acts if name not in _STOPS and not name.startswith("wait_")}
+        self._stopped: dict[str, int] = {}  # number of the newest stop, by client
         self._subscribers: set[asyncio.StreamWriter] = set()
         self._tasks: set[asyncio.Task[None]] = set()
         self._operator = operator
@@ -149,7 +155,7 @@ class CommandServer:
             message = decode(await reader.readline())
             if requests is self._requests and message.get("do") == STREAM:
                 self._subscribers.add(writer)
-                await reader.read()  # until it hangs up
+                await reader.read(1)  # until it hangs up
             else:
                 writer.write(encode(await self._answer(requests, message)))
                 await writer.drain()
@@ -162,9 +168,24 @@ class CommandServer:
             with contextlib.suppress(OSError):
                 writer.close()
 
+    def _refuse_overtaken(self, name: str, client: object, number: object) -> None:
+        """Raises ControllerError: the client has asked for a stop after this, and the stop has come first."""
+        if not (isinstance(client, str) and isinstance(number, int)):
+            return
+        newest = self._stopped.get(client, 0)
+        if name in _STOPS:
+            self._stopped.pop(client, None)  # the client that has stopped last is forgotten last
+            self._stopped[client] = max(newest, number)
+            if len(self._stopped) > _MOST_CLIENTS:
+                del self._stopped[next(iter(self._stopped))]
+        elif name in self._acts and number < newest:
+            raise ControllerError(f"{name}: a stop that was sent after it has overtaken it; it does nothing")
+
     async def _answer(self, requests: Requests, message: dict[str, Any]) -> dict[str, Any]:
         name = str(message.get("do"))
         try:
+            if requests is self._requests:
+                self._refuse_overtaken(name, message.get("client"), message.get("number"))
             return {"result": await self._result(requests, name, dict(message.get("with", {})))}
         except YamError as error:
             return {"refused": str(error)}

@@ -7,7 +7,7 @@ from lerobot_robot_yam.commands.lib.feel_figures import likeness
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import Limited
-from tests.support.coupled import FOLLOWER, LEADER, started, sweep
+from tests.support.coupled import FOLLOWER, LEADER, POSE, started, sweep
 from tests.support.rigged import lockstep_rig
 
 rig = lockstep_rig(LEADER, FOLLOWER)
@@ -150,6 +150,23 @@ def test_an_emergency_stop_ends_it_and_it_goes_on_smoothly(rig, pair):
     assert np.abs(gap).max() < 0.05
 
 
+@pytest.mark.long
+def test_a_leader_with_a_lost_motor_moves_nothing(rig, pair):
+    """In one control loop the follower's peer halts it, too; its own rule is that stale data end the motion."""
+    session, caller = pair
+    sweep(rig, 8.0)
+    caller.run(2.0)
+    rig.fault(LEADER, "joint_3", "silent")
+    session.clock.sleep(0.06)  # not yet a fault, but no sample for seven ticks
+    assert session[LEADER].published().action is None
+    assert not session[FOLLOWER].published().coupled
+    session.clock.sleep(0.5)
+    at = np.array(rig.state()["arms"][FOLLOWER]["q"])[:6]
+    session.clock.sleep(0.3)
+    assert np.abs(np.array(rig.state()["arms"][FOLLOWER]["q"])[:6] - at).max() < 0.005
+    assert np.abs(at - POSE).max() < 0.4
+
+
 def test_without_its_handle_the_arm_goes_on_and_the_gripper_stays(rig, pair, caplog):
     session, caller = pair
     rig.trigger(LEADER, 0.6)
@@ -165,6 +182,20 @@ def test_without_its_handle_the_arm_goes_on_and_the_gripper_stays(rig, pair, cap
     assert state.coupled and state.action[6] == grip
     assert np.abs(state.q - session[LEADER].newest().q).max() < 0.05
     assert caplog.text.count("handle is silent") == 1
+
+
+@pytest.mark.long
+def test_force_is_there_once_the_follower_has_caught_up_and_not_before(rig):
+    session, caller = started(rig, bilateral=0.4)
+    lead = session._runner._loop._controllers[0].lead
+    assert session[LEADER].newest().gate is Gate.ENGAGED
+    caller.run(0.6)
+    rig.push(FOLLOWER, "link6", [0.0, 0.0, -15.0], 1.0)
+    caller.run(0.5)
+    assert np.abs(lead.assist[0]).max() > 0.1
+    caller.stall(0.8)  # the follower holds
+    assert lead.assist is None
+    session.discard()
 
 
 def test_another_arm_than_the_configured_follower_is_not_led_at_loop_rate(rig, caplog):

@@ -8,6 +8,7 @@ import pytest
 from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig
 from lerobot_robot_yam.control.teleop.gate import LEFT_BEHIND_RAD, START, TABLE, GateMachine, Look, SharedGate
 from lerobot_robot_yam.state.modes import Gate
+from tests.support.tiers import spread
 
 TICK_S = 0.004
 NEAR = Look(away_rad=0.02, home=True, follows=True, approached=True)
@@ -167,7 +168,7 @@ def lift_and_return(rng):
     return np.abs(np.interp(t, at, knots) + rng.normal(0.0, 0.004, len(t)))
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", spread(range(200), *range(40)))
 def test_random_lifts_and_returns_miss_double_and_hurry_no_transition(seed):
     """The arms are home at once and caught up at once: what is left are lifts, also during homing."""
     away = lift_and_return(np.random.default_rng(seed))
