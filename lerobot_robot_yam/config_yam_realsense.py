@@ -41,7 +41,8 @@ class YamRealsenseCameraConfig(CameraConfig):
         Raises:
             RefusedConfigError: says what to do.
         """
-        from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError  # LeRobot's start must not wait
+        # LeRobot's start must not wait
+        from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 
         self.color_mode, self.rotation = ColorMode(self.color_mode), Cv2Rotation(self.rotation)
         if not self.use_rgb and not self.use_depth:
@@ -57,7 +58,7 @@ class YamRealsenseCameraConfig(CameraConfig):
     def _find(self) -> None:
         from lerobot_robot_yam.cameras.opening import find_camera
         from lerobot_robot_yam.cameras.picture_source import no_depth
-        from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError
+        from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 
         try:
             camera = find_camera(self.serial_number_or_name, user_path(self.root))

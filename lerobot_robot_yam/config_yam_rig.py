@@ -23,6 +23,7 @@ class YamRigConfig(RobotConfig):
     cameras: bool = option("false: without the file's cameras", True)
 
     def __new__(cls, **given: Any) -> RobotConfig:  # of the type that the file says
-        from lerobot_robot_yam.face.devices.rig_device import rig_device  # LeRobot's start must not wait for it
+        # LeRobot's start must not wait for it
+        from lerobot_robot_yam.face.lerobot_command.config_refusal import rig_device
 
         return rig_device(RobotConfig, "robot", given)

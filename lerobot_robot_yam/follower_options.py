@@ -100,8 +100,9 @@ def refuse_follower(device: str, config: Any) -> None:
     """Refuse a config of which no robot can be made; raises RefusedConfigError."""
     from lerobot.robots.config import RobotConfig
 
-    from lerobot_robot_yam.face.devices.cli_check import check_cli  # LeRobot's start must not wait for these
-    from lerobot_robot_yam.face.devices.config_refusal import refuse
+    # LeRobot's start must not wait for these
+    from lerobot_robot_yam.face.lerobot_command.command_checks import check_cli
+    from lerobot_robot_yam.face.lerobot_command.config_refusal import refuse
 
     def check(_: Any) -> None:
         RobotConfig.__post_init__(config)

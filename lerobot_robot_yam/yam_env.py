@@ -16,7 +16,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig, eyes_of
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
 from lerobot_robot_yam.face.devices.feature_names import motors_of
-from lerobot_robot_yam.face.envs.referee import CallableReferee, OperatorReferee, Referee, RigReferee, find_judge
+from lerobot_robot_yam.face.referee import CallableReferee, OperatorReferee, Referee, RigReferee, find_judge
 from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
 from lerobot_robot_yam.rig.client.rig_control import RigControl
 from lerobot_robot_yam.rig.lockstep.lockstep_cameras import LockstepCamera
@@ -157,7 +157,7 @@ class YamEnv(gym.Env):
         return [camera.name for camera in load_scene(self._scene, self._rig_options()).cameras]
 
     def _rig_options(self) -> dict[str, Any]:
-        """Of the virtual rig that is started; one in lock-step has no arms but the robot's."""
+        """Options of the virtual rig that is started; one in lock-step has no arms but the robot's."""
         arms = [arm.channel for arm in self._robot_config.arms().values()]
         return {**({"arms": arms} if self._config.lockstep else {}), **self._config.rig_options}
 

@@ -3,7 +3,6 @@
 import inspect
 import logging
 import math
-import time
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -17,12 +16,12 @@ from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, YamFollowerConfig
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.datasets.recording import recorded_name
-from lerobot_robot_yam.face.desk.session_desk import SessionDesk
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance, guidance
 from lerobot_robot_yam.face.devices.images import ImageReader, beside_arms
+from lerobot_robot_yam.face.lerobot_command.session_desk import SessionDesk
 from lerobot_robot_yam.face.recorder.episode_log import EpisodeLog
-from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
+from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.face.recorder.rehearsal import rehearse
 from lerobot_robot_yam.face.rl.motor_bus import MotorBus
 from lerobot_robot_yam.follower_options import FollowerOptions
@@ -127,7 +126,7 @@ class FollowerBase(ArmDevice, Robot):
         leaders = self._arms.leader()
         if leaders is None or leaders.give_action is None:
             return
-        begin_s, within_s = time.monotonic(), 0.0
+        begin_s, within_s = self.clock.now(), 0.0
         while True:
             try:
                 sent = self._write_targets(self._space.vector(leaders.give_action()))
@@ -141,10 +140,10 @@ class FollowerBase(ArmDevice, Robot):
                 logger.info("%s: goes to the leaders, up to %.1f rad away", self, gap)
                 limits = [side.hardware.speed_limit[: side.joints] for side in self._arms.sides]
                 within_s = _CATCH_UP_S + gap / np.concatenate(limits).min()
-            if time.monotonic() - begin_s > within_s:
+            if self.clock.now() - begin_s > within_s:
                 logger.warning("%s: is still %.1f rad from its leaders; look for what is in its way", self, gap)
                 return
-            time.sleep(_CATCH_UP_TICK_S)
+            self.clock.sleep(_CATCH_UP_TICK_S)
 
     def _rehearse(self) -> None:
         """Observe and follow the leaders as a recording does; what fails here fails again, and is told of, there."""

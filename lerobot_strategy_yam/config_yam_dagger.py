@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal
 from lerobot.rollout.configs import RolloutStrategyConfig
 
 from lerobot_robot_yam.arm.option import option
-from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError
+from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 from lerobot_robot_yam.face.registration import register_as
 
 TAKES_PLUGINS = hasattr(RolloutStrategyConfig, "dataset_mode")

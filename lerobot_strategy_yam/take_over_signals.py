@@ -5,10 +5,9 @@ from enum import StrEnum
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.lerobot_command.running_command import Situation
 from lerobot_robot_yam.face.operator_keys.auto_episodes import LIFTED
-from lerobot_robot_yam.face.operator_keys.edges import RisingEdges, buttons_of
-from lerobot_robot_yam.face.operator_keys.key_plan import Situation
-from lerobot_robot_yam.face.operator_keys.meanings import Meaning
+from lerobot_robot_yam.face.operator_keys.meanings import Meaning, RisingEdges, buttons_of
 from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
 from lerobot_teleoperator_yam.leader_options import BUTTON_OPTIONS
@@ -16,7 +15,7 @@ from lerobot_teleoperator_yam.yam_leader import LeaderBase
 
 
 class Wish(StrEnum):
-    """Of the person, beside taking arms over."""
+    """What a person wishes, beside taking arms over."""
 
     KEEP = "keep"  # end the episode and save it
     DISCARD = "discard"  # drop the episode
@@ -36,14 +35,14 @@ HELP = "space=take over or give back all arms, l/r=the left or right one, n=save
 
 
 class TakeOverSignals:
-    """Of these leaders. Keys may come from any thread.
+    """Signals from these leaders and the keyboard. Keys may come from any thread.
 
     Args:
         leaders: LeRobot's teleoperator.
         config: says which button does what.
 
     Attributes:
-        prefixes: of the arms.
+        prefixes: prefix of each arm.
 
     Raises:
         ConfigError: the teleoperator is no YAM leader that leads a follower, or a button has two meanings.
@@ -77,12 +76,12 @@ class TakeOverSignals:
         self._keys.append(name)
 
     def ask(self, press: Press) -> None:
-        """See `requests.Doer`."""
+        """Do what a page asks for, see `requests.Doer`."""
         if press.meaning in _ASKED:
             self.key(_ASKED[press.meaning][0])
 
     def offers(self, now: Situation, first: int) -> dict[str, str]:
-        """See `requests.Doer`."""
+        """Say in words what can be asked for now, see `requests.Doer`."""
         return {meaning.value: words for meaning, (_, words) in _ASKED.items()}
 
     def look(self) -> tuple[set[str], set[Wish]]:

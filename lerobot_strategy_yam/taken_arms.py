@@ -15,10 +15,10 @@ Action = dict[str, float]
 
 
 class TakenArms:
-    """Of one robot.
+    """Arms of one robot that a person has taken over, and the action of all.
 
     Args:
-        prefixes: of the arms: "" of a single one, "left_" and "right_".
+        prefixes: prefix of each arm: "" for a single arm, "left_" and "right_".
         hand_back_s: T; 0: no blend.
 
     Attributes:

@@ -30,11 +30,11 @@ logger = logging.getLogger(__name__)
 
 
 class _Episodes:
-    """Of the data set: frames are added without a gap, then the episode is kept or dropped.
+    """Episodes of the data set: frames are added without a gap, then the episode is kept or dropped.
 
     Args:
         dataset: LeRobot's, open to write.
-        features: of its frames.
+        features: LeRobot's, of its frames.
         task: of each frame.
         longest: frames of an episode at most.
 
@@ -79,7 +79,7 @@ class YamDaggerStrategy(RolloutStrategy):
     """One rollout.
 
     Args:
-        config: of it.
+        config: options of the strategy.
     """
 
     config: YamDaggerStrategyConfig
@@ -192,7 +192,7 @@ class YamDaggerStrategy(RolloutStrategy):
             self._log_telemetry(self._seen, action, self._ctx.runtime)
 
     def _next_action(self, observation: dict[str, Any]) -> Action:
-        """Of all arms; empty before the policy has said anything."""
+        """The next action of all arms; empty before the policy has said anything."""
         if self._rewinds:
             back = self._way_back.back()
             if back is not None:

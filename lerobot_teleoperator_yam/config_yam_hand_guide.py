@@ -22,7 +22,7 @@ class HandGuideOptions:
 def _refuse(device: str, config: Any, keys: tuple[str, ...]) -> None:
     """Refuse a config of which no teleoperator can be made; raises RefusedConfigError."""
     from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper  # LeRobot's start must not wait for these
-    from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError
+    from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 
     try:
         load_arm(config.arm)
@@ -54,11 +54,11 @@ class YamHandGuideConfig(TeleoperatorConfig, HandGuideOptions):
         _refuse("yam_hand_guide", self, self.keys())
 
     def keys(self) -> tuple[str, ...]:
-        """Of each gripper."""
+        """The key of each gripper."""
         return (self.gripper_key,)
 
     def prefixes(self) -> tuple[str, ...]:
-        """Of the features of each arm."""
+        """What the features of each arm begin with."""
         return ("",)
 
 
@@ -74,9 +74,9 @@ class BiYamHandGuideConfig(TeleoperatorConfig, HandGuideOptions):
         _refuse("bi_yam_hand_guide", self, self.keys())
 
     def keys(self) -> tuple[str, ...]:
-        """Of each gripper."""
+        """The key of each gripper."""
         return (self.left_gripper_key, self.right_gripper_key)
 
     def prefixes(self) -> tuple[str, ...]:
-        """Of the features of each arm."""
+        """What the features of each arm begin with."""
         return ("left_", "right_")

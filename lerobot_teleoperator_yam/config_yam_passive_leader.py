@@ -10,11 +10,11 @@ from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, Kind, Pass
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.registration import register_as
-from lerobot_teleoperator_yam.leader_options import LeaderOptions, refuse_leader
+from lerobot_teleoperator_yam.leader_options import GateOptions, LeaderOptions, refuse_leader
 
 
 @dataclass(kw_only=True)
-class PassiveLeaderArmConfig(LeadOptions, PassiveOptions):
+class PassiveLeaderArmConfig(GateOptions, LeadOptions, PassiveOptions):
     """One leader without motors, on its CAN channel."""
 
     channel: str = option("CAN channel by python-can's name, such as can_lead_l or, on the virtual rig, leader_left")
@@ -37,36 +37,15 @@ class PassiveLeaderArmConfig(LeadOptions, PassiveOptions):
         "JSON file that keeps zeros and ranges; by default in LeRobot's calibration directory", None
     )
     arm: str = option("profile of the follower, whose joints the leader's are", "yam")
-    ee_gripper: str = option(
-        "gripper that the follower carries; with no_gripper the action has no gripper", "linear_4310"
-    )
     max_state_age_s: float = option("a state that is older, s, is an error, never an answer", 0.25)
-    follower: str | None = option(
-        "CAN channel of the follower, on the same interface: it then follows this leader at its own control loop's "
-        "rate; by default only at LeRobot's",
-        None,
-    )
-    gate: Literal["auto", "button", "always"] = option(
-        "what engages a leader with a follower: auto (lifting it from home), button (gate_button), always", "always"
-    )
-    gate_together: bool = option("both leaders of a pair engage and release together", True)
     gate_button: Literal["top", "bottom"] | None = option(
         "button of the trigger that engages and releases, with gate: button", None
-    )
-    gate_joints: list[int] = option(
-        "joints whose distance from home counts for gate: auto, from 1; empty: the distance of all, L2",
-        factory=lambda: [2],
     )
     home_rad: list[float] | None = option(
         "per joint, where leader and follower wait with gate: auto, and where the leader lies while it is calibrated, "
         "rad; by default all zero",
         None,
     )
-    home_gripper: float = option("opening of the follower's gripper there, 0 closed … 1 open", 0.0)
-    engage_threshold_rad: float = option("a leader farther from home engages, rad", 0.5)
-    release_threshold_rad: float = option("a leader nearer to home for release_s releases, rad", 0.3)
-    release_s: float = option("see release_threshold_rad, s", 0.5)
-    approach_speed_rad_s: float = option("with which the follower goes to a leader that engages, rad/s", 1.0)
 
     # What a leader with motors has an option for, and this one has not.
     gripper: ClassVar[str] = "yam_teaching_handle"
@@ -103,7 +82,7 @@ class PassiveLeaderArmConfig(LeadOptions, PassiveOptions):
 def _refuse(device: str, config: Any) -> None:
     """Refuse a config of which no teleoperator can be made; raises RefusedConfigError."""
     from lerobot_robot_yam.arm.profile_files import load_arm  # LeRobot's start must not wait for it
-    from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError
+    from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 
     refuse_leader(device, config)
     try:

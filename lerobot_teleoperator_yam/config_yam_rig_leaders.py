@@ -20,6 +20,7 @@ class YamRigLeadersConfig(TeleoperatorConfig):
     arm_options: dict[str, Any] = option("options laid over those of each arm, such as {gate: auto}", factory=dict)
 
     def __new__(cls, **given: Any) -> TeleoperatorConfig:  # of the type that the file says
-        from lerobot_robot_yam.face.devices.rig_device import rig_device  # LeRobot's start must not wait for it
+        # LeRobot's start must not wait for it
+        from lerobot_robot_yam.face.lerobot_command.config_refusal import rig_device
 
         return rig_device(TeleoperatorConfig, "teleop", given)

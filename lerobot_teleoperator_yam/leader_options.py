@@ -16,18 +16,9 @@ if TYPE_CHECKING:
 
 
 @dataclass(kw_only=True)
-class LeaderArmConfig(ArmConfig, LeadOptions):
-    """Every field of `ArmConfig`, with a leader's defaults."""
+class GateOptions:
+    """Options of a leader, with motors or without, that concern its follower and the gate between them."""
 
-    gripper: str = option(
-        "end effector, as of a follower; the handle's trigger becomes the gripper's action", "yam_teaching_handle"
-    )
-    start: Literal["hold", "float"] = option(
-        "what the arm does once it is energised: float against gravity, or hold", "float"
-    )
-    follower_arm: str | None = option(
-        "profile whose joint limits the recorded action keeps; by default the leader's own arm", None
-    )
     ee_gripper: str = option(
         "gripper that the follower carries; with no_gripper the action has no gripper", "linear_4310"
     )
@@ -54,8 +45,23 @@ class LeaderArmConfig(ArmConfig, LeadOptions):
     engage_threshold_rad: float = option("a leader farther from home engages, rad", 0.5)
     release_threshold_rad: float = option("a leader nearer to home for release_s releases, rad", 0.3)
     release_s: float = option("see release_threshold_rad, s", 0.5)
-    homing_speed_rad_s: float = option("with which leader and follower go home, rad/s", 0.5)
     approach_speed_rad_s: float = option("with which the follower goes to a leader that engages, rad/s", 1.0)
+
+
+@dataclass(kw_only=True)
+class LeaderArmConfig(ArmConfig, GateOptions, LeadOptions):
+    """Every field of `ArmConfig`, with a leader's defaults."""
+
+    gripper: str = option(
+        "end effector, as of a follower; the handle's trigger becomes the gripper's action", "yam_teaching_handle"
+    )
+    start: Literal["hold", "float"] = option(
+        "what the arm does once it is energised: float against gravity, or hold", "float"
+    )
+    follower_arm: str | None = option(
+        "profile whose joint limits the recorded action keeps; by default the leader's own arm", None
+    )
+    homing_speed_rad_s: float = option("with which leader and follower go home, rad/s", 0.5)
     fine_button: Literal["top", "bottom"] | None = option(
         "button of the teaching handle that switches fine mode on and off", None
     )
@@ -153,8 +159,9 @@ def meanings_of(options: LeaderOptions) -> dict[str, Meaning]:
 
 def refuse_leader(device: str, config: Any) -> None:
     """Refuse a config of which no teleoperator can be made; raises RefusedConfigError."""
+    # loads profiles: LeRobot's start must not wait
     from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
-    from lerobot_robot_yam.face.devices.config_refusal import refuse  # loads profiles: LeRobot's start must not wait
+    from lerobot_robot_yam.face.lerobot_command.config_refusal import refuse
 
     def check(resolved: Mapping[str, Any]) -> None:
         try:

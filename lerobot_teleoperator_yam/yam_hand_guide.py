@@ -2,24 +2,84 @@
 
 import inspect
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
+from types import FrameType
 from typing import Any
 
 from lerobot.teleoperators.teleoperator import Teleoperator
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
+from lerobot.utils.keyboard_input import TerminalKeyListener, create_key_listener
 
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS, motor_names
 from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance
-from lerobot_robot_yam.face.operator_keys.typed_keys import TypedKeys
-from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
+from lerobot_robot_yam.face.lerobot_command.running_command import callers
+from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.system.uncopyable import Uncopied
 from lerobot_teleoperator_yam.config_yam_hand_guide import BiYamHandGuideConfig, YamHandGuideConfig
 
 logger = logging.getLogger(__name__)
 
 _HALF = 0.5
+
+
+class TypedKeys:
+    """Keys that mean something to the driver itself, typed where LeRobot's listener hears its own, from its thread.
+
+    Args:
+        pressed: called with LeRobot's name of the key: a character, or a word such as "left".
+    """
+
+    def __init__(self, pressed: Callable[[str], None]):
+        self._pressed = pressed
+        self._listens = False
+        self._end: Callable[[], None] = lambda: None
+
+    def listen(self, frame: FrameType | None) -> None:
+        """Begin at the first call, when LeRobot's own listener runs; `frame` is where LeRobot has called.
+
+        A terminal has one reader: where LeRobot reads it, its listener tells this one as well.
+        """
+        if self._listens:
+            return
+        self._listens = True
+        theirs = _listener(frame)
+        if theirs is None:
+            own = create_key_listener(self._tell)
+            self._end = (lambda: None) if own is None else own.stop
+            return
+        heard = theirs._on_key
+
+        def both(key: str) -> None:
+            self._tell(key)
+            heard(key)
+
+        def leave() -> None:
+            theirs._on_key = heard
+
+        theirs._on_key, self._end = both, leave
+
+    def stop(self) -> None:
+        """Listen no more. Idempotent."""
+        end, self._end, self._listens = self._end, lambda: None, False
+        end()
+
+    def _tell(self, key: str) -> None:
+        try:
+            self._pressed(key)
+        except Exception:
+            logger.exception("the key %r was not understood", key)
+
+
+def _listener(frame: FrameType | None) -> TerminalKeyListener | None:
+    """The listener of the command that has called down to `frame`, if it reads a terminal."""
+    for caller in callers(frame):
+        values = caller.f_locals
+        for found in (values.get("listener"), getattr(values.get("self"), "_listener", None)):
+            if isinstance(found, TerminalKeyListener):
+                return found
+    return None
 
 
 class HandGuideBase(Uncopied, Teleoperator):

@@ -2,8 +2,10 @@
 
 import inspect
 import logging
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from functools import cached_property
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -13,14 +15,15 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 
 from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.arm.mounting import resolve_profiles
+from lerobot_robot_yam.control.teleop.follower_target import TriggerPickup
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
-from lerobot_robot_yam.face.devices.gate_voice import GateVoice
+from lerobot_robot_yam.face.lerobot_command.running_command import command_of
 from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
-from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
+from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.face.rl.teleop_events import TeleopEventWatch
 from lerobot_robot_yam.face.rl.tool_steps import ToolSteps
-from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import ArmState, coupling_number
 from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderOptions, meanings_of
@@ -28,7 +31,50 @@ from lerobot_teleoperator_yam.leader_options import LeaderOptions, meanings_of
 logger = logging.getLogger(__name__)
 
 _OPEN = 1.0
-_PICKED_UP = 0.05  # of the stroke: so near to the opening that feedback has left, the trigger takes over
+
+_GATE_WORDS = {
+    Gate.HOMING: "going home",
+    Gate.IDLE: "ready",
+    Gate.APPROACH: "approaching",
+    Gate.ENGAGED: "engaged",
+    Gate.FINE: "fine mode",
+    Gate.RECENTRE: "recentring",
+}
+
+
+class GateVoice:
+    """Says aloud what gates do, with LeRobot's voice, where a command's option `play_sounds` has it on.
+
+    Args:
+        together: all leaders have one gate.
+    """
+
+    def __init__(self, together: bool):
+        self._together = together
+        self._say: Callable[[str], None] | None = None
+        self._before: dict[str, Gate] = {}
+
+    def begin(self, frame: FrameType | None) -> None:
+        """Begin a session: find out whether the command that has called down to `frame` speaks."""
+        self._say, self._before = None, {}
+        command = command_of(frame)
+        if command is not None and getattr(command[1], "play_sounds", False):
+            from lerobot.utils.utils import say  # the command has loaded it
+
+            self._say = say
+
+    def tell(self, gates: Mapping[str, Gate]) -> None:
+        """Say what has changed since the last call, of the gates by prefix. Waits for nothing."""
+        if self._say is None:
+            return
+        if self._together:
+            if len(set(gates.values())) > 1:  # a transition comes to the second leader one tick later
+                return
+            gates = {"": next(iter(gates.values()))}
+        for prefix, gate in gates.items():
+            if self._before.get(prefix, gate) is not gate:
+                self._say(f"{prefix.replace('_', ' ')}{_GATE_WORDS[gate]}")
+        self._before = dict(gates)
 
 
 class LeaderBase(ArmDevice, Teleoperator):
@@ -72,14 +118,11 @@ class LeaderBase(ArmDevice, Teleoperator):
         self._given = False  # since it was recognised last
         self._target: np.ndarray = np.zeros(len(self._arms.keys))  # joints that it stands for
         self._was_held = self._follows_feedback = False
-        sides = len(self._arms.sides)
-        self._openings = [_OPEN] * sides  # last ones, for while a handle is silent
-        self._triggers = [_OPEN] * sides  # the same as the triggers say it
-        self._left_by_feedback: list[float | None] = [None] * sides
+        self._pickups = [TriggerPickup() for _ in self._arms.sides]
 
     @cached_property
     def action_features(self) -> dict[str, Any]:
-        """See `ArmDevice`; with `action_space: delta` as LeRobot's RL stack wants them."""
+        """Those of `ArmDevice`; with `action_space: delta` as LeRobot's RL stack wants them."""
         return super().action_features if self._steps is None else self._steps.features
 
     @cached_property
@@ -143,18 +186,20 @@ class LeaderBase(ArmDevice, Teleoperator):
         if self._action is not None and any(state.mode is Mode.STOPPED for state in states):
             return dict(self._action)
         values: list[float] = []
-        for index, (side, state) in enumerate(zip(self._arms.sides, states, strict=True)):
+        for side, state, pickup in zip(self._arms.sides, states, self._pickups, strict=True):
             led = None if side.follower_key is None or self._steps else self._led(side.key, side.follower_key, state)
             if led is not None:
                 values += led[: len(side.motors)]
                 continue
             values += state.q.tolist()
-            if side.has_gripper:
-                if state.gripper is not None:
-                    self._openings[index] = state.gripper
-                elif state.trigger is not None:
-                    self._openings[index] = self._pick_up(index, 1.0 - state.trigger)
-                values.append(self._openings[index])
+            if side.has_gripper and state.gripper is not None:
+                values.append(state.gripper)
+            elif side.has_gripper:
+                if self._follows_feedback:
+                    pickup.leave(_asked(pickup), _trigger(state))
+                else:
+                    pickup.advance(_trigger(state))
+                values.append(_asked(pickup))
         self._target = np.minimum(np.maximum(values, self._lower), self._upper)
         if self._steps is not None and not self._events.intervenes():
             self._steps.begin()
@@ -196,16 +241,6 @@ class LeaderBase(ArmDevice, Teleoperator):
         self._given = False
         return self._target, same
 
-    def _pick_up(self, index: int, trigger: float) -> float:
-        """Opening of a gripper whose trigger says `trigger`: its own once it has met, or passed, what feedback left."""
-        left, before = self._left_by_feedback[index], self._triggers[index]
-        self._triggers[index] = trigger
-        away = left is not None and abs(trigger - left) > _PICKED_UP and (trigger - left) * (before - left) > 0.0
-        if left is not None and (self._follows_feedback or away):
-            return left
-        self._left_by_feedback[index] = None
-        return trigger
-
     @check_if_not_connected
     def send_feedback(self, feedback: Mapping[str, Any]) -> None:
         """Lead the arms to `feedback` (keys as the action) while torque is enabled; ignored while they float.
@@ -220,9 +255,10 @@ class LeaderBase(ArmDevice, Teleoperator):
             logger.warning("%s: floats since the emergency stop was released; feedback is ignored", self)
             self._follows_feedback = False
             return
-        for index, side in enumerate(self._arms.sides):
+        for side, pickup in zip(self._arms.sides, self._pickups, strict=True):
             gripper = None if side.gripper_index is None else min(max(float(vector[side.gripper_index]), 0.0), 1.0)
-            self._left_by_feedback[index] = gripper
+            if gripper is not None:
+                pickup.leave(gripper, math.nan)
             self._arms[side].write_target(vector[side.slice], gripper if side.hardware.has_gripper else None)
 
     @check_if_not_connected
@@ -231,22 +267,34 @@ class LeaderBase(ArmDevice, Teleoperator):
         self._arms.pause_followers()
         for side in self._arms.sides:
             self._arms[side].hold()
-        self._left_by_feedback = list(self._openings)  # to let go of a trigger now drops nothing
+        for pickup in self._pickups:
+            pickup.leave(_asked(pickup), math.nan)  # to let go of a trigger now drops nothing
         self._was_held = self._follows_feedback = True
 
     @check_if_not_connected
     def disable_torque(self) -> None:
         """Float, supported against gravity; never limp. Feedback is ignored."""
-        if not self._was_held:  # what an earlier handover has left is long past
-            self._left_by_feedback = [None] * len(self._arms.sides)
         self._follows_feedback = False
         self._arms.resume_followers()
         for side in self._arms.sides:
             self._arms[side].float()
-        self._was_held = False
         for index, state in enumerate(self._arms.observe()):
-            if state.trigger is not None:
-                self._triggers[index] = 1.0 - state.trigger  # from here on it can meet or pass the gripper
+            opening = _asked(self._pickups[index])
+            if not self._was_held:  # what an earlier handover has left is long past
+                self._pickups[index] = TriggerPickup()
+                self._pickups[index].opening = opening
+            elif state.trigger is not None:  # from here on it can meet or pass the gripper
+                self._pickups[index].leave(opening, state.trigger)
+        self._was_held = False
+
+
+def _trigger(state: ArmState) -> float:
+    return math.nan if state.trigger is None else state.trigger
+
+
+def _asked(pickup: TriggerPickup) -> float:
+    """Opening that a trigger asks for; before its first report that is open."""
+    return _OPEN if pickup.opening is None else pickup.opening
 
 
 class YamLeader(LeaderBase):

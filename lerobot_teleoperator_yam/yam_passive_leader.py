@@ -15,7 +15,7 @@ from lerobot_robot_yam.damiao.bus_port import BusPort
 from lerobot_robot_yam.damiao.passive_encoders import PassiveEncoders
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 from lerobot_robot_yam.face.devices.arm_group import ArmGroup
-from lerobot_robot_yam.face.recorder.record_command import saves_finished_episode
+from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.session.arm_session import Isolation
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_teleoperator_yam.config_yam_passive_leader import BiYamPassiveLeaderConfig, YamPassiveLeaderConfig
@@ -80,9 +80,10 @@ class PassiveLeaderBase(LeaderBase):
     @check_if_not_connected
     @saves_finished_episode
     def get_action(self) -> dict[str, float]:
-        """As of a leader with motors. While the leaders are stopped the followers hold where they are.
+        """Give the action as a leader with motors does.
 
-        They stay stopped after an emergency stop, see `PassiveStop`: the last action may be of a leader that fell.
+        While the leaders are stopped the followers hold where they are. The leaders stay stopped after an emergency
+        stop, see `PassiveStop`: the last action may be of a leader that fell.
 
         Raises:
             LifeCycleError: they are stopped, and there has been no action yet.

@@ -118,7 +118,8 @@ def _plan(args: argparse.Namespace) -> Plan:
     if args.config_path is not None:
         if args.channel:
             raise ConfigError("give --channel or --config_path, not both")
-        from lerobot_robot_yam.face.devices.rig_device import check_options  # imports LeRobot, which takes seconds
+        # imports LeRobot, which takes seconds
+        from lerobot_robot_yam.face.lerobot_command.config_refusal import check_options
 
         return from_config(args.config_path, args.rig, check_options)
     interface = args.interface or (VIRTUAL if args.rig else SOCKETCAN)

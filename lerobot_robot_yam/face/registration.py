@@ -94,7 +94,7 @@ def register_as[C: type](registry: Any, name: str, spare: str | None = None) -> 
 
     Args:
         registry: LeRobot's base class of such configs.
-        name: of the type. When another plugin has taken it, the class gets the spare name.
+        name: the type. When another plugin has taken it, the class gets the spare name.
         spare: another name for the same class, None without one.
     """
 

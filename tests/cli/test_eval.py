@@ -12,7 +12,7 @@ from lerobot_robot_yam.commands.data.gathering import demonstrate
 from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
 from lerobot_robot_yam.yam_env import YamEnv
 from tests.cli.conftest import Commands
-from tests.face.envs.test_yam_env import two_arms
+from tests.face.test_yam_env import two_arms
 from tests.policy_plugin.checkpoints import save_replayed
 
 CONFIG = "train/lift_and_place_eval"

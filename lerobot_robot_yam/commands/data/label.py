@@ -19,9 +19,9 @@ from pathlib import Path
 from lerobot_robot_yam.commands.data.dataset_command import add_paths, bar, paths, say
 from lerobot_robot_yam.commands.lib.arm_command import run_command, table
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.datasets.layout import INFO, episodes_in
 from lerobot_robot_yam.face.recorder import outcomes
 from lerobot_robot_yam.face.recorder.outcomes import DISCARD, KINDS, Outcome
-from lerobot_robot_yam.face.recorder.record_command import INFO, episodes_in
 
 _EDIT = re.compile(r"(\d+)(?:-(\d+))?=(\w+)")
 _NONE = "none"

@@ -16,8 +16,7 @@ from lerobot.teleoperators.config import TeleoperatorConfig
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.doctor.kit.targets import calibration_root
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices.config_refusal import arm_config
-from lerobot_robot_yam.face.devices.rig_device import rig_device
+from lerobot_robot_yam.face.lerobot_command.config_refusal import arm_config, rig_device
 from lerobot_robot_yam.system.strict_yaml import read_yaml
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 

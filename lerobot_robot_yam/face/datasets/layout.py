@@ -3,6 +3,7 @@
 LeRobot takes seconds to import: nothing here needs it, but to find a data set by its name.
 """
 
+import json
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from pathlib import Path
@@ -14,6 +15,7 @@ from lerobot_robot_yam.system.paths import user_path
 Progress = Callable[[Iterable[Any]], Iterable[Any]]
 """Wraps a loop to show how far it is."""
 
+INFO = Path("meta", "info.json")
 DEGREES_SUFFIX = "_degrees"  # of the name of a robot whose joints are recorded in degrees
 
 
@@ -72,3 +74,17 @@ def frame_count(path: Path) -> int:
             return sum(stream.frames for stream in video.streams.video[:1])
     except (av.FFmpegError, OSError):
         return 0
+
+
+def episodes_in(root: Path) -> int | None:
+    """How many episodes the data set in a folder has; None if there is no data set."""
+    try:
+        return int(json.loads((root / INFO).read_text())["total_episodes"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def is_empty(root: Path) -> bool:
+    """Whether a folder is a data set in which nothing was ever recorded: no rows, no images, no videos."""
+    recorded = (path for pattern in ("*.parquet", "*.mp4", "*.png") for path in root.rglob(pattern))
+    return episodes_in(root) == 0 and next(recorded, None) is None

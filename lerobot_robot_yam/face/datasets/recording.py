@@ -17,10 +17,13 @@ from typing import Any
 import numpy as np
 from lerobot.utils.constants import ACTION, HF_LEROBOT_HOME, OBS_STATE
 
+from lerobot_robot_yam.arm.joint_map import TURN
 from lerobot_robot_yam.face.datasets.layout import DEGREES_SUFFIX, value_names
 
 logger = logging.getLogger(__name__)
 
+RADIANS, DEGREES = "radians", "degrees"
+_OURS = ("yam_follower", "bi_yam_follower")
 _TOOL_SUFFIX = "_ee"
 _STATISTICS = ("min", "max", "mean", "q01", "q99")  # any of them will do
 _PIPELINES = ("policy_preprocessor.json", "policy_postprocessor.json")
@@ -34,7 +37,7 @@ class Recording:
     Attributes:
         what: what messages call it.
         robot_type: what its robot was called, empty where it does not say.
-        names: of the values of an action, empty where it does not say.
+        names: names of the values of an action, empty where it does not say.
         statistics: LeRobot's, by feature and kind: {"action": {"max": (n,), …}, "observation.state": …}.
         config: the saved config of a checkpoint's policy, empty without one.
     """
@@ -58,6 +61,21 @@ class Recording:
                 if len(values) == n or (len(values) > n and feature != ACTION):
                     found.append(float(np.abs(values[:n][which]).max(initial=0.0)))
         return max(found, default=None)
+
+
+def unit_of(recording: Recording, is_joint: np.ndarray) -> str | None:
+    """Unit of the joints, None if the recording does not tell.
+
+    Args:
+        recording: a data set or a checkpoint.
+        is_joint: (n,) which values of an action are angles; the others are grippers.
+    """
+    if recording.robot_type.endswith(DEGREES_SUFFIX):
+        return DEGREES
+    largest = recording.largest(is_joint)
+    if largest is None:
+        return RADIANS if recording.robot_type in _OURS else None
+    return DEGREES if largest > TURN else RADIANS
 
 
 def recorded_name(device: str, use_degrees: bool, action_space: str) -> str:

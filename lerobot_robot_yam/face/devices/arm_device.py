@@ -10,8 +10,8 @@ from lerobot.utils.decorators import check_if_not_connected
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.arm_group import ArmGroup
-from lerobot_robot_yam.face.devices.config_refusal import arm_config
 from lerobot_robot_yam.face.devices.pair_check import Models
+from lerobot_robot_yam.face.lerobot_command.config_refusal import arm_config
 from lerobot_robot_yam.session.arm_session import Isolation
 from lerobot_robot_yam.system.uncopyable import Uncopied
 

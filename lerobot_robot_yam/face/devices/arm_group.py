@@ -14,8 +14,8 @@ from lerobot_robot_yam.arm.config import ArmConfig, lead_of
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.face.devices.feature_names import motor_names
 from lerobot_robot_yam.face.devices.pair_check import Models, Spoken, check_followers, check_pair
-from lerobot_robot_yam.face.recorder.kept_episodes import tell_what_is_kept
-from lerobot_robot_yam.face.recorder.record_command import stop_after_saving, under_a_command
+from lerobot_robot_yam.face.lerobot_command.running_command import under_a_command
+from lerobot_robot_yam.face.recorder.kept_episodes import stop_after_saving, tell_what_is_kept
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.session.target_limits import refuse_degrees, validate_action
@@ -132,9 +132,9 @@ class ArmGroup:
         Args:
             calibrate: False means that a calibration may follow (lerobot-calibrate): the grippers' stops are not
                 sought, and those that are known but do not fit are put aside.
-            action_keys: of the device. A leader's in this process have to be a follower's.
+            action_keys: keys of the device's actions. A leader's in this process have to be a follower's.
             models: likewise.
-            give_action, recognise: of a leader, see `ArmGroup`.
+            give_action, recognise: given by a leader, see `ArmGroup`.
 
         Raises:
             YamError: what failed; nothing is energised.
@@ -210,7 +210,7 @@ class ArmGroup:
             self._undo_signals()
 
     def calibrate(self) -> None:
-        """See `ArmDevice.calibrate`."""
+        """Search the stops of gripper motors and store them, see `ArmDevice.calibrate`."""
         for side, config in zip(self.sides, self._configs, strict=True):
             if side.hardware.has_gripper:
                 self[side].calibrate_gripper()
@@ -222,7 +222,7 @@ class ArmGroup:
                 logger.info("%s: nothing to calibrate, there is no gripper motor", side.name)
 
     def rearm(self) -> None:
-        """See `ArmDevice.rearm`."""
+        """Enable again what has failed, see `ArmDevice.rearm`."""
         self._session.rearm()
 
     def leader(self) -> "ArmGroup | None":

@@ -25,7 +25,7 @@ _announced: "list[HandGuidance]" = []  # by connected teleoperators of this proc
 
 
 class HandGuidance:
-    """Of one teleoperator.
+    """Guidance of one follower by one teleoperator.
 
     Args:
         device: LeRobot's type name, for messages.

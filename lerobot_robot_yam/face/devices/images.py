@@ -94,7 +94,7 @@ class LateImages:
         self._told_s, self._untold = -math.inf, 0
 
     def tell(self, late: str) -> None:
-        """late: of one observation, as `newest_images` returns it."""
+        """Warn, or count, what `newest_images` has said of one observation."""
         self._untold += 1
         if time.monotonic() - self._told_s > _TOLD_S:
             also = f" (and {self._untold - 1} times since this was said)" if self._untold > 1 else ""

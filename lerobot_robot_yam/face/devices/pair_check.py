@@ -10,14 +10,14 @@ import numpy as np
 from lerobot_robot_yam.arm.config import SOCKETCAN, ArmConfig, lead_of
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.errors import ChannelInUseError, ConfigError
-from lerobot_robot_yam.face.devices.cli_options import channels_of
 from lerobot_robot_yam.face.devices.feature_names import space_of
-from lerobot_robot_yam.face.recorder.record_command import under_a_command
+from lerobot_robot_yam.face.lerobot_command.given_options import channels_of
+from lerobot_robot_yam.face.lerobot_command.running_command import under_a_command
 from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
 
 Models = Sequence[tuple[ArmProfile, GripperProfile]]
-"""Of each arm in canonical order: the arm and end effector that actions speak of."""
+"""The arm and the end effector that actions speak of, for each arm in canonical order."""
 
 _INTERFACES = Path("/sys/class/net")
 
@@ -28,7 +28,7 @@ class Spoken:
 
     Attributes:
         device: its name, for messages.
-        action_keys: of its actions.
+        action_keys: keys of its actions.
         use_degrees: its angles are degrees.
         models: what they are the joints of.
     """
@@ -70,7 +70,7 @@ def check_followers(leaders: Sequence[ArmConfig], driven: Collection[str]) -> No
     """Refuse followers (a leader's option `follower`) that this process cannot lead.
 
     Args:
-        leaders: of the leaders' arms.
+        leaders: configs of the leaders' arms.
         driven: keys of the channels whose arms this process drives.
 
     Raises:

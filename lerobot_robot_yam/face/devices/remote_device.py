@@ -33,7 +33,7 @@ class RemoteOptions:
         Raises:
             RefusedConfigError: the host does not answer, or has other arms.
         """
-        from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError
+        from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
         from lerobot_robot_yam.remote.host_address import HostAddress
         from lerobot_robot_yam.remote.host_question import Host
         from lerobot_robot_yam.remote.hosted_device import HostedDevice

@@ -54,7 +54,7 @@ class ServerConnection:
         check: called with the metadata of every greeting; raises where they do not fit.
 
     Attributes:
-        metadata: of the last greeting.
+        metadata: what the last greeting said.
 
     Raises:
         ConfigError: there is no API key where the config says.

@@ -3,68 +3,8 @@
 A key of LeRobot's brings the command closer to what the button means; only a stop sets flags (`StopRequest`).
 """
 
-import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from enum import Enum
-from typing import Any
-
+from lerobot_robot_yam.face.lerobot_command.running_command import AGAIN, LEAVE_LOOP, STOP, Phase, Situation
 from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
-from lerobot_robot_yam.face.recorder.record_command import AGAIN, LEAVE_LOOP, STOP
-
-RECORD = "lerobot-record"
-_KEY_S = 0.2  # longest time from the look at a command to its answer at the next frame, s
-
-
-class Phase(Enum):
-    """What a LeRobot command does."""
-
-    BETWEEN = "between two phases"  # it connects, saves, ends
-    RECORDING = "recording"
-    RESETTING = "resetting"
-    AUTONOMOUS = "autonomous"  # the policy drives
-    PAUSED = "paused"
-    CORRECTING = "correcting"
-
-
-@dataclass(frozen=True)
-class Situation:
-    """A look at a LeRobot command.
-
-    Attributes:
-        command: what messages call it, empty without one.
-        phase: what it does.
-        keys: of what it can be asked for by key, the key, as LeRobot's listeners call it.
-        dataset: LeRobot's data set that it writes, once there is one.
-        turn: tells one run of its loop from another.
-        drops: the episode before is dropped, not saved, when the reset ends.
-        left_s: until the phase ends by itself.
-        flags: of a command that records episode by episode, LeRobot's own, which its keys set.
-        do: what LeRobot's listener does at one of these keys.
-    """
-
-    command: str = ""
-    phase: Phase = Phase.BETWEEN
-    keys: Mapping[Meaning, str] = field(default_factory=dict)
-    dataset: Any = None
-    turn: float = 0.0
-    drops: bool = False
-    left_s: float = math.inf
-    flags: dict[str, Any] = field(default_factory=dict)
-    do: Callable[[str], None] = lambda key: None
-
-    @property
-    def frames(self) -> int:
-        """Frames of the episode that is not saved yet."""
-        writer = self.dataset.writer if self.dataset is not None else None
-        buffer = writer.episode_buffer if writer is not None else None
-        return int(buffer.get("size", 1)) if buffer is not None else 0  # LeRobot takes the count away while it saves
-
-    @property
-    def ends_by_itself(self) -> bool:
-        """It ends so soon that a key would end what comes next, perhaps an episode that has no frame yet."""
-        return self.left_s < _KEY_S
-
 
 _STEPS = {  # from → to: what to press first
     (Phase.AUTONOMOUS, Phase.PAUSED): Meaning.PAUSE,
@@ -197,7 +137,7 @@ _DROPPED = {
 
 
 def offers(now: Situation, first: int, automatic: bool) -> dict[str, str]:
-    """Of each meaning that does something now, what that is.
+    """Say in words what each meaning would do now; a meaning that does nothing is left out.
 
     Args:
         now: what the command does.

@@ -1,4 +1,4 @@
-"""What buttons of teaching handles can mean, and the option `buttons` that says which means what."""
+"""Buttons of teaching handles: what they can mean, the option `buttons` that says which means what, and presses."""
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
@@ -6,6 +6,7 @@ from enum import StrEnum
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.state.records import ArmState
 
 BUTTONS = ("top", "bottom")  # of a handle, as its report has them
 
@@ -56,7 +57,7 @@ def button_meanings(given: Any, prefixes: Sequence[str], taken: Mapping[str, str
 
     Args:
         given: the option `buttons`: one of `SETS`, or meaning → button or list of buttons.
-        prefixes: of the arms with a handle: "" of a single one, "left_", "right_".
+        prefixes: prefix of each arm with a handle: "" for a single arm, "left_", "right_".
         taken: buttons that another option uses, and its name.
 
     Raises:
@@ -100,3 +101,28 @@ def _known(word: Any, what: str, known: Iterable[str]) -> str:
     near = difflib.get_close_matches(str(word), names, 1)
     meant = f"did you mean {near[0]!r}? Known: " if near else "known: "
     raise ConfigError(f"no {what} {word!r}; {meant}{', '.join(names)}")
+
+
+class RisingEdges:
+    """Finds when buttons are pressed: they were up, and are down. The control loop has taken bounces out before.
+
+    A button that is down at first, or when its handle is heard again, has to be up before.
+    """
+
+    def __init__(self) -> None:
+        self._up: set[str] = set()  # at the last look
+
+    def pressed(self, buttons: Mapping[str, bool | None]) -> list[str]:
+        """The buttons that were pressed since the last look. None: its handle is silent, nobody knows."""
+        edges = [name for name, down in buttons.items() if down and name in self._up]
+        self._up = {name for name, down in buttons.items() if down is False}
+        return edges
+
+
+def buttons_of(states: Mapping[str, ArmState]) -> dict[str, bool | None]:
+    """Whether each button, such as left_bottom, is down, of arms by prefix; None: its handle is silent."""
+    return {
+        f"{prefix}{name}": None if state.trigger is None else down
+        for prefix, state in states.items()
+        for name, down in zip(BUTTONS, state.buttons, strict=True)
+    }

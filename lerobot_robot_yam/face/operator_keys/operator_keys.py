@@ -9,13 +9,14 @@ from queue import Empty, SimpleQueue
 from types import FrameType
 
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.face.operator_keys import key_plan, requests, running_command
+from lerobot_robot_yam.face.lerobot_command import running_command
+from lerobot_robot_yam.face.lerobot_command.running_command import Phase, Situation
+from lerobot_robot_yam.face.operator_keys import key_plan, requests
 from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted, led_by_hand
-from lerobot_robot_yam.face.operator_keys.edges import RisingEdges, buttons_of
-from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation, StopRequest
-from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
+from lerobot_robot_yam.face.operator_keys.key_plan import StopRequest
+from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning, RisingEdges, buttons_of
 from lerobot_robot_yam.face.operator_keys.requests import Press
-from lerobot_robot_yam.face.recorder.outcome_book import OutcomeBook
+from lerobot_robot_yam.face.recorder.outcomes import OutcomeBook
 from lerobot_robot_yam.state.records import ArmState
 
 logger = logging.getLogger(__name__)
@@ -30,7 +31,7 @@ _GOAL_S = 60.0  # LeRobot aligns leaders for 2 s, and saves for as long as it ta
 
 
 class OperatorKeys:
-    """Of one leader device, from its connect to its disconnect; or of a follower, for requests alone.
+    """Keys that one leader device presses, from its connect to its disconnect; a follower has them for requests alone.
 
     Args:
         meanings: of buttons, such as left_bottom; empty: none has any.
@@ -128,7 +129,7 @@ class OperatorKeys:
         self._asked.put(press)
 
     def offers(self, now: Situation, first: int) -> dict[str, str]:
-        """See `Doer`."""
+        """Say in words what can be asked for now, see `Doer`."""
         return key_plan.offers(now, first, self._automatic)
 
     def _answer(self, press: Press, now: Situation, now_s: float) -> None:

@@ -2,16 +2,16 @@
 
 from typing import NamedTuple, Protocol
 
-from lerobot_robot_yam.face.operator_keys.key_plan import Situation
+from lerobot_robot_yam.face.lerobot_command.running_command import Situation
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 
 
 class Press(NamedTuple):
-    """Of a button, or a request as if it were one.
+    """A press of a button, or a request as if it were one.
 
     Attributes:
         by: the button, or who asks.
-        meaning: of it.
+        meaning: what it asks for.
         turn: the run of the command's loop that it is for; None: whichever.
     """
 
@@ -27,7 +27,7 @@ class Doer(Protocol):
         """As if a button had been pressed. Any thread may ask."""
 
     def offers(self, now: Situation, first: int) -> dict[str, str]:
-        """Of each meaning that does something now, what that is; `first`: episodes before this session."""
+        """Say in words what each meaning would do now; `first`: episodes before this session."""
 
 
 _doers: list[Doer] = []

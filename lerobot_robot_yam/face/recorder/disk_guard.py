@@ -25,13 +25,13 @@ _WARNED_S = 600.0
 
 
 class DiskGuard:
-    """Of one recording.
+    """Room on the disk for one recording.
 
     Args:
         root: folder of the data set.
         features: LeRobot's, of the data set.
         options: LeRobot's options of the data set: episodes, seconds, video.
-        fps: of the data set.
+        fps: frames per second that the data set says.
     """
 
     def __init__(self, root: Path, features: dict[str, dict[str, Any]], options: Any, fps: int):

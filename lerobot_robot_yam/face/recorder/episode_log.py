@@ -5,6 +5,7 @@ Nothing that goes wrong in here ends a recording.
 
 import json
 import logging
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -12,14 +13,13 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
+from lerobot_robot_yam.face.lerobot_command.running_command import Phase, Situation, recording
 from lerobot_robot_yam.face.recorder.disk_guard import LEFT_FREE, DiskGuard
 from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR, tell_what_is_kept
-from lerobot_robot_yam.face.recorder.record_command import RecordCommand, running_record
-from lerobot_robot_yam.face.recorder.status_line import StatusLine
 from lerobot_robot_yam.state.records import ArmState, Limited
 
 logger = logging.getLogger(__name__)
@@ -28,6 +28,7 @@ _LOOK_S = 0.5  # between two looks at the disk, and two status lines
 _LATE = 1.5  # of a frame's time
 _SAMPLE = 16  # compared first: every sixteenth row and column
 _SLOW = 0.95  # of the frames per second that the data set says
+_CLEAR = "\r\x1b[K"
 
 
 @dataclass
@@ -37,7 +38,7 @@ class EpisodeFigures:
     Filled while the episode is recorded.
 
     Attributes:
-        index: of the episode.
+        index: number of the episode.
         fps: frames per second that the data set says.
         begun: date and time, ISO 8601 with the time zone.
         times_s: of each frame, monotonic.
@@ -125,8 +126,62 @@ def _same(before: Any, image: Any) -> bool:
     return np.array_equal(before[::_SAMPLE, ::_SAMPLE], image[::_SAMPLE, ::_SAMPLE]) and np.array_equal(before, image)
 
 
+class StatusLine(logging.Filter):
+    """One line at the bottom of a terminal that says how the recording goes; lines of the log push it down.
+
+    Shown only where there is a terminal. Lets every record of the log pass, after the line is cleared.
+
+    Args:
+        stream: where the log goes, too.
+    """
+
+    def __init__(self, stream: TextIO | None = None):
+        super().__init__()
+        self._stream = stream or sys.stderr
+        self._on = self._stream is not None and self._stream.isatty()  # a program may run without any
+        self._shown = False
+
+    def begin(self) -> None:
+        """Watch the log from now on."""
+        for handler in logging.getLogger().handlers if self._on else ():
+            handler.addFilter(self)
+
+    def show(self, text: str) -> None:
+        """Replace what is shown. The cursor goes back: what others print replaces it, too."""
+        if self._on:
+            self._write(f"{_CLEAR}{text}\r")
+            self._shown = self._on
+
+    def _write(self, text: str) -> None:
+        """Never fails: a terminal may be gone while arms have to land, and a signal may strike in the middle."""
+        try:
+            self._stream.write(text)
+            self._stream.flush()
+        except (OSError, ValueError, RuntimeError):
+            self._on = False
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Clear the line for a record of the log."""
+        self.clear()
+        return True
+
+    def clear(self) -> None:
+        """Show nothing."""
+        if self._shown:
+            self._shown = False
+            self._write(_CLEAR)
+
+    def end(self) -> None:
+        """Clear the line, and leave the log alone."""
+        self.clear()
+        for handler in logging.getLogger().handlers:
+            handler.removeFilter(self)
+
+
 class EpisodeLog:
-    """Of one robot, from its connect to its disconnect. Does nothing under other commands.
+    """Log of the episodes that one robot records. Does nothing under other commands.
+
+    It lives from the robot's connect to its disconnect.
 
     Args:
         frame: the robot's, before its arms are energised.
@@ -142,23 +197,23 @@ class EpisodeLog:
         self._looked_s = self._loop_began_s = 0.0
         self._status = StatusLine()
         tell_what_is_kept(frame)
-        self._command = command = running_record(frame)
+        self._command = command = recording(frame)
         if command is None:
             return
-        dataset = command.dataset
+        dataset, options = command.dataset, command.config.dataset
         self._first = dataset.num_episodes
-        self._guard = DiskGuard(Path(dataset.root), dataset.features, command.options, dataset.fps)
-        self._guard.check(command.options.num_episodes)
+        self._guard = DiskGuard(Path(dataset.root), dataset.features, options, dataset.fps)
+        self._guard.check(options.num_episodes)
         self._status.begin()
 
     def observed(self, frame: FrameType | None, states: Sequence[ArmState], images: Mapping[str, Any]) -> None:
         """One observation, which LeRobot records if an episode is on."""
         if self._command is not None:
-            self._carefully(lambda: self._observed(running_record(frame), states, images))
+            self._carefully(lambda: self._observed(recording(frame), states, images))
 
     def sent(self, changed: bool) -> None:
         """An action was sent; changed: not as it was given."""
-        if self._figures is not None and self._command is not None and self._command.records:
+        if self._figures is not None and self._command is not None and self._command.phase is Phase.RECORDING:
             self._figures.changed += changed
 
     def end(self) -> None:
@@ -175,38 +230,38 @@ class EpisodeLog:
             logger.warning("no figures of episodes from now on: %r", error)
             self._command = None
 
-    def _observed(self, command: RecordCommand | None, states: Sequence[ArmState], images: Mapping[str, Any]) -> None:
+    def _observed(self, command: Situation | None, states: Sequence[ArmState], images: Mapping[str, Any]) -> None:
         if command is None or self._command is None:
             return
-        if command.loop != self._command.loop:
+        if command.turn != self._command.turn:
             self._turn(command, states)
         self._command = command
         now_s = time.monotonic()
-        if command.records and self._figures is not None:
+        if command.phase is Phase.RECORDING and self._figures is not None:
             self._figures.add_frame(now_s, images, any(state.limited & Limited.SPEED for state in states))
             self._figures.lost = _lost(states) - self._lost_before
         if now_s - self._looked_s > _LOOK_S:
             self._looked_s = now_s
             self._look(command, now_s - self._loop_began_s)
 
-    def _look(self, command: RecordCommand, elapsed_s: float) -> None:
+    def _look(self, command: Situation, elapsed_s: float) -> None:
         """The status line; and the end of an episode that would fill the disk."""
-        options, free = command.options, self._guard.free_bytes()
-        if command.records and free < LEFT_FREE:
+        options, free = command.config.dataset, self._guard.free_bytes()
+        if command.phase is Phase.RECORDING and free < LEFT_FREE:
             logger.warning("the disk of %s is almost full: the recording ends now", command.dataset.root)
             command.stop()
-        if command.records and self._figures is not None:
+        if command.phase is Phase.RECORDING and self._figures is not None:
             what = f"episode {self._figures.index} ({self._figures.index - self._first + 1} of {options.num_episodes})"
             left_s, rate = options.episode_time_s - elapsed_s, f"{self._figures.achieved_fps:.1f} fps, "
         else:
             what, left_s, rate = "reset the scene", options.reset_time_s - elapsed_s, ""
         self._status.show(f"{what}: {max(left_s, 0.0):.0f} s left, {rate}{free / 1e9:.0f} GB free")
 
-    def _turn(self, command: RecordCommand, states: Sequence[ArmState]) -> None:
+    def _turn(self, command: Situation, states: Sequence[ArmState]) -> None:
         """LeRobot has left its loop and entered it anew."""
         self._loop_began_s = time.monotonic()
         self._tell()
-        if not command.records:  # it resets; the episode before is not saved yet
+        if command.phase is not Phase.RECORDING:  # it resets; the episode before is not saved yet
             return
         self._keep()
         index = command.dataset.num_episodes

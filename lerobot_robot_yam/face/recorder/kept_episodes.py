@@ -1,17 +1,24 @@
-"""The last lines of a recording: which episodes are kept, what is wrong with them, and what to do."""
+"""Which episodes of a recording are kept: a finished one is saved whatever ends the command, and the last lines say it.
+
+LeRobot saves an episode behind the reset that follows it. A signal or an error meanwhile would cost the episode.
+"""
 
 import atexit
+import functools
+import inspect
 import json
 import logging
 import shlex
 import shutil
-from collections.abc import Iterable, Iterator
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
+from lerobot_robot_yam.face.datasets.layout import is_empty
+from lerobot_robot_yam.face.lerobot_command.running_command import LEAVE_LOOP, STOP, Phase, Situation, recording
 from lerobot_robot_yam.face.recorder.outcomes import DISCARD
-from lerobot_robot_yam.face.recorder.record_command import is_empty, running_record
 
 if TYPE_CHECKING:  # the command has loaded it, other commands need not
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -29,7 +36,7 @@ def tell_what_is_kept(frame: FrameType | None) -> None:
     A data set that this command has made and that holds nothing is removed: it would refuse the same command.
     """
     global _told_of
-    command = running_record(frame)
+    command = recording(frame)
     if command is not None and command.dataset is not _told_of:
         # Here, not at exit: a module that is loaded then makes Python forget that an interrupt ends the process, and
         # its exit status would be 1 (see `system.signals`).
@@ -37,7 +44,7 @@ def tell_what_is_kept(frame: FrameType | None) -> None:
 
         _told_of = command.dataset
         root = Path(command.dataset.root).resolve()  # the working directory may change
-        atexit.register(_say_kept, command.dataset, root, command.dataset.num_episodes, command.resumes)
+        atexit.register(_say_kept, command.dataset, root, command.dataset.num_episodes, command.config.resume)
 
 
 def _say_kept(dataset: "LeRobotDataset", root: Path, before: int, resumes: bool) -> None:
@@ -85,3 +92,65 @@ def read_figures(root: Path) -> dict[int, dict[str, Any]]:
         except (ValueError, TypeError, KeyError):  # half a line, which a power cut has left
             continue
     return found
+
+
+class _SaveThenStop:
+    """In the place of the stop flag: LeRobot reads it before it resets, and again when it has saved."""
+
+    def __init__(self, now: Situation, why: str):
+        self._now, self._why = now, why
+
+    def __bool__(self) -> bool:
+        """True while a finished episode is to be saved.
+
+        Raises:
+            KeyboardInterrupt: it is saved; the command ends as by Ctrl-C.
+        """
+        if self._now.frames:
+            return True
+        raise KeyboardInterrupt(self._why)
+
+
+def stop_after_saving(frame: FrameType | None, why: str) -> bool:
+    """Have a signal wait until the episode is saved that is finished, but not saved yet.
+
+    Args:
+        frame: where the signal has struck.
+        why: what the KeyboardInterrupt says that follows.
+
+    Returns:
+        Whether there is such an episode, or one is being saved. If not, nothing was done.
+    """
+    now = recording(frame)
+    ends_already = sys.exception() is not None  # LeRobot closes the data set: it saves no more
+    if now is None or now.phase is Phase.RECORDING or ends_already or not now.frames:
+        return False
+    now.flags[STOP], now.flags[LEAVE_LOOP] = _SaveThenStop(now, why), True
+    first = "drops the episode" if now.drops else "saves the finished episode"
+    logger.info("%s: %s first; once more ends it at once", why, first)
+    return True
+
+
+def saves_finished_episode[**P, R](method: Callable[P, R]) -> Callable[P, R]:
+    """Decorator of what LeRobot's loop calls: an error while the scene is reset does not cost the episode before."""
+
+    @functools.wraps(method)
+    def careful(*arguments: P.args, **options: P.kwargs) -> R:
+        try:
+            return method(*arguments, **options)
+        except Exception:
+            _save_finished(inspect.currentframe())
+            raise
+
+    return careful
+
+
+def _save_finished(frame: FrameType | None) -> None:
+    now = recording(frame)
+    if now is None or now.phase is not Phase.RESETTING or now.drops or not now.frames:
+        return
+    logger.info("saves the finished episode before it ends with an error")
+    try:
+        now.dataset.save_episode()
+    except Exception as error:
+        logger.error("the finished episode cannot be saved: %r", error)

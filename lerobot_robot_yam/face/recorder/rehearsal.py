@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from lerobot.utils.constants import OBS_IMAGES
 
-from lerobot_robot_yam.face.recorder.record_command import RecordCommand, running_record
+from lerobot_robot_yam.face.lerobot_command.running_command import Situation, recording
 
 if TYPE_CHECKING:  # the command has loaded it, other commands need not
     from lerobot.datasets.video_utils import StreamingVideoEncoder
@@ -32,7 +32,7 @@ def rehearse(frame: FrameType | None, step: Callable[[], Mapping[str, Any]]) -> 
         frame: that of the robot's `connect`.
         step: observes and moves the robot once; returns the images by name. Its errors are passed on.
     """
-    command = running_record(frame)
+    command = recording(frame)
     if command is None:
         return
     with tempfile.TemporaryDirectory() as directory:
@@ -66,9 +66,9 @@ def _run(period_s: float, step: Callable[[], Mapping[str, Any]], encoder: Any, v
     return False
 
 
-def _encoder(command: RecordCommand, directory: Path) -> "StreamingVideoEncoder | None":
+def _encoder(command: Situation, directory: Path) -> "StreamingVideoEncoder | None":
     """One as the recording's own, at work; None where it encodes afterwards."""
-    options, meta = command.options, command.dataset.meta
+    options, meta = command.config.dataset, command.dataset.meta
     if not options.streaming_encoding or not meta.video_keys:
         return None
     from lerobot.datasets.video_utils import StreamingVideoEncoder

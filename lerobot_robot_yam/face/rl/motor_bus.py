@@ -1,6 +1,5 @@
 """What LeRobot's RL stack (`lerobot.rl`) asks of a robot's bus, answered from the arm's state and by its targets."""
 
-import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -19,7 +18,7 @@ class MotorBus:
     """The motors of one follower arm, by the names and in the units of its features.
 
     Args:
-        arms: of the follower.
+        arms: the follower's.
         send: its `send_action`.
     """
 
@@ -64,14 +63,15 @@ class MotorBus:
         """
         self._check(register, "Goal_Position", "it is the only one that can be written")
         action = {f"{name}.pos": float(value) for name, value in values.items()}
-        before, moved_s = self._arms.held(), time.monotonic()
-        while time.monotonic() - moved_s < _BLOCKED_S:
+        clock = self._arms.clock
+        before, moved_s = self._arms.held(), clock.now()
+        while clock.now() - moved_s < _BLOCKED_S:
             sent, now = self._arms.vector(self._send(action)), self._arms.held()
             if np.abs(sent - now).max() < _THERE:
                 return
             if np.abs(now - before).max() > _MOVES:
-                before, moved_s = now, time.monotonic()
-            time.sleep(_TICK_S)
+                before, moved_s = now, clock.now()
+            clock.sleep(_TICK_S)
 
     def _check(self, register: str, known: str, remedy: str) -> None:
         if register != known:

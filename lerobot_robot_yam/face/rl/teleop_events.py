@@ -10,8 +10,7 @@ from lerobot.teleoperators.utils import TeleopEvents
 
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.operator_keys.auto_episodes import LIFTED
-from lerobot_robot_yam.face.operator_keys.edges import RisingEdges, buttons_of
-from lerobot_robot_yam.face.operator_keys.meanings import Meaning
+from lerobot_robot_yam.face.operator_keys.meanings import Meaning, RisingEdges, buttons_of
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import ArmState
 

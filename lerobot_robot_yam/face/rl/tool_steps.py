@@ -31,9 +31,9 @@ class ToolSteps:
 
     Args:
         arms: the leader.
-        models: of its follower.
+        models: profiles of its follower.
         step_m: longest step along an axis, `end_effector_step_sizes` of LeRobot's config.
-        opening: of the follower's gripper as it is asked for, 0 closed … 1 open.
+        opening: reads the opening that the follower's gripper is asked for, 0 closed … 1 open.
 
     Raises:
         ConfigError: two leaders, or a follower without a gripper.

@@ -11,7 +11,7 @@ from lerobot_robot_yam.doctor.check_calibration import check_calibrations
 from lerobot_robot_yam.doctor.kit.findings import Section, Severity
 from lerobot_robot_yam.doctor.kit.targets import calibration_root, from_config, from_option
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices.rig_device import check_options
+from lerobot_robot_yam.face.lerobot_command.config_refusal import check_options
 
 
 def test_a_channel_option():

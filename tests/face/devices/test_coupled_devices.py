@@ -21,11 +21,10 @@ from lerobot_robot_yam.yam_follower import BiYamFollower
 from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader
-from tests.face.devices.test_lerobot_contract import enabled, follower_config, leader_config
+from tests.face.devices.test_lerobot_contract import enabled, follower_config, leader_config, leave
 from tests.face.devices.test_pairing import follower, leader
 from tests.support.coupled import LEADER, POSE
-
-pytestmark = pytest.mark.alone
+from tests.support.rigged import rig_of
 
 
 @pytest.mark.parametrize(
@@ -63,43 +62,47 @@ def test_two_leaders_of_one_follower_are_refused():
 
 
 @pytest.fixture(scope="module")
-def shared_rig():
+def rig():
+    with rig_of("lockstep") as rig:
+        yield rig
+
+
+@pytest.fixture(scope="module")
+def live_rig():
     with running_rig() as rig:
         yield rig
 
 
-def refused(shared_rig, device, kind, says):
+def refused(rig, device, kind, says):
     with pytest.raises(kind, match=says):
         device.connect()
-    assert not device.is_connected and not any(enabled(shared_rig, LEADER))
+    assert not device.is_connected and not any(enabled(rig, LEADER))
 
 
-def test_a_follower_that_cannot_be_led_is_refused_before_anything_is_energised(shared_rig, tmp_path, monkeypatch):
-    device = leader(shared_rig, tmp_path, follower="follower_right")
+def test_a_follower_that_cannot_be_led_is_refused_before_anything_is_energised(rig, tmp_path, monkeypatch):
+    device = leader(rig, tmp_path, follower="follower_right")
     monkeypatch.setattr(sys, "argv", ["lerobot-record", "--robot.channel=follower_left"])
-    refused(shared_rig, device, ConfigError, "no arm of this command's robot, which has follower_left")
+    refused(rig, device, ConfigError, "no arm of this command's robot, which has follower_left")
     monkeypatch.setattr(sys, "argv", ["program"])
-    key = channel_key("yam_sim", "follower_right", shared_rig.name)
+    key = channel_key("yam_lockstep", "follower_right", rig.name)
     state_path(key).symlink_to("/nowhere")
     try:
         with FileLock(runtime_dir() / f"{LOCK}{key}", "test"):
-            refused(shared_rig, device, ChannelInUseError, "driven by process")
+            refused(rig, device, ChannelInUseError, "driven by process")
     finally:
         state_path(key).unlink()
     config = YamLeaderConfig(channel="can_nowhere", follower="can_elsewhere", calibration_dir=tmp_path)
     device = importlib.import_module("lerobot_teleoperator_yam.yam_leader").YamLeader(config)
-    refused(shared_rig, device, ConfigError, "can_elsewhere is no CAN interface")
+    refused(rig, device, ConfigError, "can_elsewhere is no CAN interface")
 
 
-def test_a_follower_of_another_channel_is_refused(shared_rig, tmp_path):
-    robot = follower(shared_rig, tmp_path)
+def test_a_follower_of_another_channel_is_refused(rig, tmp_path):
+    robot = follower(rig, tmp_path)
     robot.connect()
     try:
-        refused(
-            shared_rig, leader(shared_rig, tmp_path, follower="follower_right"), ConfigError, "set its option follower"
-        )
+        refused(rig, leader(rig, tmp_path, follower="follower_right"), ConfigError, "set its option follower")
     finally:
-        robot.disconnect()
+        leave(robot)
 
 
 @contextlib.contextmanager
@@ -114,27 +117,28 @@ def coupled(rig, directory):
         assert state_of(robot).coupled
         yield device, robot
     finally:
-        device.disconnect()
-        robot.disconnect()
+        leave(device)
+        leave(robot)
 
 
 @pytest.mark.long
+@pytest.mark.alone
 @pytest.mark.parametrize("space", ["joint", "ee"])
-def test_one_arm_may_be_the_leaders_and_the_other_a_policys(shared_rig, tmp_path, space):
-    config = leader_config(shared_rig.name, tmp_path, action_space=space)
+def test_one_arm_may_be_the_leaders_and_the_other_a_policys(live_rig, tmp_path, space):
+    config = leader_config(live_rig.name, tmp_path, action_space=space)
     for side in ("left", "right"):
         getattr(config, f"{side}_arm_config").follower = f"follower_{side}"
     device = BiYamLeader(config)
-    robot = BiYamFollower(follower_config(shared_rig.name, tmp_path, action_space=space))
+    robot = BiYamFollower(follower_config(live_rig.name, tmp_path, action_space=space))
     device.connect()
     robot.connect()
     try:
         for side in ("left", "right"):
-            shared_rig.hand(f"leader_{side}", [1.0], [POSE.tolist()])
+            live_rig.hand(f"leader_{side}", [1.0], [POSE.tolist()])
         pass_on(device, robot, 2.0)
         assert [state.coupled for state in robot._arms.newest()] == [True, True]
-        shared_rig.hand("leader_left", [1.0], [(POSE + 0.2).tolist()])
-        shared_rig.hand("leader_right", [1.0], [(POSE + 0.2).tolist()])
+        live_rig.hand("leader_left", [1.0], [(POSE + 0.2).tolist()])
+        live_rig.hand("leader_right", [1.0], [(POSE + 0.2).tolist()])
         policy = robot.action_for(robot.joints())
         theirs = {key: value for key, value in policy.items() if key.startswith("right_")}
         pass_on(device, robot, 2.0, lambda action: action | theirs)
@@ -154,9 +158,10 @@ def kill_control_process(device):
 
 
 @pytest.mark.long
-def test_a_follower_whose_leaders_process_dies_holds(shared_rig, tmp_path):
-    with coupled(shared_rig, tmp_path) as (device, robot):
-        shared_rig.watch_start("follower_left")
+@pytest.mark.alone
+def test_a_follower_whose_leaders_process_dies_holds(live_rig, tmp_path):
+    with coupled(live_rig, tmp_path) as (device, robot):
+        live_rig.watch_start("follower_left")
         kill_control_process(device)
         with pytest.raises(MotorError):
             pass_on(device, robot, 3.0)
@@ -164,12 +169,13 @@ def test_a_follower_whose_leaders_process_dies_holds(shared_rig, tmp_path):
         state = state_of(robot)
         assert state.mode is Mode.HOLD and not state.coupled and state.trouble is None
         assert np.abs(state.q - POSE).max() < 0.1  # the stand-by lands the leader; nothing goes along
-        assert max(shared_rig.watch("follower_left")["max_speed_rad_s"][:6]) < 0.5
+        assert max(live_rig.watch("follower_left")["max_speed_rad_s"][:6]) < 0.5
 
 
 @pytest.mark.long
-def test_a_leader_whose_followers_process_dies_floats(shared_rig, tmp_path, capfd):
-    with coupled(shared_rig, tmp_path) as (device, robot):
+@pytest.mark.alone
+def test_a_leader_whose_followers_process_dies_floats(live_rig, tmp_path, capfd):
+    with coupled(live_rig, tmp_path) as (device, robot):
         kill_control_process(robot)
         with pytest.raises(MotorError):
             pass_on(device, robot, 3.0)
@@ -181,17 +187,17 @@ def test_a_leader_whose_followers_process_dies_floats(shared_rig, tmp_path, capf
 
 
 @pytest.fixture(scope="module")
-def pair(shared_rig, tmp_path_factory):
-    with coupled(shared_rig, tmp_path_factory.mktemp("coupled")) as devices:
+def pair(rig, tmp_path_factory):
+    with coupled(rig, tmp_path_factory.mktemp("coupled")) as devices:
         yield devices
 
 
 def pass_on(device, robot, seconds, change=lambda action: action):
     """As LeRobot's loops do."""
-    until_s = time.monotonic() + seconds
-    while time.monotonic() < until_s:
+    until_s = robot.clock.now() + seconds
+    while robot.clock.now() < until_s:
         robot.send_action(change(device.get_action()))
-        time.sleep(1 / 30)
+        robot.clock.sleep(1 / 30)
 
 
 def state_of(device):
@@ -215,28 +221,28 @@ def test_an_action_that_was_changed_does_not_couple(pair):
     device, robot = pair
     pass_on(device, robot, 0.3)
     pass_on(device, robot, 0.05, lambda action: action | {"joint_1.pos": action["joint_1.pos"] + 1e-6})
-    time.sleep(0.02)
+    robot.clock.sleep(0.02)
     assert not state_of(robot).coupled
     pass_on(device, robot, 0.3)
     assert state_of(robot).coupled
 
 
-def test_an_older_or_repeated_action_of_the_leader_does_not_couple(shared_rig, pair):
+def test_an_older_or_repeated_action_of_the_leader_does_not_couple(rig, pair):
     device, robot = pair
     pass_on(device, robot, 0.3)
-    shared_rig.hand(LEADER, [0.5], [(POSE + 0.2).tolist()])
+    rig.hand(LEADER, [0.5], [(POSE + 0.2).tolist()])
     repeated = device.get_action()
     for _ in range(30):
         robot.send_action(repeated)
-        time.sleep(1 / 30)
+        robot.clock.sleep(1 / 30)
     assert not state_of(robot).coupled
     assert state_of(robot).setpoints == pytest.approx(list(repeated.values()), abs=1e-3)
     assert np.abs(state_of(device).q - state_of(robot).q).max() > 0.1
     assert device.get_action() != repeated
     robot.send_action(repeated)
-    time.sleep(0.02)
+    robot.clock.sleep(0.02)
     assert not state_of(robot).coupled
-    shared_rig.hand(LEADER, [0.5], [POSE.tolist()])
+    rig.hand(LEADER, [0.5], [POSE.tolist()])
     pass_on(device, robot, 1.0)
     assert state_of(robot).coupled
 
@@ -252,4 +258,4 @@ def test_the_action_is_the_followers_target_while_coupled(pair):
         low, high = targets.min(axis=0) - 1e-3, targets.max(axis=0) + 1e-3
         assert ((action >= low) & (action <= high)).all()
         robot.send_action(dict(zip(robot.action_features, action, strict=True)))
-        time.sleep(1 / 30)
+        robot.clock.sleep(1 / 30)

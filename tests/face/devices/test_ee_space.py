@@ -1,12 +1,10 @@
-"""End-effector keys of the real devices on a virtual rig: what they mean, where the tool goes, what is refused."""
+"""End-effector keys of real devices on a rig in lock-step: what they mean, where the tool goes, what is refused."""
 
 import logging
 import math
-import time
 
 import numpy as np
 import pytest
-import torch
 
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.arm.tool_pose import downward, pose_to_vector
@@ -19,11 +17,16 @@ from lerobot_robot_yam.yam_follower import BiYamFollower, YamFollower
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader, YamLeader
 from tests.face.devices.test_lerobot_contract import connected_pair, follower_config, leader_config, settle
+from tests.support.rigged import STOPS, lockstep_rig
 
 KEYS = [*(f"{name}.pos" for name in TOOL_NUMBERS), "gripper.pos"]
+ARM = "follower_left"
 BI_KEYS = [f"{side}_{key}" for side in ("left", "right") for key in KEYS]
 SAG_M = 0.005  # the rig's arms hang so far below their set-points at most
 READY = [0.2, 1.2, 1.1, -1.2, 0.1, -0.1]
+FAR = [-1.0, 1.5, 1.5, -0.5, 0.5, 0.5]
+FRAME_S = 1 / 30
+rig = lockstep_rig(ARM)
 
 
 # what is known before anything is connected
@@ -91,7 +94,7 @@ def test_a_path_that_begins_beside_the_tool_does_not_turn_the_arm_round(tool, ki
 
 def test_a_jump_begins_a_new_path(tool):
     tool.joints(tool.numbers(np.array(READY)), np.array(READY))
-    far = np.array([-1.0, 1.5, 1.5, -0.5, 0.5, 0.5])
+    far = np.array(FAR)
     assert tool.joints(tool.numbers(far), far + 0.1) == pytest.approx(far, abs=1e-3)
 
 
@@ -126,201 +129,126 @@ def test_out_of_reach_moves_smoothly(tool):
     assert tool.numbers(q) == pytest.approx(numbers, abs=1e-3)
 
 
-def test_degrees_mean_nothing_beside_tool_poses(rig, tmp_path):
-    """A data set of tool poses is called the same with and without them."""
-    options = {"interface": "yam_sim", "can_options": {"rig": rig.name}, "gripper_stops_rad": [3.25, -3.3]}
-    config = YamFollowerConfig(
-        channel="follower_left", calibration_dir=tmp_path, action_space="ee", use_degrees=True, **options
-    )
-    config.observe_velocity = True
-    robot, fastest = YamFollower(config), 0.0
-    robot.connect()
-    try:
-        target = robot.joints() + np.array([0.5, 0, 0, 0, 0, 0, 0])
-        for _ in range(40):
-            robot.send_joints(target)
-            time.sleep(0.02)
-            fastest = max(fastest, abs(robot.get_observation()["joint_1.vel"]))
-    finally:
-        robot.disconnect()
-    assert 0.3 < fastest < 4.0  # rad/s; the limit is 1.5
-
-
 # connected
 
 
-@pytest.fixture(scope="module")
-def shared_rig():
-    with running_rig() as rig:
-        yield rig
-
-
-@pytest.fixture(scope="module")
-def pair(shared_rig, tmp_path_factory):
-    directory = tmp_path_factory.mktemp("calibration")
-    with connected_pair(shared_rig, directory, action_space="ee", use_degrees=True) as devices:
-        yield devices
-
-
 @pytest.fixture
-def follower(pair):
-    return pair[0]
+def follower(rig, tmp_path):
+    """A follower by the poses of its tool; degrees mean nothing beside them."""
+    options = {"interface": "yam_lockstep", "can_options": {"rig": rig.name}, "gripper_stops_rad": STOPS}
+    options |= {"action_space": "ee", "use_degrees": True, "observe_velocity": True, "gravity_factor": [1.0] * 6}
+    robot = YamFollower(YamFollowerConfig(channel=ARM, calibration_dir=tmp_path, isolation="lockstep", **options))
+    robot.connect()
+    yield robot
+    robot.discard()
 
 
-@pytest.fixture
-def leader(pair):
-    return pair[1]
+def numbers_of(values):
+    return np.array([values[f"{name}.pos"] for name in TOOL_NUMBERS])
 
 
-def tool_in_base(rig, channel):
-    """(4, 4) true pose of an arm's tcp_site in the frame of its base."""
-    (row,) = [row for row in rig.scene()["arms"] if row["channel"] == channel]
-    site, yaw = rig.state()["arms"][channel]["tcp_site"], row["yaw_rad"]
+def truth(rig):
+    """The numbers of where the tool really is, in the frame of the arm's base."""
+    (row,) = [row for row in rig.scene()["arms"] if row["channel"] == ARM]
+    site, yaw = rig.state()["arms"][ARM]["tcp_site"], row["yaw_rad"]
     turn = np.array([[math.cos(yaw), math.sin(yaw), 0], [-math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]])
     pose = np.eye(4)
     pose[:3, :3] = turn @ np.array(site["mat"]).reshape(3, 3)
     pose[:3, 3] = turn @ (np.array(site["pos"]) - row["position_m"])
-    return pose
+    return pose_to_vector(pose, downward(YamKinematics("yam", "linear_4310")))
 
 
-def numbers_of(values, side):
-    return np.array([values[f"{side}_{name}.pos"] for name in TOOL_NUMBERS])
+def send(follower, action, seconds):
+    """Send the same action again and again; returns what was sent last, and the fastest that joint 1 was seen."""
+    fastest = 0.0
+    for _ in range(round(seconds / FRAME_S)):
+        sent = follower.send_action(action)
+        follower.clock.sleep(FRAME_S)
+        fastest = max(fastest, abs(follower.get_observation()["joint_1.vel"]))
+    return sent, fastest
 
 
-def reach(rig, follower, side, q, **changes):
-    """Send the action that puts the tool of one side where the joints `q` put it, until it is as near as it comes.
-
-    Returns:
-        what was sent last, what was asked for, and the numbers of where the tool really is.
-    """
-    kinematics = YamKinematics("yam", "linear_4310")
-    asked = follower.get_observation() | {
-        f"{side}_{name}.pos": float(value)
-        for name, value in zip(TOOL_NUMBERS, Tool(side, kinematics).numbers(np.array(q)), strict=True)
-    }
-    asked |= changes
-    deadline = time.monotonic() + 8.0
-    while True:
-        sent = settle(follower.send_action, asked, 0.3)
-        truth = pose_to_vector(tool_in_base(rig, f"follower_{side}"), downward(kinematics))
-        if np.linalg.norm(truth[:3] - numbers_of(sent, side)[:3]) < SAG_M or time.monotonic() > deadline:
-            return sent, asked, truth
+def reach(follower, q, seconds, **changes):
+    """Send the action that puts the tool where the joints `q` put it; returns it, what was sent, and the speed seen."""
+    numbers = Tool("arm", YamKinematics("yam", "linear_4310")).numbers(np.array(q))
+    asked = dict(zip(KEYS, [*numbers.tolist(), 1.0], strict=True)) | changes
+    return asked, *send(follower, asked, seconds)
 
 
-@pytest.mark.alone
-def test_observed_is_where_the_tool_is(follower, shared_rig):
+def test_the_tool_goes_where_it_is_sent_and_is_observed_there(follower, rig):
+    asked, sent, _ = reach(follower, READY, 3.0, **{"gripper.pos": 0.4})
+    assert list(sent) == KEYS and all(type(value) is float for value in sent.values())
+    assert numbers_of(sent) == pytest.approx(numbers_of(asked), abs=1e-4)
+    assert truth(rig)[:3] == pytest.approx(numbers_of(asked)[:3], abs=SAG_M)
+    assert truth(rig)[3:] == pytest.approx(numbers_of(asked)[3:], abs=0.03)
+    assert rig.state()["arms"][ARM]["opening"] == pytest.approx(0.4, abs=0.03)
     observation = follower.get_observation()
-    assert list(observation) == list(follower.observation_features) == BI_KEYS
-    assert all(type(value) is float and math.isfinite(value) for value in observation.values())
-    reference = downward(YamKinematics("yam", "linear_4310"))
-    for side in ("left", "right"):
-        truth = pose_to_vector(tool_in_base(shared_rig, f"follower_{side}"), reference)
-        assert numbers_of(observation, side) == pytest.approx(truth, abs=0.01)
+    assert list(observation) == list(follower.observation_features)
+    assert numbers_of(observation) == pytest.approx(truth(rig), abs=0.01)
 
 
-@pytest.mark.alone
-def test_the_tool_goes_where_it_is_sent(follower, shared_rig):
-    sent, asked, truth = reach(shared_rig, follower, "left", READY, **{"left_gripper.pos": 0.4})
-    assert list(sent) == BI_KEYS
-    assert numbers_of(sent, "left") == pytest.approx(numbers_of(asked, "left"), abs=1e-4)
-    assert truth[:3] == pytest.approx(numbers_of(asked, "left")[:3], abs=SAG_M)
-    assert truth[3:] == pytest.approx(numbers_of(asked, "left")[3:], abs=0.03)
-    assert shared_rig.state()["arms"]["follower_left"]["opening"] == pytest.approx(0.4, abs=0.03)
-
-
-@pytest.mark.alone
-def test_out_of_reach_goes_to_the_border_and_is_returned(follower, shared_rig):
-    sent, asked, truth = reach(shared_rig, follower, "left", READY, **{"left_ee_x.pos": 0.75})
-    assert sent["left_ee_x.pos"] < 0.7 and asked["left_ee_x.pos"] == 0.75
-    assert truth[:3] == pytest.approx(numbers_of(sent, "left")[:3], abs=2 * SAG_M)
-    reach(shared_rig, follower, "left", READY)
-
-
-@pytest.mark.alone
-def test_a_jump_is_approached_at_the_speed_limit(follower, shared_rig):
-    reach(shared_rig, follower, "left", READY)
-    shared_rig.watch_start("follower_left")
-    reach(shared_rig, follower, "left", [-1.0, 1.5, 1.5, -0.5, 0.5, 0.5])
-    shared_rig.watch_stop("follower_left")
-    fastest = np.array(shared_rig.watch("follower_left")["max_speed_rad_s"][:6])
+def test_out_of_reach_goes_to_the_border_and_a_jump_keeps_the_speed_limit(follower, rig):
+    asked, sent, _ = reach(follower, READY, 3.0, **{"ee_x.pos": 0.75})
+    assert sent["ee_x.pos"] < 0.7 and asked["ee_x.pos"] == 0.75
+    assert truth(rig)[:3] == pytest.approx(numbers_of(sent)[:3], abs=2 * SAG_M)
+    rig.watch_start(ARM)
+    fastest = reach(follower, FAR, 2.0)[2]
+    rig.watch_stop(ARM)
     limits = follower._arms.sides[0].hardware.speed_limit[:6]
-    assert (fastest < 2 * limits).all(), fastest  # a busy machine makes the rig's arms lurch
-    reach(shared_rig, follower, "left", READY)
+    assert (np.array(rig.watch(ARM)["max_speed_rad_s"][:6]) < 1.1 * limits).all()
+    assert 0.3 < fastest < 1.1 * limits[0]  # rad/s, not degrees per second
 
 
-@pytest.mark.alone
-def test_tensors_are_numbers(follower):
-    action = {key: torch.tensor(value) for key, value in follower.get_observation().items()}
-    assert all(type(value) is float for value in follower.send_action(action).values())
-
-
-@pytest.mark.alone
 @pytest.mark.parametrize(
     "change",
-    [
-        {"left_ee_x.pos": math.nan},
-        {"right_ee_rz.pos": math.inf},
-        {"left_ee_ry.pos": "far"},
-        {"left_joint_1.pos": 0.0},
-        {"left_ee_z.pos": ...},  # left out
-        {"left_ee_rx.pos": 1e200},
-    ],
-    ids=str,
+    [{"ee_x.pos": math.nan}, {"joint_1.pos": 0.0}, {"ee_z.pos": ...}, {"ee_rx.pos": 1e200}],
+    ids=["not finite", "a joint", "left out", "no pose"],
 )
 def test_bad_actions_reach_no_arm(follower, change):
     observation = follower.get_observation()
-    action = {key: value + 0.05 for key, value in observation.items()} | change
+    action = {key: observation[key] + 0.05 for key in KEYS} | change
     action = {key: value for key, value in action.items() if value is not ...}
     with pytest.raises(ActionError, match="no pose" if 1e200 in change.values() else next(iter(change))):
         follower.send_action(action)
-    time.sleep(0.1)
-    assert follower.get_observation() == pytest.approx(observation, abs=0.01)
+    follower.clock.sleep(0.1)
+    assert numbers_of(follower.get_observation()) == pytest.approx(numbers_of(observation), abs=0.01)
 
 
-@pytest.mark.alone
-def test_leader_action_is_the_followers_tool(follower, leader, shared_rig):
-    action = leader.get_action()
-    assert list(action) == list(follower.action_features)
-    q = np.array(shared_rig.state()["arms"]["leader_left"]["q"][:6])
-    kinematics = YamKinematics("yam", "linear_4310")
-    inside = np.clip(q, kinematics.lower, kinematics.upper)
-    wanted = pose_to_vector(kinematics.fk(inside), downward(kinematics))
-    assert numbers_of(action, "left") == pytest.approx(wanted, abs=0.01)
-    assert follower.send_action(action) == pytest.approx(action, abs=1e-4)  # recorded = sent
-
-
-@pytest.mark.long
-@pytest.mark.alone
-def test_feedback_leads_the_leader(leader, shared_rig):
-    q = np.array(shared_rig.state()["arms"]["leader_left"]["q"][:6])
-    goal = leader.get_action()
-    tool = Tool("left", YamKinematics("yam", "linear_4310"))
-    for name, value in zip(TOOL_NUMBERS, tool.numbers(q + [0.3, 0.2, 0.2, 0, 0, 0]), strict=True):
-        goal[f"left_{name}.pos"] = float(value)
-    leader.enable_torque()
-    try:
-        settle(leader.send_feedback, goal, 2.0)
-        led = shared_rig.state()["arms"]["leader_left"]["q"][:6]
-        assert led == pytest.approx(q + [0.3, 0.2, 0.2, 0, 0, 0], abs=0.05)
-    finally:
-        leader.disable_torque()
-
-
-@pytest.mark.alone
-@pytest.mark.long
-def test_followers_hold_while_a_leader_is_led_whatever_lerobot_repeats(follower, leader, shared_rig):
+def test_followers_hold_while_a_leader_is_led_whatever_lerobot_repeats(follower):
     """Inverse kinematics answers the same pose with joints that differ in their last bits."""
-    reach(shared_rig, follower, "left", READY)
-    lunge = follower.get_observation()
-    lunge["left_ee_z.pos"] += 0.25
-    settle(follower.send_action, lunge, 0.1)
-    leader.enable_torque()
-    try:
-        time.sleep(0.7)  # longer than the command time-out
-        held = follower.get_observation()["left_ee_z.pos"]
-        assert held < lunge["left_ee_z.pos"] - 0.05
-        settle(follower.send_action, lunge, 0.5)
-        assert follower.get_observation()["left_ee_z.pos"] == pytest.approx(held, abs=0.01)
-    finally:
+    lunge, *_ = reach(follower, READY, 2.0)
+    lunge["ee_z.pos"] += 0.25
+    send(follower, lunge, 0.1)
+    follower._arms._hold()
+    follower.clock.sleep(0.7)  # longer than the command time-out
+    held = follower.get_observation()["ee_z.pos"]
+    assert held < lunge["ee_z.pos"] - 0.05
+    send(follower, lunge, 0.5)
+    assert follower.get_observation()["ee_z.pos"] == pytest.approx(held, abs=0.01)
+
+
+def test_a_leaders_action_is_the_followers_tool(tmp_path):
+    leader = BiYamLeader(leader_config("none", tmp_path, action_space="ee"))
+    kinematics = YamKinematics("yam", "linear_4310")
+    action = leader._space.action(np.array([*READY, 0.3, *FAR, 1.0]))
+    assert list(action) == BI_KEYS and action["left_gripper.pos"] == 0.3
+    for side, q in (("left", READY), ("right", FAR)):
+        wanted = pose_to_vector(kinematics.fk(np.array(q)), downward(kinematics))
+        assert [action[f"{side}_{name}.pos"] for name in TOOL_NUMBERS] == pytest.approx(wanted)
+
+
+@pytest.mark.long
+@pytest.mark.alone
+def test_feedback_leads_the_leader_and_its_action_is_sent_as_it_is(tmp_path):
+    with running_rig() as rig, connected_pair(rig, tmp_path, action_space="ee") as (follower, leader):
+        goal = leader.get_action()
+        assert follower.send_action(goal) == pytest.approx(goal, abs=1e-4)  # recorded = sent
+        q = np.array(rig.state()["arms"]["leader_left"]["q"][:6])
+        tool = Tool("left", YamKinematics("yam", "linear_4310"))
+        for name, value in zip(TOOL_NUMBERS, tool.numbers(q + [0.3, 0.2, 0.2, 0, 0, 0]), strict=True):
+            goal[f"left_{name}.pos"] = float(value)
+        leader.enable_torque()
+        settle(leader.send_feedback, goal, 2.0)
+        led = rig.state()["arms"]["leader_left"]["q"][:6]
+        assert led == pytest.approx(q + [0.3, 0.2, 0.2, 0, 0, 0], abs=0.05)
         leader.disable_torque()
-        reach(shared_rig, follower, "left", READY)

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from lerobot_robot_yam.face.devices.gate_voice import GateVoice
 from lerobot_robot_yam.state.modes import Gate
+from lerobot_teleoperator_yam.yam_leader import GateVoice
 from tests.support.lerobot_calls import SCRIPTS, called_by
 from tests.support.spoken import Spoken
 

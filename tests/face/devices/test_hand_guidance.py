@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
-from lerobot_robot_yam.errors import ConfigError, LifeCycleError
+from lerobot_robot_yam.errors import ConfigError, LifeCycleError, MotorError
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
@@ -67,21 +67,23 @@ def frames(rig, guide, follower, seconds):
 
 
 @pytest.fixture
+def floating(devices):
+    """The same, and what the guide's actions were since the arm floats."""
+    return *devices, frames(*devices, 0.3)
+
+
+@pytest.fixture
 def led(devices):
     """The same after a hand has led the follower from RAISED to THERE."""
     rig, guide, follower = devices
-    target = dict(zip(guide.action_features, [*RAISED, 1.0], strict=True))
-    for _ in range(60):
-        follower.send_action(target)
-        follower.clock.sleep(FRAME_S)
-    actions = frames(rig, guide, follower, 0.5)
-    rig.lift(ARMS[0], THERE.tolist(), 2.0)
-    actions += frames(rig, guide, follower, 3.0)
+    actions = frames(rig, guide, follower, 0.3)
+    rig.lift(ARMS[0], THERE.tolist(), 1.5)
+    actions += frames(rig, guide, follower, 2.5)
     return rig, guide, follower, actions
 
 
-def test_it_floats_and_the_action_is_where_it_was_led(led):
-    rig, guide, follower, actions = led
+def test_it_floats_and_the_action_is_where_it_was_led_without_a_fight(led):
+    rig, _, follower, actions = led
     assert mode(follower) is Mode.FLOAT
     arm = rig.state()["arms"][ARMS[0]]
     np.testing.assert_allclose(arm["q"], THERE, atol=0.08)
@@ -89,15 +91,10 @@ def test_it_floats_and_the_action_is_where_it_was_led(led):
     last = np.array([*actions[-1].values()])
     np.testing.assert_allclose(last[:6], arm["q"], atol=2e-3)
     assert list(actions[-1]) == [*follower.action_features]
-
-
-def test_the_arm_does_not_fight_the_hand(led):
-    rig, *_, follower, _ = led
     assert np.linalg.norm(rig.forces(ARMS[0])["hand_n"]) < 6.0  # friction; with 2.5 cm to go a held arm takes 60 N
     rig.release(ARMS[0])
-    before = rig.state()["arms"][ARMS[0]]["q"]
-    follower.clock.sleep(1.0)
-    np.testing.assert_allclose(rig.state()["arms"][ARMS[0]]["q"], before, atol=0.02)  # never limp
+    follower.clock.sleep(0.5)
+    np.testing.assert_allclose(rig.state()["arms"][ARMS[0]]["q"], arm["q"], atol=0.02)  # never limp
 
 
 def test_a_replay_of_what_was_recorded_ends_where_the_hand_was(led):
@@ -105,7 +102,7 @@ def test_a_replay_of_what_was_recorded_ends_where_the_hand_was(led):
     rig.release(ARMS[0])
     end = np.array([*actions[-1].values()])
     guide.disconnect()
-    for action in [*([actions[0]] * 90), *actions, *([actions[-1]] * 30)]:
+    for action in [*([actions[0]] * 60), *actions, *([actions[-1]] * 30)]:
         follower.send_action(action)
         follower.clock.sleep(FRAME_S)
     assert mode(follower) is Mode.TRACK
@@ -114,9 +111,8 @@ def test_a_replay_of_what_was_recorded_ends_where_the_hand_was(led):
     np.testing.assert_allclose(rig.state()["arms"][ARMS[0]]["q"], end[:6], atol=5e-3)
 
 
-def test_another_action_ends_it_without_a_jump(led):
-    rig, _, follower, actions = led
-    rig.release(ARMS[0])
+def test_another_action_ends_it_without_a_jump(floating):
+    rig, _, follower, actions = floating
     before = np.array(rig.state()["arms"][ARMS[0]]["q"])
     other = actions[-1] | {"joint_1.pos": actions[-1]["joint_1.pos"] + 0.2}
     fastest = 0.0
@@ -129,8 +125,9 @@ def test_another_action_ends_it_without_a_jump(led):
     assert fastest < 1.65
 
 
-def test_a_key_closes_and_opens_the_gripper_while_the_arm_floats(led):
-    rig, guide, follower, _ = led
+def test_a_key_closes_and_opens_the_gripper_while_the_arm_floats(floating):
+    rig, guide, follower, _ = floating
+    guide._openings = [1.0]
     for opening in (0.0, 1.0):
         guide._typed("g")
         actions = frames(rig, guide, follower, 1.5)
@@ -141,9 +138,8 @@ def test_a_key_closes_and_opens_the_gripper_while_the_arm_floats(led):
     assert frames(rig, guide, follower, 0.1)[-1]["gripper.pos"] == 1.0
 
 
-def test_during_an_emergency_stop_it_holds_and_afterwards_floats_again(led):
-    rig, guide, follower, _ = led
-    rig.release(ARMS[0])
+def test_during_an_emergency_stop_it_holds_and_afterwards_floats_again(floating):
+    rig, guide, follower, _ = floating
     stop = EmergencyStop()
     stop.latch("test")
     try:
@@ -155,9 +151,8 @@ def test_during_an_emergency_stop_it_holds_and_afterwards_floats_again(led):
     assert mode(follower) is Mode.FLOAT
 
 
-def test_without_actions_it_holds_until_the_next_one(led):
-    rig, guide, follower, _ = led
-    rig.release(ARMS[0])
+def test_without_actions_it_holds_until_the_next_one(floating):
+    rig, guide, follower, _ = floating
     follower.clock.sleep(0.4)
     assert mode(follower) is Mode.FLOAT
     follower.clock.sleep(0.2)
@@ -166,10 +161,10 @@ def test_without_actions_it_holds_until_the_next_one(led):
     assert mode(follower) is Mode.FLOAT
 
 
-def test_an_arm_that_is_pulled_at_floats_again_once_it_is_let_go(led):
-    rig, guide, follower, _ = led
+def test_an_arm_that_is_pulled_at_floats_again_once_it_is_let_go(floating):
+    rig, guide, follower, _ = floating
     follower.clock.sleep(0.7)
-    rig.lift(ARMS[0], RAISED.tolist(), 1.0, gives_way=False)
+    rig.lift(ARMS[0], THERE.tolist(), 1.0, gives_way=False)
     follower.clock.sleep(1.5)
     frames(rig, guide, follower, 0.5)
     assert mode(follower) is Mode.HOLD
@@ -195,59 +190,55 @@ def test_an_arm_without_a_gripper_floats_for_as_long_as_actions_come(tmp_path):
             follower.discard()
 
 
-def test_without_the_guide_it_holds(led):
-    rig, guide, follower, _ = led
+def test_without_the_guide_it_holds(floating):
+    rig, guide, follower, _ = floating
     guide.disconnect()
     assert mode(follower) is Mode.HOLD
-    rig.release(ARMS[0])
 
 
-def test_a_motor_that_fails_is_named(led):
-    from lerobot_robot_yam.errors import MotorError
-
-    rig, guide, follower, _ = led
-    rig.release(ARMS[0])
+def test_a_motor_that_fails_is_named(floating):
+    rig, guide, follower, _ = floating
     rig.fault(ARMS[0], "joint_2", "nibble", 0xA)
     follower.clock.sleep(0.2)
     with pytest.raises(MotorError, match="joint_2"):
         guide.get_action()
 
 
-def test_two_followers(rig):
+@contextlib.contextmanager
+def two_devices(rig, **right):
+    """A hand guide of two arms and both followers, connected; `right`: options of the right arm."""
     guide = BiYamHandGuide(BiYamHandGuideConfig())
-    arms = {f"{name.removeprefix('follower_')}_arm_config": FollowerArmConfig(**arm_fields(rig, name)) for name in ARMS}
-    follower = BiYamFollower(BiYamFollowerConfig(isolation="lockstep", **arms))
-    guide.connect()
-    follower.connect()
-    try:
-        action = frames(rig, guide, follower, 0.5)[-1]
-        assert list(action) == [*follower.action_features]
-        assert [state.mode for state in follower._arms.newest()] == [Mode.FLOAT] * 2
-        guide._typed("j")
-        action = frames(rig, guide, follower, 1.5)[-1]
-        assert action["right_gripper.pos"] != pytest.approx(action["left_gripper.pos"])
-    finally:
-        guide.disconnect()
-        follower.discard()
-
-
-def test_none_of_two_followers_floats_alone(rig):
-    guide = BiYamHandGuide(BiYamHandGuideConfig())
-    arms = {f"{name.removeprefix('follower_')}_arm_config": FollowerArmConfig(**arm_fields(rig, name)) for name in ARMS}
-    arms["right_arm_config"].gravity_factor = [0.2] * 6  # it would run away
+    arms = {f"{name.removeprefix('follower_')}_arm_config": arm_fields(rig, name) for name in ARMS}
+    arms["right_arm_config"] |= right
+    arms = {name: FollowerArmConfig(**fields) for name, fields in arms.items()}
     follower = BiYamFollower(BiYamFollowerConfig(isolation="lockstep", **arms))
     for name in ARMS:
         rig.set_pose(name, RAISED.tolist())
     guide.connect()
     follower.connect()
     try:
+        yield guide, follower
+    finally:
+        guide.disconnect()
+        follower.discard()
+
+
+def test_two_followers(rig):
+    with two_devices(rig) as (guide, follower):
+        action = frames(rig, guide, follower, 0.3)[-1]
+        assert list(action) == [*follower.action_features]
+        assert [state.mode for state in follower._arms.newest()] == [Mode.FLOAT] * 2
+        guide._typed("j")
+        action = frames(rig, guide, follower, 0.5)[-1]
+        assert action["right_gripper.pos"] != pytest.approx(action["left_gripper.pos"])
+
+
+def test_none_of_two_followers_floats_alone(rig):
+    with two_devices(rig, gravity_factor=[0.2] * 6) as (guide, follower):  # the right one would run away
         follower.clock.sleep(1.0)
         with pytest.raises(LifeCycleError, match="right_follower does not float"):
             guide.get_action()
         assert [state.mode for state in follower._arms.newest()] == [Mode.HOLD] * 2
-    finally:
-        guide.disconnect()
-        follower.discard()
 
 
 def test_a_second_follower_is_refused_while_the_first_is_guided(devices):

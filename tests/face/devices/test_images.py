@@ -1,8 +1,8 @@
 """Images that are late are waited for, and those that do not come end the observation."""
 
-import math
 import time
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ import pytest
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import StaleStateError
+from lerobot_robot_yam.face.devices import images
 from lerobot_robot_yam.face.devices.images import LATE_S, PATIENCE_S, ImageReader, LateImages, newest_images
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.rig.devices.thermometer import sample_age_s
@@ -52,35 +53,44 @@ def sample_age(observation):
     )
 
 
-class Camera:
-    """A camera of LeRobot's kind whose image is of an age until a moment."""
+@pytest.fixture
+def clock(monkeypatch):
+    """Time that passes only while somebody sleeps."""
+    now = [100.0]
 
-    def __init__(self, fresh_after_s=0.0, age_ms=1000):
-        self._fresh_at, self._age_ms = time.monotonic() + fresh_after_s, age_ms
+    def sleep(seconds):
+        now[0] += seconds
+
+    clock = SimpleNamespace(monotonic=lambda: now[0], sleep=sleep)
+    monkeypatch.setattr(images, "time", clock)
+    return clock
+
+
+class Camera:
+    """A camera of LeRobot's kind whose image is of an age until a moment; the machine may stand still in its calls.
+
+    Args:
+        clock: of the test.
+        fresh_after_s: from then on the image is new.
+        age_ms: before.
+        stalls_s, stall_s: when the machine stands still, and for how long each time.
+    """
+
+    def __init__(self, clock, fresh_after_s=0.0, age_ms=1000, stalls_s=(), stall_s=0.0):
+        self._clock, self._fresh_at, self._age_ms = clock, clock.monotonic() + fresh_after_s, age_ms
+        self._stalls_at, self._stall_s = list(clock.monotonic() + np.asarray(stalls_s)), stall_s
         self.reads = 0
 
     def read_latest(self, max_age_ms=500):
+        if self._stalls_at and self._clock.monotonic() >= self._stalls_at[0]:
+            self._stalls_at.pop(0)
+            self._clock.sleep(self._stall_s)
         self.reads += 1
-        if time.monotonic() < self._fresh_at and max_age_ms <= self._age_ms:
+        if self._clock.monotonic() < self._fresh_at and max_age_ms <= self._age_ms:
             raise TimeoutError("latest frame is too old")
         return self.reads
 
     read_latest_depth = read_latest
-
-
-class StallingCamera(Camera):
-    """A camera that is fine, and in whose calls the machine stands still for a time, at some moments."""
-
-    def __init__(self, moments_s, stall_s):
-        super().__init__()
-        self._stalls_at = list(time.monotonic() + np.asarray(moments_s))
-        self._stall_s = stall_s
-
-    def read_latest(self, max_age_ms=500):
-        if self._stalls_at and time.monotonic() >= self._stalls_at[0]:
-            self._stalls_at.pop(0)
-            time.sleep(self._stall_s)
-        return super().read_latest(max_age_ms)
 
 
 @dataclass
@@ -90,45 +100,40 @@ class CameraSettings:
     fps: int | None = 30
 
 
-def test_what_was_read_before_the_wait_is_read_again():
-    cameras = {"top": Camera(), "wrist": Camera(fresh_after_s=0.1)}
-    images, waited = newest_images(cameras, dict.fromkeys(cameras, CameraSettings()))
-    assert waited and list(images) == ["top", "wrist"]
-    assert images["top"] == cameras["top"].reads > 1
+def read(cameras, **settings):
+    """Images of cameras, and what is said of a wait."""
+    return newest_images(cameras, dict.fromkeys(cameras, CameraSettings(**settings)))
 
 
-def test_colour_and_depth_are_of_one_time():
-    cameras = {"top": Camera(fresh_after_s=0.1)}
-    images, waited = newest_images(cameras, {"top": CameraSettings(use_depth=True)})
-    assert waited and images["top_depth"] - images["top"] == 1
+def test_what_was_read_before_the_wait_is_read_again(clock):
+    cameras = {"top": Camera(clock), "wrist": Camera(clock, fresh_after_s=0.1)}
+    seen, waited = read(cameras)
+    assert waited and list(seen) == ["top", "wrist"]
+    assert seen["top"] == cameras["top"].reads > 1
 
 
-def test_images_that_are_fresh_are_read_once(caplog):
-    cameras = {"top": Camera(), "wrist": Camera()}
-    assert newest_images(cameras, dict.fromkeys(cameras, CameraSettings())) == ({"top": 1, "wrist": 1}, "")
+def test_colour_and_depth_are_of_one_time(clock):
+    seen, waited = read({"top": Camera(clock, fresh_after_s=0.1)}, use_depth=True)
+    assert waited and seen["top_depth"] - seen["top"] == 1
+
+
+def test_images_that_are_fresh_are_read_once(clock, caplog):
+    assert read({"top": Camera(clock), "wrist": Camera(clock)}) == ({"top": 1, "wrist": 1}, "")
     assert not caplog.text
-
-
-def test_an_image_that_is_rather_old_is_waited_for_and_taken_in_the_end():
-    cameras = {"top": Camera(fresh_after_s=60.0, age_ms=300)}
-    begin = time.monotonic()
-    images, waited = newest_images(cameras, {"top": CameraSettings()})
-    assert waited and images["top"] > 2 and time.monotonic() - begin >= LATE_S
 
 
 @pytest.mark.parametrize(
     "age_ms, fps, waits", [(190, 30, False), (210, 30, True), (210, None, True), (390, 5, False), (410, 5, True)]
 )
-def test_how_old_an_image_may_be_without_a_wait(age_ms, fps, waits):
-    cameras = {"top": Camera(fresh_after_s=0.1, age_ms=age_ms)}
-    assert newest_images(cameras, {"top": CameraSettings(fps=fps)})[1].startswith("waited") is waits
+def test_how_old_an_image_may_be_without_a_wait(clock, age_ms, fps, waits):
+    cameras = {"top": Camera(clock, fresh_after_s=0.1, age_ms=age_ms)}
+    assert read(cameras, fps=fps)[1].startswith("waited") is waits
 
 
-def test_late_images_are_said_at_once_and_then_seldom(monkeypatch, caplog):
+def test_late_images_are_said_at_once_and_then_seldom(clock, caplog):
     late = LateImages()
     for number in range(4):
-        if number == 3:
-            monkeypatch.setattr("lerobot_robot_yam.face.devices.images._TOLD_S", 0.0)
+        clock.sleep(31.0 if number == 3 else 1.0)
         late.tell(f"waited {number} ms")
     assert [record.getMessage() for record in caplog.records] == [
         "waited 0 ms",
@@ -139,100 +144,94 @@ def test_late_images_are_said_at_once_and_then_seldom(monkeypatch, caplog):
 class SlowCamera:
     """A camera that has a new image every so often, of an age when it comes."""
 
-    def __init__(self, period_s, delay_s):
-        self._period_s, self._delay_s = period_s, delay_s
+    def __init__(self, clock, period_s, delay_s):
+        self._clock, self._period_s, self._delay_s = clock, period_s, delay_s
 
     def read_latest(self, max_age_ms=500):
-        age_s = self._delay_s + time.monotonic() % self._period_s
+        age_s = self._delay_s + self._clock.monotonic() % self._period_s
         if age_s * 1e3 > max_age_ms:
             raise TimeoutError(f"latest frame is too old: {age_s:.2f} s")
         return age_s
 
 
-def test_cameras_that_are_slow_are_waited_for_while_they_show_something_new():
-    slow = {"top": SlowCamera(0.3, 0.45), "wrist": SlowCamera(0.07, 0.3)}  # the former is seldom young enough
-    begin = time.monotonic()
-    images, waited = newest_images(slow, dict.fromkeys(slow, CameraSettings()))
-    assert waited and images["top"] < 0.5 and time.monotonic() - begin > LATE_S
-    always_late = {"top": SlowCamera(0.1, 0.51)}
-    begin = time.monotonic()
+def test_cameras_that_are_slow_are_waited_for_while_they_show_something_new(clock):
+    begin = clock.monotonic()
+    seen, waited = read({"top": SlowCamera(clock, 0.3, 0.45), "wrist": SlowCamera(clock, 0.07, 0.3)})
+    assert waited and seen["top"] < 0.5 and clock.monotonic() - begin > LATE_S
+    begin = clock.monotonic()
     with pytest.raises(StaleStateError, match="camera top has no image: latest frame is too old"):
-        newest_images(always_late, {"top": CameraSettings()})
-    assert time.monotonic() - begin > PATIENCE_S
+        read({"top": SlowCamera(clock, 0.1, 0.51)})
+    assert clock.monotonic() - begin > PATIENCE_S
 
 
-def test_a_dead_camera_is_told_of_however_slow_another_is(monkeypatch):
-    monkeypatch.setattr("lerobot_robot_yam.face.devices.images._ASLEEP_S", math.inf)
-    cameras = {"slow": SlowCamera(0.1, 0.51), "dead": Camera(fresh_after_s=60.0)}
-    begin = time.monotonic()
+def test_a_dead_camera_is_told_of_however_slow_another_is(clock):
+    begin = clock.monotonic()
     with pytest.raises(StaleStateError, match="camera dead"):
-        newest_images(cameras, dict.fromkeys(cameras, CameraSettings()))
-    assert time.monotonic() - begin < LATE_S + 0.2
+        read({"slow": SlowCamera(clock, 0.1, 0.51), "dead": Camera(clock, fresh_after_s=60.0)})
+    assert clock.monotonic() - begin < LATE_S + 0.2
 
 
-def test_a_machine_that_stood_still_makes_no_camera_dead():
-    for stall_s in (0.4, PATIENCE_S + 0.2):
-        begin = time.monotonic()
-        cameras = {"fine": StallingCamera([0.3], stall_s), "late": Camera(fresh_after_s=0.7 + stall_s)}
-        assert newest_images(cameras, dict.fromkeys(cameras, CameraSettings()))[1]
-        assert time.monotonic() - begin >= 0.7 + stall_s
+@pytest.mark.parametrize("stall_s", [0.4, PATIENCE_S + 0.2])
+def test_a_machine_that_stood_still_makes_no_camera_dead(clock, stall_s):
+    begin = clock.monotonic()
+    late = Camera(clock, fresh_after_s=0.7 + stall_s)
+    assert read({"fine": Camera(clock, stalls_s=[0.3], stall_s=stall_s), "late": late})[1]
+    assert clock.monotonic() - begin >= 0.7 + stall_s
 
 
-def test_a_machine_that_stumbles_again_and_again_takes_what_lerobot_takes():
-    cameras = {"fine": StallingCamera(np.arange(0.1, 60.0, 0.5), 0.12), "old": Camera(fresh_after_s=60.0, age_ms=300)}
-    begin = time.monotonic()
-    assert newest_images(cameras, dict.fromkeys(cameras, CameraSettings()))[1]
-    assert LATE_S <= time.monotonic() - begin < PATIENCE_S
+def test_a_machine_that_stumbles_again_and_again_takes_what_lerobot_takes(clock):
+    begin = clock.monotonic()
+    fine = Camera(clock, stalls_s=np.arange(0.1, 60.0, 0.5), stall_s=0.12)
+    assert read({"fine": fine, "old": Camera(clock, fresh_after_s=60.0, age_ms=300)})[1]
+    assert LATE_S <= clock.monotonic() - begin < PATIENCE_S
 
 
-def test_a_camera_that_is_gone_is_told_of_at_once():
-    camera = Camera()
+def test_a_camera_that_is_gone_is_told_of_at_once(clock):
+    camera, begin = Camera(clock), clock.monotonic()
     camera.read_latest = lambda **limit: [][0]
-    begin = time.monotonic()
     with pytest.raises(StaleStateError, match="camera top has no image: list index"):
-        newest_images({"top": camera}, {"top": CameraSettings()})
-    assert time.monotonic() - begin < LATE_S
+        read({"top": camera})
+    assert clock.monotonic() == begin
 
 
 class TickingCamera:
     """A camera whose image changes at some moments, s from its making; before that it shows another."""
 
-    def __init__(self, *moments_s):
-        self._moments_s = time.monotonic() + np.asarray(moments_s)
+    def __init__(self, clock, *moments_s):
+        self._clock, self._moments_s = clock, clock.monotonic() + np.asarray(moments_s)
 
     def read_latest(self, max_age_ms=500):
-        return np.full((16, 16, 3), (time.monotonic() >= self._moments_s).sum(), np.uint8)
+        return np.full((16, 16, 3), (self._clock.monotonic() >= self._moments_s).sum(), np.uint8)
 
 
-def read_twice(camera, pause_s, fps=30):
-    """Two images of a camera, and whether the second one was waited for."""
+def read_twice(clock, camera, pause_s, fps=30):
+    """Two images of a camera, whether the second one was waited for, and how long, s."""
     reader = ImageReader({"top": camera}, {"top": CameraSettings(fps=fps)})
     first, _ = reader.read()
-    time.sleep(pause_s)
+    clock.sleep(pause_s)
+    begin = clock.monotonic()
     second, waited = reader.read()
-    return first["top"].max(), second["top"].max(), waited
+    return first["top"].max(), second["top"].max(), waited, clock.monotonic() - begin
 
 
-def test_an_image_that_is_due_is_waited_for_and_not_read_twice():
-    assert read_twice(TickingCamera(0.036), 0.03) == (0, 1, True)
+def test_an_image_that_is_due_is_waited_for_and_not_read_twice(clock):
+    assert read_twice(clock, TickingCamera(clock, 0.036), 0.03)[:3] == (0, 1, True)
 
 
-def test_an_image_that_does_not_come_is_read_again_after_a_third_of_a_frame():
-    begin = time.monotonic()
-    assert read_twice(TickingCamera(60.0), 0.03) == (0, 0, True)
-    assert 0.04 < time.monotonic() - begin < 0.06
+@pytest.mark.parametrize(
+    "pause_s, fps, waits", [(0.03, 30, True), (0.01, 30, False), (0.03, 5, False), (0.03, None, False)]
+)
+def test_an_image_that_does_not_come_is_read_again_after_a_third_of_a_frame(clock, pause_s, fps, waits):
+    *seen, waited, took_s = read_twice(clock, TickingCamera(clock, 60.0), pause_s, fps)
+    assert seen == [0, 0] and waited is waits
+    assert 0.010 < took_s < 0.013 if waits else took_s == 0.0
 
 
-@pytest.mark.parametrize("pause_s, fps", [(0.01, 30), (0.03, 5), (0.03, None)])
-def test_an_image_that_is_not_due_is_not_waited_for(pause_s, fps):
-    assert read_twice(TickingCamera(60.0), pause_s, fps) == (0, 0, False)
-
-
-def test_a_camera_that_fails_while_its_image_is_due_keeps_the_last_one():
-    camera = TickingCamera(60.0)
+def test_a_camera_that_fails_while_its_image_is_due_keeps_the_last_one(clock):
+    camera = TickingCamera(clock, 60.0)
     reader = ImageReader({"top": camera}, {"top": CameraSettings()})
     reader.read()
-    time.sleep(0.03)
+    clock.sleep(0.03)
     calls = iter([camera.read_latest()])
     camera.read_latest = lambda **limit: next(calls)
     assert reader.read()[0]["top"].max() == 0
@@ -251,6 +250,7 @@ def test_a_late_image_is_waited_for_and_the_arm_is_read_after_it(rig, robot, cap
     assert age_s < 0.05 and observation["top"].shape == (48, 64, 3)
 
 
+@pytest.mark.long
 @pytest.mark.alone
 def test_an_image_that_does_not_come_is_told_of_within_a_second(rig, robot):
     robot.get_observation()

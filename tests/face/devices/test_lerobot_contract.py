@@ -2,7 +2,6 @@
 
 import contextlib
 import math
-import time
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +16,13 @@ from lerobot.utils.errors import DeviceNotConnectedError
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
 from lerobot_robot_yam.errors import ConfigError, StaleStateError, YamError
+from lerobot_robot_yam.system.clock import SYSTEM
 from lerobot_robot_yam.yam_follower import BiYamFollower, YamFollower
 from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader, YamLeader
+from tests.support.in_step import Together
+from tests.support.rigged import rig_of
 
 KEYS = [*(f"joint_{n}.pos" for n in range(1, 7)), "gripper.pos"]
 BI_KEYS = [f"{side}_{key}" for side in ("left", "right") for key in KEYS]
@@ -28,25 +30,29 @@ STOPS_RAD = [3.25, -3.3]
 FIELDS = {"interface": "yam_sim", "gravity_factor": [1.0] * 6}
 
 
+def on_rig(rig_name, **fields):
+    """Fields of an arm on the rig of that name, live or in lock-step; and the options of its device."""
+    in_step = rig_name.startswith("lockstep")
+    fields = {**FIELDS, "can_options": {"rig": rig_name}} | fields
+    return fields | ({"interface": "yam_lockstep"} if in_step else {}), {"isolation": Together} if in_step else {}
+
+
 def follower_config(rig_name, calibration_dir, left=None, right=None, **options):
     def arm(channel, extra):
-        fields = {"can_options": {"rig": rig_name}, "gripper_stops_rad": STOPS_RAD, **FIELDS, **(extra or {})}
-        return FollowerArmConfig(channel=fields.pop("channel", channel), **fields)
+        fields, more = on_rig(rig_name, **{"channel": channel, "gripper_stops_rad": STOPS_RAD} | (extra or {}))
+        options.update(more)
+        return FollowerArmConfig(**fields)
 
-    return BiYamFollowerConfig(
-        calibration_dir=calibration_dir,
-        left_arm_config=arm("follower_left", left),
-        right_arm_config=arm("follower_right", right),
-        **options,
-    )
+    arms = {"left_arm_config": arm("follower_left", left), "right_arm_config": arm("follower_right", right)}
+    return BiYamFollowerConfig(calibration_dir=calibration_dir, **arms, **options)
 
 
 def leader_config(rig_name, calibration_dir, **options):
-    arms = {
-        f"{side}_arm_config": LeaderArmConfig(channel=f"leader_{side}", can_options={"rig": rig_name}, **FIELDS)
-        for side in ("left", "right")
-    }
-    return BiYamLeaderConfig(calibration_dir=calibration_dir, **arms, **options)
+    arms = {}
+    for side in ("left", "right"):
+        fields, more = on_rig(rig_name, channel=f"leader_{side}")
+        arms[f"{side}_arm_config"] = LeaderArmConfig(**fields)
+    return BiYamLeaderConfig(calibration_dir=calibration_dir, **arms, **more | options)
 
 
 @contextlib.contextmanager
@@ -59,20 +65,27 @@ def connected_pair(rig, calibration_dir, **options):
         follower.connect()
         yield follower, leader
     finally:
-        follower.disconnect()
-        leader.disconnect()
+        leave(follower)
+        leave(leader)
+
+
+def leave(device):
+    """Land it; in lock-step its world just ends."""
+    if isinstance(device._arms._session._runner, Together):
+        device._arms.discard()
+    device.disconnect()
 
 
 def enabled(rig, channel):
     return [motor["enabled"] for motor in rig.state()["arms"][channel]["motors"].values()]
 
 
-def settle(device, action, seconds=1.5):
+def settle(device, action, seconds=1.5, clock=SYSTEM):
     """Send the same action at 50 Hz for a while; returns what was last sent."""
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
+    deadline = clock.now() + seconds
+    while clock.now() < deadline:
         sent = device(action)
-        time.sleep(0.02)
+        clock.sleep(0.02)
     return sent
 
 
@@ -198,26 +211,22 @@ def test_unconnected_devices_say_so(tmp_path):
 # connected: what needs a rig of its own
 
 
-@pytest.mark.alone
+@pytest.fixture
+def rig():
+    with rig_of("lockstep") as rig:
+        yield rig
+
+
 def test_degrees_and_all_observations(rig, tmp_path):
-    config = YamFollowerConfig(
-        channel="follower_left",
-        calibration_dir=tmp_path,
-        can_options={"rig": rig.name},
-        gripper_stops_rad=STOPS_RAD,
-        use_degrees=True,
-        observe_velocity=True,
-        observe_torque=True,
-        observe_temperature=True,
-        **FIELDS,
-    )
-    robot = YamFollower(config)
+    fields, options = on_rig(rig.name, channel="follower_left", gripper_stops_rad=STOPS_RAD)
+    options |= {"use_degrees": True, "observe_velocity": True, "observe_torque": True, "observe_temperature": True}
+    robot = YamFollower(YamFollowerConfig(calibration_dir=tmp_path, **fields, **options))
     robot.connect()
     try:
         observation = robot.get_observation()
         assert list(observation) == list(robot.observation_features)
         action = {key: observation[key] for key in KEYS} | {"joint_1.pos": 15.0, "gripper.pos": 0.5}
-        assert settle(robot.send_action, action)["joint_1.pos"] == pytest.approx(15.0)
+        assert settle(robot.send_action, action, clock=robot.clock)["joint_1.pos"] == pytest.approx(15.0)
         truth = rig.state()["arms"]["follower_left"]
         observation = robot.get_observation()
         assert math.degrees(truth["q"][0]) == pytest.approx(15.0, abs=0.6)
@@ -231,10 +240,9 @@ def test_degrees_and_all_observations(rig, tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.alone
 def test_calibration_is_stored_and_found_again(rig, tmp_path):
-    fields = {"can_options": {"rig": rig.name}, **FIELDS}
-    robot = YamFollower(YamFollowerConfig(channel="follower_left", calibration_dir=tmp_path, **fields))
+    fields, options = on_rig(rig.name, channel="follower_left")
+    robot = YamFollower(YamFollowerConfig(calibration_dir=tmp_path, **fields, **options))
     assert not robot.is_calibrated
     robot.connect()
     try:
@@ -262,7 +270,6 @@ def test_calibration_is_stored_and_found_again(rig, tmp_path):
 
 
 @pytest.mark.parametrize("right_channel, named", [("nowhere", "nowhere"), ("follower_right", "joint_4")])
-@pytest.mark.alone
 def test_bimanual_connect_is_all_or_nothing(rig, tmp_path, right_channel, named):
     camera = YamSimCameraConfig(camera="top", rig=rig.name)
     rig.fault("follower_right", "joint_4", "silent")
@@ -284,7 +291,6 @@ def test_cameras_of_virtual_arms_look_at_the_arms_rig(tmp_path):
     assert cameras["top"].rig == "auto"  # what the user has given stays as it is
 
 
-@pytest.mark.alone
 def test_a_missing_camera_is_noticed_before_anything_is_energised(rig, tmp_path):
     cameras = {name: YamSimCameraConfig(camera=name, rig=rig.name, width=64, height=48) for name in ("top", "attic")}
     robot = BiYamFollower(follower_config(rig.name, tmp_path, cameras=cameras))
@@ -294,25 +300,12 @@ def test_a_missing_camera_is_noticed_before_anything_is_energised(rig, tmp_path)
     assert not any(enabled(rig, "follower_left"))
 
 
-def fresh_image(robot, camera):
-    """An image as soon as there is one: a busy machine may take a moment to draw the first ones."""
-    deadline = time.monotonic() + 5.0
-    while True:
-        try:
-            return robot.get_observation()[camera]
-        except StaleStateError:
-            if time.monotonic() > deadline:
-                raise
-            time.sleep(0.05)
-
-
-@pytest.mark.alone
 def test_a_dead_camera_does_not_keep_the_arms_from_landing(rig, tmp_path):
     camera = YamSimCameraConfig(camera="top", rig=rig.name, width=64, height=48)
     robot = BiYamFollower(follower_config(rig.name, tmp_path, cameras={"top": camera}))
     robot.connect()
     try:
-        image = fresh_image(robot, "top")
+        image = robot.get_observation()["top"]
         assert image.shape == (48, 64, 3) and image.dtype == np.uint8 and image.flags.writeable and image.std() > 5
         robot.cameras["top"].disconnect()
         with pytest.raises(StaleStateError, match="top"):

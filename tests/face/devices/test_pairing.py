@@ -9,19 +9,24 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.yam_follower import YamFollower
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader, YamLeader
-from tests.face.devices.test_lerobot_contract import FIELDS, STOPS_RAD, enabled, leader_config
+from tests.face.devices.test_lerobot_contract import STOPS_RAD, enabled, leader_config, leave, on_rig
+from tests.support.rigged import rig_of
 
-pytestmark = pytest.mark.alone
+
+@pytest.fixture
+def rig():
+    with rig_of("lockstep") as rig:
+        yield rig
 
 
 def follower(rig, tmp_path, **options):
-    fields = {"channel": "follower_left", "can_options": {"rig": rig.name}, "gripper_stops_rad": STOPS_RAD, **FIELDS}
-    return YamFollower(YamFollowerConfig(calibration_dir=tmp_path, **fields, **options))
+    fields, more = on_rig(rig.name, channel="follower_left", gripper_stops_rad=STOPS_RAD)
+    return YamFollower(YamFollowerConfig(calibration_dir=tmp_path, **fields, **more, **options))
 
 
 def leader(rig, tmp_path, **options):
-    fields = {"channel": "leader_left", "can_options": {"rig": rig.name}, **FIELDS}
-    return YamLeader(YamLeaderConfig(calibration_dir=tmp_path, **fields, **options))
+    fields, more = on_rig(rig.name, channel="leader_left")
+    return YamLeader(YamLeaderConfig(calibration_dir=tmp_path, **fields, **more, **options))
 
 
 def test_leaders_that_do_not_fit_the_follower_stay_limp(rig, tmp_path):
@@ -40,7 +45,7 @@ def test_leaders_that_do_not_fit_the_follower_stay_limp(rig, tmp_path):
                 device.connect()
             assert not device.is_connected and not any(enabled(rig, "leader_left") + enabled(rig, "leader_right"))
     finally:
-        robot.disconnect()
+        leave(robot)
 
 
 def test_a_leader_that_fits_is_energised_and_a_follower_that_does_not_is_not(rig, tmp_path):
@@ -53,4 +58,4 @@ def test_a_leader_that_fits_is_energised_and_a_follower_that_does_not_is_not(rig
             follower(rig, tmp_path, action_space="ee", gripper="crank_4310").connect()
         assert any(enabled(rig, "leader_left")) and not any(enabled(rig, "follower_left"))
     finally:
-        device.disconnect()
+        leave(device)

@@ -6,8 +6,8 @@ import random
 
 import pytest
 
+from lerobot_robot_yam.face.lerobot_command.running_command import AGAIN, RECORD, Phase, Situation
 from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted
-from lerobot_robot_yam.face.operator_keys.key_plan import RECORD, Phase, Situation
 from lerobot_robot_yam.state.modes import Gate
 from tests.face.operator_keys.test_key_plan import EPISODES, Dataset
 
@@ -27,7 +27,7 @@ class Recorder:
 
     def situation(self):
         data, left_s = Dataset(len(self.buffer)), self.left / FPS if self.tells_time else math.inf
-        return Situation(RECORD, self.phase, EPISODES, data, self.turn, self.rerecord, left_s)
+        return Situation(RECORD, self.phase, EPISODES, data, self.turn, left_s, {AGAIN: self.rerecord})
 
     def press(self, key):
         self.exit_early = True

@@ -5,9 +5,8 @@ import math
 
 import pytest
 
+from lerobot_robot_yam.face.lerobot_command.running_command import AGAIN, Phase, Situation
 from lerobot_robot_yam.face.operator_keys.key_plan import (
-    Phase,
-    Situation,
     frames_to_label,
     offers,
     refusal,
@@ -31,8 +30,8 @@ class Dataset:
         self.writer, self.episode_buffer, self.num_episodes = self, {"size": frames}, count
 
 
-def situation(phase, keys=EPISODES, frames=9, **more):
-    return Situation("lerobot-record", phase, keys, Dataset(frames), **more)
+def situation(phase, keys=EPISODES, frames=9, drops=False, **more):
+    return Situation("lerobot-record", phase, keys, Dataset(frames), flags={AGAIN: drops}, **more)
 
 
 ROWS = [
@@ -143,8 +142,7 @@ def test_a_button_that_does_nothing_says_why(meaning, keys):
 
 
 def recording(phase, frames=9, count=3, drops=False, left_s=math.inf):
-    data, flags = Dataset(frames, count), {"exit_early": False}
-    return Situation("lerobot-record", phase, EPISODES, data, 1.0, drops, left_s, flags)
+    return Situation("lerobot-record", phase, EPISODES, Dataset(frames, count), 1.0, left_s, {AGAIN: drops})
 
 
 def test_while_an_episode_is_recorded():

@@ -6,13 +6,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from lerobot_robot_yam.face.envs import referee
-from lerobot_robot_yam.face.envs.referee import OperatorReferee, Verdict
+from lerobot_robot_yam.face import referee
+from lerobot_robot_yam.face.lerobot_command.running_command import AGAIN, RECORD, Phase, Situation
 from lerobot_robot_yam.face.operator_keys import operator_keys, requests
-from lerobot_robot_yam.face.operator_keys.key_plan import RECORD, Phase, Situation
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
 from lerobot_robot_yam.face.operator_keys.requests import Press
+from lerobot_robot_yam.face.referee import OperatorReferee, Verdict
 from lerobot_strategy_yam.take_over_signals import TakeOverSignals
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader
 from tests.face.operator_keys.test_key_plan import recording
@@ -88,7 +88,7 @@ def test_who_is_asked_for_nothing_rescues_nothing(command, tmp_path):
     command.now.dataset.root = tmp_path
     for now_s in range(1, 5):
         keys._tick(float(now_s), {})
-    assert command.pressed == [] and command.now.flags == {"exit_early": False}
+    assert command.pressed == [] and command.now.flags == {AGAIN: False}
 
 
 def test_a_referee_is_told_by_the_page(monkeypatch):

@@ -11,8 +11,8 @@ import types
 
 import pytest
 
+from lerobot_robot_yam.face.lerobot_command.running_command import look
 from lerobot_robot_yam.face.operator_keys.key_plan import StopRequest
-from lerobot_robot_yam.face.operator_keys.running_command import look
 from tests.support.lerobot_calls import SCRIPTS
 from tests.support.tiers import spread
 

@@ -7,7 +7,7 @@ import time
 import pytest
 from lerobot.utils import keyboard_input
 
-from lerobot_robot_yam.face.operator_keys.typed_keys import TypedKeys
+from lerobot_teleoperator_yam.yam_hand_guide import TypedKeys
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import os
 import pty
 import sys
 
-from lerobot_robot_yam.face.recorder.status_line import StatusLine
+from lerobot_robot_yam.face.recorder.episode_log import StatusLine
 
 
 class Terminal(io.StringIO):

@@ -14,7 +14,7 @@ from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.doctor.kit.targets import from_config
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.pair_check import Spoken, check_pair
-from lerobot_robot_yam.face.devices.rig_device import check_options, rig_device
+from lerobot_robot_yam.face.lerobot_command.config_refusal import check_options, rig_device
 from lerobot_robot_yam.system.strict_yaml import read_yaml
 
 _REGISTRIES: dict[str, Any] = {"robot": RobotConfig, "teleop": TeleoperatorConfig}

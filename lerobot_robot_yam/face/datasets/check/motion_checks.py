@@ -29,7 +29,7 @@ class ArmMotion:
     """The joints of one arm in an episode.
 
     Attributes:
-        prefix: of its names, such as `left_`.
+        prefix: begins the names of its joints, such as `left_`.
         action: (n, joints) rad.
         state: (n, joints) rad.
     """

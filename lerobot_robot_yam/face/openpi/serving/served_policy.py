@@ -22,8 +22,7 @@ from lerobot.processor.relative_action_processor import RelativeActionsProcessor
 from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.datasets.recording import of_checkpoint
-from lerobot_robot_yam.face.devices.cli_check import unit_of
+from lerobot_robot_yam.face.datasets.recording import of_checkpoint, unit_of
 from lerobot_robot_yam.face.devices.feature_names import space_of
 from lerobot_robot_yam.face.openpi.serving.observation_form import ObservationForm
 from lerobot_robot_yam.face.openpi.wire_format import (

@@ -104,6 +104,7 @@ def test_seeds_differ_and_time_is_up_without_success(tmp_path):
         env.close()
 
 
+@pytest.mark.long
 def test_a_seed_has_its_own_look_again(tmp_path):
     config = YamEnvConfig(robot=robot(tmp_path), lockstep=True, rig_options={"randomise_look": 1.0})
     with contextlib.closing(YamEnv(config)) as env:
@@ -151,7 +152,7 @@ def test_a_reset_between_two_tool_poses_begins_a_new_path(tmp_path):
         for q in ([2.6, 0.36, 1.01, 1.03, -0.69, -1.36], [-0.54, 0.8, 0.97, 1.29, 0.69, 1.78]):
             env.reset(seed=1)
             follower, _ = env._connected()
-            for _ in range(120):
+            for _ in range(90):
                 follower.send_joints(np.array([*q, 1.0]))
                 follower.clock.sleep(1 / 30)
             follower.clock.sleep(0.5)

@@ -2,8 +2,8 @@
 
 import pytest
 
-from lerobot_robot_yam.face.desk import command_facts
-from lerobot_robot_yam.face.desk.command_facts import TickPace
+from lerobot_robot_yam.face.lerobot_command import command_facts
+from lerobot_robot_yam.face.lerobot_command.command_facts import TickPace
 
 FPS = 30.0
 

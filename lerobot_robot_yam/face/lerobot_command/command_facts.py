@@ -1,22 +1,21 @@
 """What can be known of the LeRobot command in this process, for a page beside it: by its own objects, and its pace."""
 
 import shutil
-import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Mapping
-from types import FrameType
 from typing import Any
 
-from lerobot_robot_yam.face.operator_keys import requests, running_command
-from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
+from lerobot_robot_yam.face.lerobot_command.running_command import (
+    EVALUATION,
+    Phase,
+    Situation,
+    evaluation_values,
+    look,
+)
+from lerobot_robot_yam.face.operator_keys import requests
 from lerobot_robot_yam.face.recorder.disk_guard import DiskLeft, disk_warning
-from lerobot_robot_yam.face.recorder.record_command import PACKAGE, callers
 
-_NAMES = ("record", "rollout", "eval")
-_SCRIPTS = {str(PACKAGE / "scripts" / f"lerobot_{name}.py"): f"lerobot-{name}" for name in _NAMES}
-_EVALUATION = "lerobot-eval"
 _LIVE = (Phase.RECORDING, Phase.AUTONOMOUS, Phase.CORRECTING)  # a data set may grow
 _LATE = 1.5  # of a tick's time, as `EpisodeFigures` counts
 _RECENT_S = 5.0  # whose ticks make a rate
@@ -24,7 +23,7 @@ _KEPT = 4096  # times that nobody has counted yet
 
 
 class TickPace:
-    """How fast a command's loop really runs: of one loop after the other.
+    """Counter of how fast a command's loop really runs, one loop after the other.
 
     The loop itself only notes the time, in `tick`; another thread counts.
     """
@@ -66,12 +65,12 @@ class TickPace:
 
 
 class CommandFacts:
-    """Of one command.
+    """Facts about one command.
 
     Args:
-        name: of it.
+        name: what it is called, such as lerobot-record.
         config: LeRobot's, as it has parsed its options.
-        pace: of its loop.
+        pace: counts how fast its loop runs.
     """
 
     def __init__(self, name: str, config: Any, pace: TickPace):
@@ -81,10 +80,10 @@ class CommandFacts:
 
     def look(self) -> dict[str, Any]:
         """All that is known now, ready for JSON; what cannot be known is not in it."""
-        if self.name == _EVALUATION:
+        if self.name == EVALUATION:
             known = self._evaluation()
         else:
-            now = running_command.look()
+            now = look()
             known = {**self._situation(now), **self._data(now)}
         return {name: value for name, value in known.items() if value not in (None, "", {})}
 
@@ -133,7 +132,7 @@ class CommandFacts:
         }
 
     def _evaluation(self) -> dict[str, Any]:
-        config, values = self._config, _evaluation_values()
+        config, values = self._config, evaluation_values()
         known = {
             "command": self.name,
             "task": getattr(config.env, "description", None) or config.env.task,
@@ -152,20 +151,6 @@ class CommandFacts:
         return known
 
 
-def _evaluation_values() -> dict[str, Any]:
-    """LeRobot's own variables of the evaluation and of its rollout that runs."""
-    frame = sys._current_frames().get(threading.main_thread().ident or 0)
-    found: dict[str, Any] = {}
-    for caller in callers(frame):
-        if _SCRIPTS.get(caller.f_code.co_filename) == _EVALUATION:
-            name, values = caller.f_code.co_name, caller.f_locals
-            if name == "rollout" and {"step", "max_steps"} <= values.keys():
-                found |= {"step": values["step"], "max_steps": values["max_steps"]}
-            elif name == "eval_policy":
-                found |= {name: values.get(name) for name in ("n_episodes", "all_successes")}
-    return found
-
-
 def _queues(writer: Any) -> dict[str, Any]:
     """Frames that wait for LeRobot's encoder, or for the writer of its images."""
     found: dict[str, Any] = {}
@@ -179,12 +164,3 @@ def _queues(writer: Any) -> dict[str, Any]:
     if images is not None:
         found["images_waiting"] = images.qsize()
     return found
-
-
-def command_of(frame: FrameType | None) -> tuple[str, Any] | None:
-    """Name and config of the command that has called down to `frame`; None under any other program."""
-    for caller in callers(frame):
-        name = _SCRIPTS.get(caller.f_code.co_filename)
-        if name is not None and "cfg" in caller.f_locals:
-            return name, caller.f_locals["cfg"]
-    return None

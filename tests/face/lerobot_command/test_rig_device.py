@@ -10,8 +10,8 @@ from lerobot.scripts.lerobot_teleoperate import TeleoperateConfig
 
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, YamFollowerConfig
 from lerobot_robot_yam.doctor.kit.targets import from_config
-from lerobot_robot_yam.face.devices.cli_options import channels_of
-from lerobot_robot_yam.face.devices.config_refusal import RefusedConfigError
+from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
+from lerobot_robot_yam.face.lerobot_command.given_options import channels_of
 from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig
 
 CAMERA = {"type": "yam_sim", "camera": "top"}

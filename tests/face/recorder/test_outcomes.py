@@ -2,9 +2,9 @@
 
 import pytest
 
-from lerobot_robot_yam.face.operator_keys.key_plan import Phase, Situation
+from lerobot_robot_yam.face.lerobot_command.running_command import Phase, Situation
 from lerobot_robot_yam.face.recorder import outcomes
-from lerobot_robot_yam.face.recorder.outcome_book import OutcomeBook
+from lerobot_robot_yam.face.recorder.outcomes import OutcomeBook
 from tests.support.wrecks import CAMERAS, add_frames, create
 
 

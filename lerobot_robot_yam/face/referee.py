@@ -13,8 +13,8 @@ import numpy as np
 from lerobot.utils.keyboard_input import create_key_listener
 
 from lerobot_robot_yam.errors import ConfigError, RigError
+from lerobot_robot_yam.face.lerobot_command.running_command import Situation
 from lerobot_robot_yam.face.operator_keys import requests
-from lerobot_robot_yam.face.operator_keys.key_plan import Situation
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_robot_yam.rig.client.rig_operations import RigOperations
@@ -98,12 +98,12 @@ class OperatorReferee(Referee):
         requests.join(self, first=True)
 
     def ask(self, press: Press) -> None:
-        """See `requests.Doer`."""
+        """Do what a page asks for, see `requests.Doer`."""
         if press.meaning in self.offers(Situation(), 0):
             self._press(_KEYS[press.meaning])
 
     def offers(self, now: Situation, first: int) -> dict[str, str]:
-        """See `requests.Doer`."""
+        """Say in words what can be asked for now, see `requests.Doer`."""
         if self._arranges:
             return {Meaning.NEXT.value: "the scene is laid out: begins the episode"}
         return {label.value: f"the episode is a {label}, and ends" for label in (Meaning.SUCCESS, Meaning.FAILURE)}

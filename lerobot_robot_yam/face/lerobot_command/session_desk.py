@@ -11,7 +11,8 @@ import time
 from types import FrameType
 
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.face.desk.command_facts import CommandFacts, TickPace, command_of
+from lerobot_robot_yam.face.lerobot_command.command_facts import CommandFacts, TickPace
+from lerobot_robot_yam.face.lerobot_command.running_command import command_of
 from lerobot_robot_yam.face.operator_keys import requests
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
@@ -30,7 +31,7 @@ _one = threading.Lock()  # of a process: environments of lerobot-eval may have s
 
 
 class SessionDesk:
-    """Of one robot, from its connect to its disconnect. Does nothing under other programs, and never raises."""
+    """Desk of one robot, from its connect to its disconnect. Does nothing under other programs, and never raises."""
 
     def __init__(self) -> None:
         self._pace = TickPace()

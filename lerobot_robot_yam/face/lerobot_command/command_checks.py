@@ -1,9 +1,10 @@
-"""The check of the recording or policy that the running LeRobot command will use, before anything is energised.
+"""Checks of what a LeRobot command names, before anything is opened or energised.
 
-No stock loop tells the robot what it is about to replay, resume or roll out. So the robot reads the command's options
-with LeRobot's own parser: the command line, and the file of `--config_path` below it.
+- Whether it is there: the data set, the episode, the cameras of a policy, a channel of its own for each arm.
+- Whether its numbers mean what the robot's mean. No stock loop tells the robot what it is about to replay, resume or
+  roll out, so the command's options say it (`given_options`).
 
-Joints or tool poses: of an arm with six joints both are as many numbers, so that nothing else would notice.
+Joints or tool poses: both are six numbers for an arm with six joints, so that nothing else would notice.
 
 - The names of the values tell, wherever they are kept.
 - Statistics tell some joints: no tool of these arms gets 1.5 m away from its base, and joints get beyond 1.5 rad.
@@ -16,6 +17,7 @@ Degrees or radians:
   the recording is in radians (or of an arm that never left zero by 6°).
 """
 
+import difflib
 import logging
 import sys
 from collections.abc import Collection, Mapping, Sequence
@@ -24,27 +26,33 @@ from typing import Any
 
 import numpy as np
 from lerobot.configs import parser
+from lerobot.utils.constants import OBS_IMAGES
 
-from lerobot_robot_yam.arm.joint_map import TURN
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.datasets.layout import DEGREES_SUFFIX
-from lerobot_robot_yam.face.datasets.recording import Recording, of_checkpoint, of_dataset
-from lerobot_robot_yam.face.devices.cli_inputs import check_cameras, check_channels, check_data_set
-from lerobot_robot_yam.face.devices.cli_options import given_options
+from lerobot_robot_yam.face.datasets.layout import INFO, episodes_in, is_empty
+from lerobot_robot_yam.face.datasets.recording import (
+    DEGREES,
+    RADIANS,
+    Recording,
+    of_checkpoint,
+    of_dataset,
+    unit_of,
+)
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS, space_of
+from lerobot_robot_yam.face.lerobot_command.given_options import channels_of, given_options
 
 logger = logging.getLogger(__name__)
 
-_TRAINING = ("lerobot-train", "lerobot_train")
-_IN_ENVS = (*_TRAINING, "lerobot-eval", "lerobot_eval")  # whose cameras an environment names
+_HUB_S = 5.0  # longest wait for the hub's answer
+_PARQUET_END = b"PAR1"
+_FILLED = "empty_camera"  # LeRobot's names of images that policies get as zeros
+_FILLING = ("pi0", "pi05", "pi0_fast", "smolvla", "xvla", "evo1")  # LeRobot's types that do so with any that is missing
 _SERVER_SPACES = {"joint_position": "joint", "cartesian_position": "ee"}  # RoboArena's words
 _NAMES = {"joint": "joint positions", "ee": "tool poses"}
 _OTHER_ROBOT = "Set the robot's type, and each arm's gripper, to those of the recording"
 _OTHER_ORDER = "Convert the recording to this robot's order, and train a policy anew"
 _FARTHEST_M = 1.5
 _METRES = tuple(f"{name}.pos" for name in TOOL_NUMBERS[:3])
-_RADIANS, _DEGREES = "radians", "degrees"
-_OURS = ("yam_follower", "bi_yam_follower")
 
 
 def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Collection[str] = ()) -> None:
@@ -52,8 +60,8 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
 
     Args:
         device: LeRobot's type name.
-        keys: of an action.
-        use_degrees: of the robot.
+        keys: keys of an action.
+        use_degrees: whether the robot's joints are in degrees.
         cameras: names of the robot's images.
 
     Raises:
@@ -62,23 +70,24 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
             (or the reverse), or in the other unit.
     """
     space, options = space_of(keys), given_options()
-    check_channels()
-    check_data_set(options)
-    recordings = []
-    replays, resumes = "dataset.episode" in options, options.get("resume") == "True"
+    command = Path(*sys.argv[:1]).stem.replace("_", "-")
+    resumes = options.get("resume") == "True"
+    opens = resumes or "dataset.episode" in options
+    _check_channels()
+    _check_data_set(options, opens, new=not opens and command == "lerobot-record")
+    recordings: list[Recording] = []
+    saved: Mapping[str, Any] = {}
     repo_id = options.get("dataset.repo_id")
-    if repo_id and (replays or resumes):
+    if repo_id and opens:
         data = of_dataset(repo_id, options.get("dataset.root"))
         _check_names(device, keys, data, in_order=resumes)
         recordings.append(data)
     path = parser.get_path_arg("policy") or options.get("pretrained_name_or_path")  # the latter: async inference
-    if Path(*sys.argv[:1]).stem in _TRAINING:
-        path = None  # from where the training begins; its evaluations roll out what has been learnt since
-    revision = options.get("policy.pretrained_revision")
-    if path:
-        learnt = of_checkpoint(path, revision)
-        if not any(name.startswith("rename_map") for name in options) and Path(*sys.argv[:1]).stem not in _IN_ENVS:
-            check_cameras(learnt.what, learnt.config, cameras)
+    if path and command != "lerobot-train":  # a training's evaluations roll out what has been learnt since
+        learnt = of_checkpoint(path, options.get("policy.pretrained_revision"))
+        saved = learnt.config
+        if not any(name.startswith("rename_map") for name in options) and command != "lerobot-eval":
+            _check_cameras(learnt, cameras)
         if set(learnt.names) == set(keys):  # LeRobot goes by the order then, not by the names
             _check_names(device, keys, learnt, in_order=True)
         recordings.append(learnt)
@@ -89,9 +98,91 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
         _check_space(device, keys, recording)
         if space == "joint":  # poses of a tool have one unit
             _check_unit(device, use_degrees, recording.what, unit_of(recording, is_joint))
-    saved = learnt.config if path else {}
     if options.get("policy.type", saved.get("type")) == "yam_openpi":
         _check_server(device, keys, use_degrees, saved, options)
+
+
+def _check_channels() -> None:
+    """Refuse a channel that two arms of the command have."""
+    found: dict[str, str] = {}
+    for device in ("robot", "teleop"):
+        for option, channel in channels_of(device).items():
+            if channel in found:
+                raise ConfigError(
+                    f"channel {channel} is given twice, by {found[channel]} and {option}; each arm has its own"
+                )
+            found[channel] = option
+
+
+def _check_data_set(options: Mapping[str, str], opens: bool, new: bool) -> None:
+    """Refuse a folder (`dataset.root`) that does not hold what the command opens, or is in the way of a new one."""
+    if not options.get("dataset.root"):
+        return  # in LeRobot's own directory, or to be fetched
+    root = Path(options["dataset.root"])
+    episodes = episodes_in(root)
+    if opens and episodes is None and not _on_hub(options.get("dataset.repo_id", "")):
+        beside = sorted(path.parent.parent.name for path in root.parent.glob(f"*/{INFO}"))
+        there = f"{root.parent} has {', '.join(beside)}" if beside else f"{root.parent} has none"
+        raise ConfigError(f"there is no data set in {root}; {there}")
+    if opens and episodes == 0:
+        raise ConfigError(f"the data set in {root} has no episode; {_clean(root)}")
+    if opens and episodes and _is_torn(root):
+        raise ConfigError(f"the data set in {root} was not closed, and does not load; `yam-repair-dataset {root}`")
+    if episodes and int(options.get("dataset.episode") or 0) >= episodes:
+        raise ConfigError(f"{root} has no episode {options['dataset.episode']}, but 0 to {episodes - 1}")
+    if new and root.exists():
+        holds = f"holds {episodes} episodes; add --resume=true to record more, or choose another dataset.root"
+        if episodes is None:
+            holds = "is no data set; choose another dataset.root"
+        elif episodes == 0:
+            holds = f"holds no episode; {_clean(root)}"
+        raise ConfigError(f"{root} is there already and {holds}")
+
+
+def _is_torn(root: Path) -> bool:
+    """Whether a recording was killed: LeRobot would look for the data set on the Hub, without a word of that."""
+    episodes = list(root.glob("meta/episodes/**/*.parquet"))
+    tables = [*episodes, *root.glob("data/**/*.parquet")]
+    return not episodes or not all(_is_closed(path) for path in tables)
+
+
+def _is_closed(table: Path) -> bool:
+    with table.open("rb") as file:
+        file.seek(max(0, table.stat().st_size - len(_PARQUET_END)))
+        return file.read() == _PARQUET_END
+
+
+def _clean(root: Path) -> str:
+    """How to get rid of a data set without an episode."""
+    if is_empty(root):
+        return f"remove it (rm -r {root}) and record"
+    return f"there are rows or images of one all the same: `yam-repair-dataset {root}`"
+
+
+def _on_hub(repo_id: str) -> bool:
+    """Whether LeRobot could fetch it."""
+    from huggingface_hub import HfApi
+
+    try:
+        HfApi().dataset_info(repo_id, timeout=_HUB_S)
+    except Exception:  # no such data set, no network, no name of one
+        return False
+    return True
+
+
+def _check_cameras(policy: Recording, cameras: Collection[str]) -> None:
+    """Refuse a policy that sees cameras which the robot lacks. Some policies take zeros for all but one."""
+    config = policy.config
+    names = [name.removeprefix(f"{OBS_IMAGES}.") for name in config.get("input_features") or {} if OBS_IMAGES in name]
+    wanted = [name for name in names if not name.startswith(_FILLED)]
+    missing = next((name for name in wanted if name not in cameras), None)
+    if missing is None or (config.get("type") in _FILLING and not set(wanted).isdisjoint(cameras)):
+        return
+    near = difflib.get_close_matches(missing, list(cameras), 1)
+    meant = f"is {near[0]!r} its {missing!r}? Rename it" if near else f"configure {missing!r} under robot.cameras"
+    raise ConfigError(
+        f"{policy.what} sees the cameras {', '.join(wanted)}, this robot has {', '.join(cameras) or 'none'}; {meant}"
+    )
 
 
 def _check_server(
@@ -104,7 +195,7 @@ def _check_server(
     _refuse_other_space(device, keys, f"policy.action_space={space}", _SERVER_SPACES[space])
     degrees = (options.get("policy.angle_unit") or saved.get("angle_unit")) == "deg"
     if space_of(keys) == "joint":
-        _check_unit(device, use_degrees, "policy.angle_unit", _DEGREES if degrees else _RADIANS)
+        _check_unit(device, use_degrees, "policy.angle_unit", DEGREES if degrees else RADIANS)
     elif degrees:
         raise ConfigError(f"{device}: tool poses are in m and rad; nothing was energised. Set policy.angle_unit to rad")
 
@@ -147,28 +238,13 @@ def _refuse_other_space(device: str, keys: Sequence[str], what: str, found: str 
         )
 
 
-def unit_of(recording: Recording, is_joint: np.ndarray) -> str | None:
-    """Unit of the joints, None if the recording does not tell.
-
-    Args:
-        recording: a data set or a checkpoint.
-        is_joint: (n,) which values of an action are angles; the others are grippers.
-    """
-    if recording.robot_type.endswith(DEGREES_SUFFIX):
-        return _DEGREES
-    largest = recording.largest(is_joint)
-    if largest is None:
-        return _RADIANS if recording.robot_type in _OURS else None
-    return _DEGREES if largest > TURN else _RADIANS
-
-
 def _check_unit(device: str, use_degrees: bool, what: str, found: str | None) -> None:
     """Refuse what is in the other unit; warn of what does not tell."""
-    unit = _DEGREES if use_degrees else _RADIANS
+    unit = DEGREES if use_degrees else RADIANS
     if found is None:
         logger.warning("%s: %s does not tell its unit; this robot is in %s", device, what, unit)
     elif found != unit:
         raise ConfigError(
             f"{device}: {what} is in {found}, this robot in {unit}; nothing was energised. "
-            f"Set the robot's use_degrees to {str(found == _DEGREES).lower()}"
+            f"Set the robot's use_degrees to {str(found == DEGREES).lower()}"
         )

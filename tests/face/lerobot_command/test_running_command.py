@@ -2,16 +2,14 @@
 
 import inspect
 import math
+import time
 from types import SimpleNamespace
 
 import pytest
 
-from lerobot_robot_yam.face.recorder.record_command import (
-    is_empty,
-    running_record,
-    stop_after_saving,
-    under_a_command,
-)
+from lerobot_robot_yam.face.datasets.layout import is_empty
+from lerobot_robot_yam.face.lerobot_command.running_command import Phase, recording, under_a_command
+from lerobot_robot_yam.face.recorder.kept_episodes import stop_after_saving
 from tests.support.lerobot_calls import SCRIPTS, called_by
 
 RECORD = SCRIPTS / "lerobot_record.py"
@@ -27,8 +25,8 @@ def in_record(call, dataset, events, file=RECORD):
     return called_by(file, "record", call, dataset=dataset, cfg=cfg, events=events)
 
 
-def in_loop(call, dataset):
-    return called_by(RECORD, "record_loop", call, dataset=dataset, start_episode_t=1.0, control_time_s=30.0)
+def in_loop(call, dataset, begin_s=1.0):
+    return called_by(RECORD, "record_loop", call, dataset=dataset, start_episode_t=begin_s, control_time_s=30.0)
 
 
 def strike():
@@ -52,11 +50,12 @@ def test_an_episode_that_is_being_recorded_does_not_hold_a_signal_up():
 
 
 def test_when_its_loop_ends_by_itself_is_known():
-    def ends():
-        return running_record(inspect.currentframe()).ends
+    def look():
+        return recording(inspect.currentframe())
 
-    assert in_record(lambda: in_loop(ends, None), data_set({"size": 0}), {}) == 31.0
-    assert in_record(ends, data_set({"size": 0}), {}) == math.inf
+    now = in_record(lambda: in_loop(look, None, time.perf_counter()), data_set({"size": 0}), {})
+    assert now.phase is Phase.RESETTING and 29.0 < now.left_s < 30.0
+    assert in_record(look, data_set({"size": 0}), {}).left_s == math.inf
 
 
 def test_nothing_is_promised_while_the_command_ends_by_an_error():
@@ -74,8 +73,8 @@ def test_nothing_is_promised_while_the_command_ends_by_an_error():
 
 def test_other_programs_are_no_command(tmp_path):
     dataset, events = data_set({"size": 30}), {"stop_recording": False}
-    look = lambda: running_record(inspect.currentframe())  # noqa: E731
-    assert running_record(inspect.currentframe()) is None and not under_a_command(inspect.currentframe())
+    look = lambda: recording(inspect.currentframe())  # noqa: E731
+    assert recording(inspect.currentframe()) is None and not under_a_command(inspect.currentframe())
     assert in_record(look, dataset, events).dataset is dataset
     assert in_record(look, dataset, events, tmp_path / "lerobot_record.py") is None
     assert called_by(RECORD, "record", look, dataset=None, cfg=None) is None

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices.cli_check import check_cli
+from lerobot_robot_yam.face.lerobot_command.command_checks import check_cli
 
 KEYS = [*(f"joint_{n}.pos" for n in range(1, 7)), "gripper.pos"]
 

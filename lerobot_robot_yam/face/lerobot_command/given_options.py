@@ -1,0 +1,86 @@
+"""The options of the LeRobot command in this process: its command line, and the file of `--config_path` below it.
+
+The configs of devices are checked while LeRobot still parses, so there is no parsed command yet to look at. Its own
+parser reads the same words for us, of which only the options that are checked count.
+"""
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import field, make_dataclass
+from pathlib import Path
+from typing import Any
+
+import draccus
+import yaml
+from draccus.argparsing import ArgumentParser
+from draccus.utils import DraccusException, flatten
+from lerobot.configs import parser
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.rig_file import ARMS_OF_TWO, device_of
+
+# All that draccus raises: some errors of YAML, of files and of values in wrong places come through as they are.
+_NOT_PARSED = (argparse.ArgumentError, DraccusException, yaml.YAMLError, OSError, TypeError, ValueError)
+_SECTIONS = {
+    "dataset": ("repo_id", "root", "episode"),
+    "policy": ("type", "pretrained_revision", "action_space", "angle_unit"),
+}
+_ALONE: dict[str, Any] = {
+    "resume": (bool, False),
+    "pretrained_name_or_path": (str | None, None),
+    "rename_map": (dict[str, str], field(default_factory=dict)),
+}
+
+
+def _section(name: str, options: Sequence[str]) -> Any:
+    return make_dataclass(name, [(option, str | None, None) for option in options])
+
+
+_Options = make_dataclass(
+    "_Options",
+    [
+        *((name, kind := _section(name, options), field(default_factory=kind)) for name, options in _SECTIONS.items()),
+        *((name, *kind) for name, kind in _ALONE.items()),
+    ],
+)
+
+
+@draccus.decode.register(_Options)
+def _as_text(given: Mapping[str, Any], _: Sequence[str]) -> dict[str, str]:
+    """Values by full name, such as `dataset.root`. Decoding would refuse the other options of a config file."""
+    known = {name: given[name] for name in (*_SECTIONS, *_ALONE) if name in given}
+    return {name: str(value) for name, value in flatten(known).items() if value is not None}
+
+
+def given_options() -> dict[str, str]:
+    """The options that are checked, by full name such as `dataset.root`; empty where LeRobot will refuse them."""
+    try:
+        known = ArgumentParser(_Options, _config_file(), prog="", add_help=False, exit_on_error=False)
+        return known.parse_known_args(parser.filter_arg("config_path", sys.argv[1:]))[0]
+    except _NOT_PARSED:
+        return {}
+
+
+def channels_of(device: str) -> dict[str, str]:
+    """Channels of the arms of a device ("robot", "teleop"), by the option that gives them."""
+    path = _config_file()
+    try:
+        file = yaml.safe_load(Path(path).read_text()) if path is not None else {}
+        told = device_of(device, file.get(device) or {})
+    except (yaml.YAMLError, OSError, AttributeError, TypeError, ConfigError):  # LeRobot's parser says what is wrong
+        told = {}
+    found = {}
+    for name in ("", *ARMS_OF_TWO):
+        option = ".".join(filter(None, (device, name, "channel")))
+        arm = told.get(name) if name else told
+        channel = parser.parse_arg(option) or (arm.get("channel") if isinstance(arm, Mapping) else None)
+        if channel:
+            found[option] = str(channel)
+    return found
+
+
+def _config_file() -> str | None:
+    """The command's config file; None without one, or where it is a repository of the hub."""
+    path = parser.parse_arg("config_path")
+    return path if path is not None and Path(path).is_file() else None

@@ -1,0 +1,223 @@
+"""The LeRobot command that runs in this process: its options, its data set, its flags, and what it does at the moment.
+
+LeRobot tells none of this to a robot. It is read from the stack, where LeRobot's own functions keep it; nothing of
+LeRobot is replaced. Under any other program there is nothing to find.
+"""
+
+import importlib.util
+import math
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import partial
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from lerobot_robot_yam.face.operator_keys.meanings import Meaning
+
+RECORD, EVALUATION = "lerobot-record", "lerobot-eval"
+STOP, LEAVE_LOOP, AGAIN = "stop_recording", "exit_early", "rerecord_episode"  # LeRobot's flags, which its keys set
+_KEY_S = 0.2  # longest time from a look at a command to its answer at the next frame, s
+
+
+def _lerobot() -> Path:
+    spec = importlib.util.find_spec("lerobot")
+    return Path((spec and spec.submodule_search_locations or ["/nowhere"])[0])
+
+
+_PACKAGE = _lerobot()
+_COMMANDS = tuple(f"{_PACKAGE / folder}/" for folder in ("scripts", "rollout"))
+_STRATEGIES = f"{_PACKAGE / 'rollout' / 'strategies'}/"
+_SCRIPTS = {
+    str(_PACKAGE / "scripts" / f"lerobot_{name}.py"): f"lerobot-{name}" for name in ("record", "rollout", "eval")
+}
+_EPISODE_KEYS = {Meaning.NEXT: "right", Meaning.RERECORD: "left"}
+
+
+class Phase(Enum):
+    """What a LeRobot command does."""
+
+    BETWEEN = "between two phases"  # it connects, saves, ends
+    RECORDING = "recording"
+    RESETTING = "resetting"
+    AUTONOMOUS = "autonomous"  # the policy drives
+    PAUSED = "paused"
+    CORRECTING = "correcting"
+
+
+_EPISODE_LOOPS = {"_policy_loop": Phase.RECORDING, "_reset_loop": Phase.RESETTING}
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What a LeRobot command does at one moment.
+
+    Attributes:
+        command: what messages call it, empty without one.
+        phase: what it does.
+        keys: the key of each thing that it can be asked for by key, as LeRobot's listeners call it.
+        dataset: LeRobot's data set that it writes, once there is one.
+        turn: when the present run of its loop began, on `time.perf_counter`; 0 outside of the loop.
+        left_s: seconds until the phase ends by itself.
+        flags: LeRobot's own, which its keys set; empty unless the command records episode by episode.
+        config: LeRobot's options of the command.
+        do: does what LeRobot's listener does at one of these keys.
+    """
+
+    command: str = ""
+    phase: Phase = Phase.BETWEEN
+    keys: Mapping[Meaning, str] = field(default_factory=dict)
+    dataset: Any = None
+    turn: float = 0.0
+    left_s: float = math.inf
+    flags: dict[str, Any] = field(default_factory=dict)
+    config: Any = None
+    do: Callable[[str], None] = lambda key: None
+
+    @property
+    def drops(self) -> bool:
+        """The episode that was recorded last is dropped, not saved, when the reset ends."""
+        return bool(self.flags.get(AGAIN))
+
+    @property
+    def frames(self) -> int:
+        """Frames of the episode that is not saved yet."""
+        writer = self.dataset.writer if self.dataset is not None else None
+        buffer = writer.episode_buffer if writer is not None else None
+        return int(buffer.get("size", 1)) if buffer is not None else 0  # LeRobot takes the count away while it saves
+
+    @property
+    def ends_by_itself(self) -> bool:
+        """It ends so soon that a key would end what comes next, perhaps an episode that has no frame yet."""
+        return self.left_s < _KEY_S
+
+    def stop(self) -> None:
+        """End the command as its stop key does: an episode that is being recorded, or was, is saved."""
+        self.flags[STOP] = self.flags[LEAVE_LOOP] = True
+
+    def discard(self) -> None:
+        """Drop the episode that is being recorded, as the re-record key does."""
+        self.flags[AGAIN] = self.flags[LEAVE_LOOP] = True
+
+
+def callers(frame: FrameType | None) -> Iterator[FrameType]:
+    """A frame, and those that have called down to it."""
+    while frame is not None:
+        yield frame
+        frame = frame.f_back
+
+
+def under_a_command(frame: FrameType | None) -> bool:
+    """Whether a LeRobot command, not a program of the user's, has called down to `frame`."""
+    return any(caller.f_code.co_filename.startswith(_COMMANDS) for caller in callers(frame))
+
+
+def command_of(frame: FrameType | None) -> tuple[str, Any] | None:
+    """Name and options of the recording, rollout or evaluation that has called down to `frame`; None: of no such."""
+    for caller in callers(frame):
+        name = _SCRIPTS.get(caller.f_code.co_filename)
+        if name is not None and "cfg" in caller.f_locals:
+            return name, caller.f_locals["cfg"]
+    return None
+
+
+def hears_keys(frame: FrameType | None) -> bool:
+    """Whether a command that listens to keys has called down to `frame`."""
+    found = command_of(frame)
+    return found is not None and found[0] != EVALUATION
+
+
+def main_frame() -> FrameType | None:
+    """Where the main thread is, in which commands run."""
+    return sys._current_frames().get(threading.main_thread().ident or 0)
+
+
+def look() -> Situation:
+    """What the command does now. Any thread may ask."""
+    frame = main_frame()
+    return recording(frame) or _rollout(frame)
+
+
+def recording(frame: FrameType | None) -> Situation | None:
+    """What the `lerobot-record` does that has called down to `frame`; None before its data set is open."""
+    phase, turn, left_s = Phase.BETWEEN, 0.0, math.inf
+    for caller in callers(frame):
+        if _SCRIPTS.get(caller.f_code.co_filename) != RECORD:
+            continue
+        name, values = caller.f_code.co_name, caller.f_locals
+        if name == "record_loop" and "start_episode_t" in values:
+            phase = Phase.RESETTING if values.get("dataset") is None else Phase.RECORDING
+            turn = values["start_episode_t"]
+            left_s = turn + values["control_time_s"] - time.perf_counter()
+        elif name == "record":
+            dataset, config = values.get("dataset"), values.get("cfg")
+            if dataset is None or config is None:
+                return None
+            flags = values.get("events") or {}  # before it has connected it does not listen
+            keys = _EPISODE_KEYS if flags else {}
+            return Situation(RECORD, phase, keys, dataset, turn, left_s, flags, config, _by_flags(flags))
+    return None
+
+
+def _by_flags(flags: dict[str, Any]) -> Callable[[str], None]:
+    """What the listener of a command that records episode by episode does at a key."""
+    from lerobot.utils.keyboard_input import apply_recording_control
+
+    return lambda key: apply_recording_control(key, flags)
+
+
+def _rollout(frame: FrameType | None) -> Situation:
+    phase, turn, left_s = Phase.BETWEEN, 0.0, math.inf
+    for caller in callers(frame):
+        if not caller.f_code.co_filename.startswith(_STRATEGIES):
+            continue
+        name, values = caller.f_code.co_name, caller.f_locals
+        turn = turn or values.get("start_time", 0.0)  # of strategies without episodes
+        if name in _EPISODE_LOOPS:
+            turn = values.get("start_t", 0.0)
+            phase = _EPISODE_LOOPS[name] if turn else Phase.BETWEEN
+            left_s = turn + values["control_time_s"] - time.perf_counter() if turn else math.inf
+        elif name == "run" and "ctx" in values:
+            return _strategy(values["self"], values["ctx"], phase, turn, left_s)
+    return Situation()
+
+
+def _strategy(strategy: Any, ctx: Any, phase: Phase, turn: float, left_s: float) -> Situation:
+    kind, options, dataset, stop = strategy.config.type, strategy.config, ctx.data.dataset, ctx.runtime.shutdown_event
+    command = f"the {kind} strategy of lerobot-rollout"
+    if kind == "episodic":
+        flags = strategy._events
+        return Situation(command, phase, _EPISODE_KEYS, dataset, turn, left_s, flags, do=_by_flags(flags))
+    phase, keys = Phase.AUTONOMOUS, {Meaning.STOP: "esc"}
+    does: dict[str, Callable[[], None]] = {"esc": stop.set}
+    if kind == "dagger" and options.input_device == "keyboard":
+        named, events = options.keyboard, strategy._events
+        phase = Phase(events.phase.value)
+        keys |= {Meaning.PAUSE: named.pause_resume, Meaning.CORRECT: named.correction, Meaning.UPLOAD: named.upload}
+        does = {
+            named.pause_resume: partial(events.request_transition, "pause_resume"),
+            named.correction: partial(events.request_transition, "correction"),
+            named.upload: events.upload_requested.set,
+            "esc": events.stop_recording.set,
+        }
+    elif kind == "highlight":
+        keys |= {Meaning.SAVE: options.save_key, Meaning.UPLOAD: options.push_key}
+        does |= {options.save_key: strategy._save_requested.set, options.push_key: strategy._push_requested.set}
+    return Situation(command, phase, keys, dataset, turn, do=lambda key: does[key]())
+
+
+def evaluation_values() -> dict[str, Any]:
+    """LeRobot's own variables of the evaluation in this process, and of its rollout that runs."""
+    found: dict[str, Any] = {}
+    for caller in callers(main_frame()):
+        if _SCRIPTS.get(caller.f_code.co_filename) == EVALUATION:
+            name, values = caller.f_code.co_name, caller.f_locals
+            if name == "rollout" and {"step", "max_steps"} <= values.keys():
+                found |= {"step": values["step"], "max_steps": values["max_steps"]}
+            elif name == "eval_policy":
+                found |= {name: values.get(name) for name in ("n_episodes", "all_successes")}
+    return found
