@@ -5,7 +5,7 @@ import pytest
 
 from lerobot_robot_yam.arm.profile_files import GRIPPERS, load_gripper
 from tests.control.test_landing import random_poses
-from tests.support.rigged import LIVE, arm_on, rig_of
+from tests.support.rigged import LIVE, arm_that_stays_up, rig_of
 
 CHANNEL = "follower_left"
 
@@ -13,7 +13,7 @@ CHANNEL = "follower_left"
 def connect(rig, gripper="linear_4310"):
     calibration = load_gripper(gripper).calibration
     stops_rad = None if calibration is None else calibration.nominal_stops_rad.tolist()
-    return arm_on(rig, CHANNEL, gripper=gripper, gripper_stops_rad=stops_rad)
+    return arm_that_stays_up(rig, CHANNEL, gripper=gripper, gripper_stops_rad=stops_rad)
 
 
 def hold_errors(kind, gripper, poses, friction):

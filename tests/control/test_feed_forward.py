@@ -5,7 +5,7 @@ import pytest
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.impedance import gravity_model
-from tests.support.rigged import arm_on, rig_of, session_on, sim_config, track
+from tests.support.rigged import arm_that_stays_up, rig_of, session_on, sim_config, track
 from tests.support.tiers import spread
 
 CHANNEL = "follower_left"
@@ -18,7 +18,7 @@ def sag(**fields):
     """(6,) rad, by how much an arm of that configuration hangs lower than asked; and the configuration's hardware."""
     with rig_of("lockstep", arms=[CHANNEL], friction=0.0) as rig:
         fields["hold_integral"] = False
-        with arm_on(rig, CHANNEL, **fields) as arm:
+        with arm_that_stays_up(rig, CHANNEL, **fields) as arm:
             arm.move_to(POSE, speed_rad_s=1.3)
             arm.clock.sleep(1.5)
             true = np.array(rig.state()["arms"][CHANNEL]["q"][:6])
@@ -62,7 +62,7 @@ def test_coulomb_friction_that_is_fed_forward_is_made_up_for():
         with rig_of("lockstep", arms=[CHANNEL]) as rig:
             config = sim_config(rig, CHANNEL)
             friction = ResolvedArm(config).arm.friction_nm.tolist() if known else None
-            with arm_on(rig, CHANNEL, hold_integral=False, coulomb_friction_nm=friction) as arm:
+            with arm_that_stays_up(rig, CHANNEL, hold_integral=False, coulomb_friction_nm=friction) as arm:
                 arm.move_to(POSE)
                 begin, errors = arm.clock.now(), []
                 while (t := arm.clock.now() - begin) < 6.0:

@@ -11,7 +11,7 @@ from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
-from tests.support.rigged import either_rig, session_on, sim_config, track
+from tests.support.rigged import either_rig, leave, session_on, sim_config, track
 from tests.support.tiers import spread
 
 LEFT, RIGHT, LEADER = "follower_left", "follower_right", "leader_left"
@@ -32,7 +32,7 @@ def running(rig):
 
     yield start
     for session in sessions:
-        session.stop()
+        leave(rig, session)
 
 
 def test_an_arm_that_is_pushed_beyond_a_limit_is_pushed_back_and_the_session_goes_on(rig, running, tmp_path):

@@ -10,7 +10,7 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from tests.control.test_fault_matrix import AWAY, LEFT, RIGHT, SLACK_S, wait_for
-from tests.support.rigged import either_rig, isolation_of, session_on, sim_config, track
+from tests.support.rigged import either_rig, isolation_of, leave, session_on, sim_config, track
 from tests.support.tiers import spread
 
 rig = either_rig(LEFT, RIGHT)
@@ -29,7 +29,7 @@ def test_a_stale_caller_leaves_the_arm_holding_and_the_next_target_moves_it(rig,
         track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.2)
         assert session[LEFT].observe().mode is Mode.TRACK
     finally:
-        session.stop()
+        leave(rig, session)
     assert f"{LEFT}: no target for 0.5 s; it holds" in caplog.text + capfd.readouterr().err
 
 
@@ -55,7 +55,7 @@ def test_too_much_effort_latches_the_emergency_stop(rig):
         clock.sleep(1.5)  # nobody pushes any more
     finally:
         EmergencyStop().release()
-        session.stop()
+        leave(rig, session)
 
 
 @pytest.mark.long
@@ -74,7 +74,7 @@ def test_an_arm_that_holds_because_of_the_other_is_released_with_it_and_not_befo
         track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.2)
         assert {session[channel].mode() for channel in (LEFT, RIGHT)} == {Mode.TRACK}
     finally:
-        session.stop()
+        leave(rig, session)
 
 
 def test_an_arm_that_holds_because_of_the_other_is_not_released_alone(rig):
@@ -93,7 +93,7 @@ def test_an_arm_that_holds_because_of_the_other_is_not_released_alone(rig):
         track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.2)
         assert {session[channel].mode() for channel in (LEFT, RIGHT)} == {Mode.TRACK}
     finally:
-        session.stop()
+        leave(rig, session)
 
 
 def test_of_two_arms_in_trouble_the_one_re_armed_first_waits_for_the_other(rig):
@@ -116,7 +116,7 @@ def test_of_two_arms_in_trouble_the_one_re_armed_first_waits_for_the_other(rig):
         track(session, {LEFT: AWAY, RIGHT: AWAY}, 0.2)
         assert {session[channel].mode() for channel in both} == {Mode.TRACK}
     finally:
-        session.stop()
+        leave(rig, session)
 
 
 class Ticks:
@@ -170,4 +170,4 @@ def test_an_arm_that_switches_off_on_a_bad_wire_keeps_the_other_one_waiting_for_
         assert max(rig.watch(RIGHT)["max_command_age_s"]) < 0.1
     finally:
         rig.clear_faults(LEFT)
-        session.stop()
+        leave(rig, session)

@@ -25,6 +25,8 @@ from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
 from tests.support.hosted import ServedArms, free_port
 from tests.support.rigged import track
 
+pytestmark = pytest.mark.alone  # one session of a live rig serves all tests: a motor that is late fails them all
+
 ARM = "follower_left"
 POSE = [0.1, 0.2, 0.2, 0.0, 0.0, 0.1]
 

@@ -88,6 +88,24 @@ def session_on(rig, *configs):
     return ArmSession(configs, isolation_of(rig))
 
 
+def leave(rig, session):
+    """End a session: at once on a rig in lock-step, which is thrown away; on a live one its arms land."""
+    if isinstance(rig, LockstepRig):
+        session.discard()
+    else:
+        session.stop()
+
+
+@contextlib.contextmanager
+def arm_that_stays_up(rig, channel, **fields):
+    """One connected arm, for a test that is over before it lands."""
+    arm = arm_on(rig, channel, **fields).connect()
+    try:
+        yield arm
+    finally:
+        leave(rig, arm._session)
+
+
 def pause(rig, seconds):
     """Let time pass on a rig while no session runs on it."""
     (rig if isinstance(rig, LockstepRig) else SYSTEM).sleep(seconds)
