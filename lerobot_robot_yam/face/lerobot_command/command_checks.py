@@ -128,8 +128,9 @@ def _check_data_set(options: Mapping[str, str], opens: bool, new: bool) -> None:
         raise ConfigError(f"the data set in {root} has no episode; {_clean(root)}")
     if opens and episodes and _is_torn(root):
         raise ConfigError(f"the data set in {root} was not closed, and does not load; `yam-repair-dataset {root}`")
-    if episodes and int(options.get("dataset.episode") or 0) >= episodes:
-        raise ConfigError(f"{root} has no episode {options['dataset.episode']}, but 0 to {episodes - 1}")
+    episode = options.get("dataset.episode", "")
+    if episodes and episode.isdecimal() and int(episode) >= episodes:  # LeRobot refuses what is no number
+        raise ConfigError(f"{root} has no episode {episode}, but 0 to {episodes - 1}")
     if new and root.exists():
         holds = f"holds {episodes} episodes; add --resume=true to record more, or choose another dataset.root"
         if episodes is None:

@@ -7,7 +7,7 @@ parser reads the same words for us, of which only the options that are checked c
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import field, make_dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,34 +22,38 @@ from lerobot_robot_yam.system.rig_file import ARMS_OF_TWO, device_of
 
 # All that draccus raises: some errors of YAML, of files and of values in wrong places come through as they are.
 _NOT_PARSED = (argparse.ArgumentError, DraccusException, yaml.YAMLError, OSError, TypeError, ValueError)
-_SECTIONS = {
-    "dataset": ("repo_id", "root", "episode"),
-    "policy": ("type", "pretrained_revision", "action_space", "angle_unit"),
-}
-_ALONE: dict[str, Any] = {
-    "resume": (bool, False),
-    "pretrained_name_or_path": (str | None, None),
-    "rename_map": (dict[str, str], field(default_factory=dict)),
-}
 
 
-def _section(name: str, options: Sequence[str]) -> Any:
-    return make_dataclass(name, [(option, str | None, None) for option in options])
+@dataclass
+class _DatasetOptions:
+    repo_id: str | None = None
+    root: str | None = None
+    episode: int | None = None
 
 
-_Options = make_dataclass(
-    "_Options",
-    [
-        *((name, kind := _section(name, options), field(default_factory=kind)) for name, options in _SECTIONS.items()),
-        *((name, *kind) for name, kind in _ALONE.items()),
-    ],
-)
+@dataclass
+class _PolicyOptions:
+    type: str | None = None
+    pretrained_revision: str | None = None
+    action_space: str | None = None
+    angle_unit: str | None = None
+
+
+@dataclass
+class _Options:
+    """The options that are checked, of whatever command: the parser passes over all others."""
+
+    dataset: _DatasetOptions = field(default_factory=_DatasetOptions)
+    policy: _PolicyOptions = field(default_factory=_PolicyOptions)
+    resume: bool = False
+    pretrained_name_or_path: str | None = None
+    rename_map: dict[str, str] = field(default_factory=dict)
 
 
 @draccus.decode.register(_Options)
 def _as_text(given: Mapping[str, Any], _: Sequence[str]) -> dict[str, str]:
     """Values by full name, such as `dataset.root`. Decoding would refuse the other options of a config file."""
-    known = {name: given[name] for name in (*_SECTIONS, *_ALONE) if name in given}
+    known = {name: given[name] for name in _Options.__dataclass_fields__ if name in given}
     return {name: str(value) for name, value in flatten(known).items() if value is not None}
 
 

@@ -131,14 +131,14 @@ def hears_keys(frame: FrameType | None) -> bool:
     return found is not None and found[0] != EVALUATION
 
 
-def main_frame() -> FrameType | None:
+def _main_frame() -> FrameType | None:
     """Where the main thread is, in which commands run."""
     return sys._current_frames().get(threading.main_thread().ident or 0)
 
 
 def look() -> Situation:
     """What the command does now. Any thread may ask."""
-    frame = main_frame()
+    frame = _main_frame()
     return recording(frame) or _rollout(frame)
 
 
@@ -213,7 +213,7 @@ def _strategy(strategy: Any, ctx: Any, phase: Phase, turn: float, left_s: float)
 def evaluation_values() -> dict[str, Any]:
     """LeRobot's own variables of the evaluation in this process, and of its rollout that runs."""
     found: dict[str, Any] = {}
-    for caller in callers(main_frame()):
+    for caller in callers(_main_frame()):
         if _SCRIPTS.get(caller.f_code.co_filename) == EVALUATION:
             name, values = caller.f_code.co_name, caller.f_locals
             if name == "rollout" and {"step", "max_steps"} <= values.keys():

@@ -238,6 +238,12 @@ def test_what_is_no_data_set_is_left_to_lerobot(monkeypatch, text):
     check_cli("robot", KEYS["joint"], False)
 
 
+def test_an_episode_that_is_no_number_is_left_to_lerobot(monkeypatch, tmp_path):
+    words = words_of(dataset_of(tmp_path, "radians"), "--dataset.episode=first")
+    monkeypatch.setattr(sys, "argv", ["lerobot-replay", *words])
+    check_cli("robot", KEYS["joint"], False)
+
+
 @pytest.mark.parametrize(
     ("program", "refuses"), [("/bin/lerobot-train", False), ("x/lerobot_train.py", False), ("lerobot-eval", True)]
 )
