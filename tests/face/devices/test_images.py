@@ -15,7 +15,7 @@ from lerobot_robot_yam.face.devices.images import LATE_S, PATIENCE_S, ImageReade
 from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.rig.devices.thermometer import sample_age_s
 from lerobot_robot_yam.yam_follower import YamFollower
-from tests.support.rigged import STOPS
+from tests.support.rigged import STOPS, rig_of
 
 MOTORS = [*(f"joint_{i}" for i in range(1, 7)), "gripper"]
 
@@ -237,6 +237,25 @@ def test_a_camera_that_fails_while_its_image_is_due_keeps_the_last_one(clock):
     assert reader.read()[0]["top"].max() == 0
 
 
+def test_the_arm_is_read_after_an_image_that_was_late(tmp_path, monkeypatch, caplog):
+    with rig_of("lockstep", arms=["follower_left"]) as rig:
+        options = {"interface": "yam_lockstep", "can_options": {"rig": rig.name}, "gripper_stops_rad": STOPS}
+        robot = YamFollower(
+            YamFollowerConfig(channel="follower_left", calibration_dir=tmp_path, isolation="lockstep", **options)
+        )
+        robot.connect()
+        clock = SimpleNamespace(monotonic=robot.clock.now, sleep=robot.clock.sleep)
+        monkeypatch.setattr(images, "time", clock)
+        robot._images = ImageReader({"top": Camera(clock, fresh_after_s=0.3)}, {"top": CameraSettings()})
+        robot.send_action(dict(zip(robot.action_features, robot.joints() + 0.4, strict=True)))
+        observation = robot.get_observation()
+        q = rig.state()["arms"]["follower_left"]["q"]
+        robot.discard()
+    assert "ms for images: latest frame is too old" in caplog.text
+    assert q[0] > 0.1 and observation["joint_1.pos"] == pytest.approx(q[0], abs=0.02)
+
+
+@pytest.mark.long
 @pytest.mark.alone
 def test_a_late_image_is_waited_for_and_the_arm_is_read_after_it(rig, robot, caplog):
     robot.get_observation()
