@@ -18,10 +18,10 @@ from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
 from lerobot_robot_yam.face.devices.feature_names import motors_of
 from lerobot_robot_yam.face.referee import CallableReferee, OperatorReferee, Referee, RigReferee, find_judge
 from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
-from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.rig.lockstep.lockstep_cameras import LockstepCamera
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from lerobot_robot_yam.rig.operator.scripts.script import make_setup
+from lerobot_robot_yam.rig.operator.script import make_setup
 from lerobot_robot_yam.rig.scene.scene import SCENES, load_scene
 from lerobot_robot_yam.rig.scene.tasks import Task
 from lerobot_robot_yam.yam_follower import FollowerBase

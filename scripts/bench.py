@@ -20,7 +20,7 @@ from bench.measures import STEPS, Results, Settings, report
 from bench.report import json_text, plot, table
 from tqdm import tqdm
 
-from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.rig.control import RigControl
 
 logger = logging.getLogger("bench")
 

@@ -21,8 +21,8 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.rig.lockstep.lockstep_cameras import LockstepCamera
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.operator.operator import RigHands
-from lerobot_robot_yam.rig.operator.scripts.catalog import make_script
-from lerobot_robot_yam.rig.operator.scripts.script import SIDES, make_setup
+from lerobot_robot_yam.rig.operator.script import SIDES, make_setup
+from lerobot_robot_yam.rig.operator.task_scripts import make_script
 from lerobot_robot_yam.session.arm_session import ArmSession
 
 SIZE = (320, 240)  # as configs/sim/record.yaml records

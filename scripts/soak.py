@@ -113,7 +113,7 @@ def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     from soak.operator import Operator
     from soak.teleop import Teleoperation
 
-    from lerobot_robot_yam.rig.client.rig_control import RigControl, wait_ended
+    from lerobot_robot_yam.rig.control import RigControl, wait_ended
 
     rig = RigControl.start(seed=args.seed)
     robot, leader = make_devices(rig.name, folder, args.coupled)

@@ -29,7 +29,7 @@ import pytest  # noqa: E402
 from draccus.wrappers import docstring  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
-from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig  # noqa: E402
+from lerobot_robot_yam.rig.control import RigControl, running_rig  # noqa: E402
 from tests.support import lerobot_tree, preloaded  # noqa: E402
 from tests.support.stillness import Stillness  # noqa: E402
 

@@ -31,13 +31,12 @@ RIG_ROOMS = (
     "world",
     "devices",
     "bus",
-    "client",
-    "judging",
-    "render",
     "simulation",
+    "client",
+    "render",
     "server",
-    "lockstep",
     "operator",
+    "lockstep",
 )
 # "" is the loop and the arm's controller
 CONTROL_ROOMS = ("laws", "landing", "gripper", "safety", "teleop", "preflight", "joints", "", "process")

@@ -17,7 +17,7 @@ from lerobot_robot_yam.face.lerobot_command.running_command import Situation
 from lerobot_robot_yam.face.operator_keys import requests
 from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 from lerobot_robot_yam.face.operator_keys.requests import Press
-from lerobot_robot_yam.rig.client.rig_operations import RigOperations
+from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 
 logger = logging.getLogger(__name__)
 

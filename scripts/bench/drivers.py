@@ -5,8 +5,7 @@ import time
 from typing import Any, Protocol
 
 import numpy as np
-
-from lerobot_robot_yam.rig.devices.thermometer import sample_age_s
+from recorders import sample_age_s
 
 _CHANNELS = ("follower_left", "follower_right")
 _SIDES = ("left", "right")

@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from recorders import stamp_temperatures
 
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig
+from lerobot_robot_yam.rig.control import RigControl, running_rig
 
 CHANNEL = "follower_left"  # where ticks are stamped
 _BLOCK_S = 10.0  # between two readings of the rig's trace, which takes the rig a moment
@@ -124,7 +125,8 @@ class Subject:
 @contextlib.contextmanager
 def driver(kind: str, latency_s: float = 0.0, **job: Any) -> Iterator[tuple[RigControl, Subject]]:
     """A started driver on a rig of its own. Everything ends with the block."""
-    with running_rig(latency_s=latency_s, stamp_temperatures=True) as rig:
+    with running_rig(latency_s=latency_s) as rig:
+        stamp_temperatures(rig)
         subject = Subject(rig.name, {"kind": kind, **job})
         try:
             subject.request("start")

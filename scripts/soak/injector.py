@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from soak.arm import newest_record
 from soak.schedule import CHANNELS, LOSS_RATE, Injection

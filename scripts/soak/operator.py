@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable
 
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from soak.devices import Device
 from soak.injector import Injector

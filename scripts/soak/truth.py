@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import recorders
 
-from lerobot_robot_yam.rig.client.rig_control import RigControl
-from lerobot_robot_yam.rig.judging.recorders import beyond_clip_nm
+from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.state.faults import STALE_OVERSHOOT_RAD_S, stale_overshoot_rad_s
 from soak.arm import Arm
 from soak.checks import GRIPPER, READY, Finding, mode_of
@@ -80,15 +80,15 @@ class Truth:
         self._largest = {"speed": 0.0, "torque": 0.0, "difference_rad": 0.0, "moved_after_cut_m": 0.0}
         self._at: dict[str, str] = {}
         for channel in arms:
-            rig.watch_start(channel)
-            rig.truth_start(channel, _KEPT_S)
+            recorders.watch_start(rig, channel)
+            recorders.truth_start(rig, channel, _KEPT_S)
 
     def look(self) -> None:
         """Ask for extremes since the last look, and for the present pose."""
         windows = []
         for channel in self._arms:
-            windows.append((channel, self._rig.watch(channel), time.monotonic()))
-            self._rig.watch_start(channel)
+            windows.append((channel, recorders.watch(self._rig, channel), time.monotonic()))
+            recorders.watch_start(self._rig, channel)
         records = {channel: arm.read() if arm.record is None else arm.record for channel, arm in self._arms.items()}
         pose = self._rig.state(bodies=True)
         for channel, record in records.items():
@@ -124,7 +124,7 @@ class Truth:
             channel, at_s = event["channel"], float(event["monotonic_s"])
             if channel in self._cuts:
                 return
-            samples = self._rig.truth(channel, at_s - _BEFORE_S)
+            samples = recorders.truth(self._rig, channel, at_s - _BEFORE_S)
             stamps_s = samples["stamp_s"]
             if len(stamps_s) and stamps_s[0] <= at_s:
                 then = int(np.searchsorted(stamps_s, at_s, side="right")) - 1
@@ -184,8 +184,8 @@ class Truth:
         since_s = float(seen["since_s"])
         if self._happened(_SLOW_ADAPTERS, channel, since_s - _SLOW_S, math.inf):
             known_s += _SLOW_S
-        truth = self._rig.truth(channel, since_s - float(known_s.max()))
-        beyond: np.ndarray = beyond_clip_nm(truth, arm.kp[:n], arm.kd[:n], allowed, known_s)
+        truth = recorders.truth(self._rig, channel, since_s - float(known_s.max()))
+        beyond: np.ndarray = recorders.beyond_clip_nm(truth, arm.kp[:n], arm.kd[:n], allowed, known_s)
         return np.where(asked > allowed, allowed + np.where(beyond > 0.0, beyond, 0.0), asked)
 
     def judge_seeds(self) -> list[Finding]:
@@ -193,7 +193,9 @@ class Truth:
         found = []
         for channel, arm in self._arms.items():
             for seed in arm.check.take_seeds():
-                what = judge_seed(seed, self._rig.truth(channel, seed.since_s), _FREE_SPEED * arm.speed_limit)
+                what = judge_seed(
+                    seed, recorders.truth(self._rig, channel, seed.since_s), _FREE_SPEED * arm.speed_limit
+                )
                 if what:
                     found.append(Finding("no set-point jump", seed.at_s, channel, what))
         return found

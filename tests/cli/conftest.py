@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.support.landed import MOST_M, moved_after_cut_m
 from tests.support.paths import ROOT
 from tests.support.preloaded import Preloaded

@@ -8,9 +8,10 @@ import pytest
 from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.commands.lib.feel_figures import likeness
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, channel_key, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
+from scripts import recorders
 from tests.cli.conftest import Commands
 from tests.support.coupled import FOLLOWER, LEADER, POSE, sweep
 from tests.support.spoken import Spoken
@@ -86,11 +87,11 @@ def recorded(tmp_path_factory):
             sweep(rig, SECONDS)
             time.sleep(2.0)
             for channel in (LEADER, FOLLOWER):
-                rig.truth_start(channel, 60.0)  # more than it takes to fetch it
+                recorders.truth_start(rig, channel, 60.0)  # more than it takes to fetch it
             time.sleep(5.0)
-            truth = [rig.truth(channel) for channel in (LEADER, FOLLOWER)]
+            truth = [recorders.truth(rig, channel) for channel in (LEADER, FOLLOWER)]
             for channel in (LEADER, FOLLOWER):
-                rig.truth_stop(channel)
+                recorders.truth_stop(rig, channel)
             assert commands.finish(process, 120.0) == 0, commands.output()[-4000:]
         commands.assert_landed()
         said = commands.output(), spoken.lines(2)

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.cli.conftest import Commands
 from tests.policy_plugin.checkpoints import save_replayed
 from tests.support.hosted import rig_file, running_host

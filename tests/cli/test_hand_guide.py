@@ -10,7 +10,7 @@ import pytest
 import yaml
 from lerobot.datasets import LeRobotDataset
 
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.cli.conftest import ROOT, Commands
 from tests.support.terminal import Terminal
 

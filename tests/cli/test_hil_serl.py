@@ -13,7 +13,7 @@ from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.commands.model_file import main as write_model
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.cli.conftest import ROOT, Commands
 
 pytest.importorskip("placo", reason='LeRobot\'s RL stack needs the extra: pip install -e ".[hil-serl]"')

@@ -1,7 +1,6 @@
 """The main job at full length, judged by the rig's own log: record, look, replay. Minutes: `-m long`."""
 
 import itertools
-import json
 import re
 import time
 from datetime import datetime
@@ -11,9 +10,10 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.cli.conftest import Commands
 from tests.cli.test_record import BI_KEYS, CAMERAS, MOVES, motion
+from tests.support import transfers
 from tests.support.rigged import sim_config
 from tests.support.set_points import SetPointWatch
 
@@ -41,11 +41,9 @@ def check_pace(output, rows, rate_hz):
     assert periods_ms == pytest.approx([1e3 / rate_hz] * 2, abs=0.1)
 
 
-def rig_events(directory):
-    """Events of the one rig that logged into `directory`, their times as wall times."""
-    (path,) = directory.glob("*.events.jsonl")
-    events = [json.loads(line) for line in path.read_text().splitlines()]
-    offset = events[0]["unix_s"] - events[0]["monotonic_s"]
+def rig_events(rig):
+    """Events of a rig, their times as wall times."""
+    events, offset = rig.events(), time.time() - time.monotonic()
     for event in events:
         for key in ("start", "end"):
             if key in event:
@@ -62,20 +60,20 @@ def within(events, kind, begin, end):
 def job(tmp_path_factory):
     """The shipped config at full length, on a rig of its own: what the first README command runs."""
     directory = tmp_path_factory.mktemp("job")
-    commands = Commands(None, directory)
     root = directory / "data"
-    options = f"{{operator: pick_and_place, event_dir: {directory}}}"
-    status = commands.run(
-        "lerobot-record",
-        "--config_path=configs/sim/record.yaml",
-        f"--dataset.root={root}",
-        "--dataset.no_stamp=true",
-        f"--teleop.left_arm_config.can_options={options}",
-        f"--teleop.right_arm_config.can_options={options}",
-        timeout_s=300,
-    )
+    with running_rig(operator="pick_and_place") as rig:
+        rig.load(transfers.__file__)
+        commands = Commands(rig, directory)
+        status = commands.run(
+            "lerobot-record",
+            "--config_path=configs/sim/record.yaml",
+            f"--dataset.root={root}",
+            "--dataset.no_stamp=true",
+            timeout_s=300,
+        )
+        events = rig_events(rig)
     assert status == 0, commands.output()[-4000:]
-    return commands, LeRobotDataset("local/yam_sim", root=root), rig_events(directory)
+    return commands, LeRobotDataset("local/yam_sim", root=root), events
 
 
 def test_two_episodes_in_canonical_form_at_full_rate(job):
@@ -125,6 +123,7 @@ def test_replays_put_the_cube_where_the_recording_put_it(job, tmp_path):
         directory = tmp_path / f"run{run}"
         directory.mkdir()
         with running_rig() as rig:
+            rig.load(transfers.__file__)
             replay = Commands(rig, directory)
             with SetPointWatch(rig.name, [sim_config(rig, c) for c in ("follower_left", "follower_right")]) as watch:
                 status = replay.run(

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.cli.conftest import Commands
 
 pytestmark = pytest.mark.alone

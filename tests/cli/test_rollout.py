@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
+from scripts import recorders
 from tests.cli.test_record import BI_KEYS, KEYS
 from tests.policy_plugin.checkpoints import statistics
 from tests.support.recordings import KEYS as ACTION_KEYS
@@ -125,7 +126,7 @@ def openings(rollout):
 @LONG
 def test_dagger_hands_the_arms_over_and_takes_them_back(rollout):
     for leader in LEADERS:
-        rollout.rig.watch_start(leader)
+        recorders.watch_start(rollout.rig, leader)
     strategy = {"type": "dagger", "record_autonomous": True}
     rollout.begin(config("dagger", strategy=strategy, dataset=data_set(rollout.root)), "reach", amplitude=0.5)
     rollout.wait_moved(0.49)
@@ -237,7 +238,7 @@ def test_a_checkpoint_in_another_unit_is_refused_before_anything_is_energised(ro
     last = rollout.commands.output().strip().splitlines()[-1]
     assert "is in degrees, this robot in radians; nothing was energised" in last and "use_degrees to true" in last
     for channel in FOLLOWERS:
-        assert not rollout.rig.watch(channel)["enabled_events"]
+        assert not recorders.watch(rollout.rig, channel)["enabled_events"]
 
 
 @pytest.mark.long

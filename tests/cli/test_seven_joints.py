@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.cli.conftest import Commands
 from tests.support.seven_joints import ARM, KEYS, REACH, STOPS, write_scene
 

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.waldo.wire import ask_once
 from tests.cli.conftest import Commands
 

@@ -1,6 +1,6 @@
 import pytest
 
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.support.crooked_arm import OFFSETS, scene
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from lerobot_robot_yam.commands.configs import config_path
 from lerobot_robot_yam.commands.doctor import main
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from tests.support.doctor_desk import (
     FOLLOWER,

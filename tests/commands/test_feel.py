@@ -14,7 +14,7 @@ from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.commands.feel import main
 from lerobot_robot_yam.commands.lib.feel_figures import SPEED_RAD_S, effort
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE
 from tests.face.devices.test_pairing import follower, leader

@@ -9,7 +9,7 @@ import pytest
 
 from lerobot_robot_yam.commands.float import main
 from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, save_stops
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.session.trajectory_file import load_trajectory
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from tests.support.crooked_arm import STOPS, arguments

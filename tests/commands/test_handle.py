@@ -11,7 +11,7 @@ import pytest
 from lerobot_robot_yam.commands.handle import HANDLE, main
 from lerobot_robot_yam.control.gripper.trigger_range import load_range
 from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID, encode_report_frequency
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 
 CHANNEL = "leader_left"
 

@@ -12,8 +12,8 @@ from lerobot_robot_yam.commands.setup import main
 from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
-from lerobot_robot_yam.rig.client.rig_control import running_rig
 from lerobot_robot_yam.rig.client.sim_bus import YamSimBus
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.records import channel_key, lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock
 from tests.support.doctor_desk import Sysfs

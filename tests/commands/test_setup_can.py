@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lerobot_robot_yam.commands.setup_can import NAMES, main
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.records import channel_key, lock_path, state_path
 from lerobot_robot_yam.system.runtime_files import FileLock
 from tests.support.system_tree import SYSTEMS, USER, SystemTree

@@ -23,7 +23,7 @@ from lerobot_robot_yam.commands.lib.tune.tune_run import LEGS, Tuner
 from lerobot_robot_yam.commands.tune import main, tune
 from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, save_stops
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.system.own_commands import install_extra

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lerobot_robot_yam.rig.client.rig_control import runs
+from lerobot_robot_yam.rig.control import runs
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 from tests.control.process.test_stand_by import control_pid, faults, last_event, stand_by_pid, start, stretch, wait_mode

@@ -6,6 +6,7 @@ import pytest
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES
 from lerobot_robot_yam.errors import StaleStateError
 from lerobot_robot_yam.state.modes import Mode
+from scripts import recorders
 from tests.support.rigged import rig_of, session_on, sim_config, track
 from tests.support.tiers import spread
 
@@ -32,9 +33,9 @@ def swing(session, seconds):
 
 def check_against_truth(rig, session, seconds=2.5):
     """Largest age of a state, s, from the command that it answers."""
-    rig.truth_start(CHANNEL)
+    recorders.truth_start(rig, CHANNEL)
     seen = [(session.clock.now(), state) for state in swing(session, seconds)]
-    truth = rig.truth(CHANNEL)
+    truth = recorders.truth(rig, CHANNEL)
     assert np.abs(truth["dq"][:, :6]).max(axis=0).min() > 1.2, "it is meant to move"
     for now, state in seen:
         stamps = state.motor_stamps_s[:6]

@@ -12,6 +12,7 @@ from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Request
+from scripts import recorders
 from tests.support.rigged import STOPS, arm_on, rig_of, session_on, sim_config, track
 from tests.support.tiers import spread
 
@@ -116,9 +117,9 @@ def test_a_search_that_fails_leaves_the_fingers_still_and_has_the_peer_hold(rig,
     with pytest.raises(MotorError, match="gripper does not move"):
         session[LEFT].calibrate_gripper()
     session.clock.sleep(0.1)
-    rig.watch_start(LEFT)
+    recorders.watch_start(rig, LEFT)
     track(session, {RIGHT: [-0.2, *AWAY[1:]]}, 1.0)
-    assert rig.watch(LEFT)["max_torque_nm"][-1] < 0.1
+    assert recorders.watch(rig, LEFT)["max_torque_nm"][-1] < 0.1
     assert session[RIGHT].observe().mode is Mode.HOLD  # and takes no targets
     assert session[RIGHT].observe().q[0] == pytest.approx(AWAY[0], abs=0.02)
 

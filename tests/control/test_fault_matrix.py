@@ -8,11 +8,12 @@ import pytest
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.state.faults import RESPONSES, Response, Trouble, stale_overshoot_rad_s
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
+from scripts import recorders
 from tests.support.asked import KNOWN_S, beyond_nm, look_at
 from tests.support.injected import FAULTS, LEADER, LEFT, MOTOR, RIGHT
 from tests.support.landed import MOST_M, moved_after_cut_m
@@ -94,7 +95,7 @@ def clean(rig):
     """Nothing is wrong any more, and every arm at rest."""
     for channel in (LEFT, RIGHT, LEADER):
         rig.clear_faults(channel)
-        rig.truth_stop(channel)
+        recorders.truth_stop(rig, channel)
     rest = session_on(rig, config_of(rig, LEFT)).hardware(LEFT).rest_q.tolist()
     for channel in (LEFT, RIGHT, LEADER):
         rig.set_pose(channel, rest)
@@ -167,7 +168,7 @@ def check_extremes(rig, channel):
     """No command asked for more torque than the clip. Nor was a motor faster than its limit and what a late command may
     add, unless a dead joint of its arm fell."""
     late_s = check_torque(rig, channel)
-    seen, hardware = rig.watch(channel), ResolvedArm(config_of(rig, channel))
+    seen, hardware = recorders.watch(rig, channel), ResolvedArm(config_of(rig, channel))
     n = hardware.joints
     dead = [e for e in rig.events() if e["kind"] == "motor_fault" and e["channel"] == channel]
     if not dead or dead[-1]["monotonic_s"] < seen["since_s"]:
@@ -179,7 +180,7 @@ def check_torque(rig, channel):
     """Returns how late the latest command of each joint was, s."""
     hardware = ResolvedArm(config_of(rig, channel))
     n = hardware.joints
-    late_s = np.maximum(np.array(rig.watch(channel)["max_command_age_s"][:n]) - 0.008, 0.0)
+    late_s = np.maximum(np.array(recorders.watch(rig, channel)["max_command_age_s"][:n]) - 0.008, 0.0)
     beyond = beyond_nm(rig, channel, hardware, KNOWN_S + late_s)
     assert not beyond.any(), beyond
     return late_s

@@ -5,6 +5,7 @@ import pytest
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.impedance import gravity_model
+from scripts import recorders
 from tests.support.rigged import arm_that_stays_up, rig_of, session_on, sim_config, track
 from tests.support.tiers import spread
 
@@ -83,8 +84,8 @@ def test_what_starts_quickly_is_hardly_quicker_than_its_set_point():
         track(session, {CHANNEL: [0.0, 0.3, 1.2, 0.2, 0.0, 0.0]}, 1.5)
         track(session, {CHANNEL: [0.0, 0.6, 1.2, 0.0, 0.0, 0.0]}, 1.2)
         session.clock.sleep(0.7)
-        rig.watch_start(CHANNEL)
+        recorders.watch_start(rig, CHANNEL)
         track(session, {CHANNEL: [0.4, 1.2, 0.6, 0.4, 0.4, 0.6]}, 0.8)
-        fastest = max(rig.watch(CHANNEL)["max_speed_rad_s"][:6])
+        fastest = max(recorders.watch(rig, CHANNEL)["max_speed_rad_s"][:6])
         session.stop()
     assert 1.45 < fastest < 1.1 * 1.5

@@ -15,6 +15,7 @@ from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, channel_key, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
+from scripts import recorders
 from tests.support.rigged import lockstep_rig, rig_of, session_on, sim_config, track
 from tests.support.tiers import spread
 
@@ -44,7 +45,7 @@ def started(rig):
 
 
 def fastest(rig, channel):
-    return max(rig.watch(channel)["max_speed_rad_s"][:6])
+    return max(recorders.watch(rig, channel)["max_speed_rad_s"][:6])
 
 
 def energised(rig, channel):
@@ -63,7 +64,7 @@ def energised(rig, channel):
     ids=str,
 )
 def test_a_leader_whose_weight_is_not_the_models_is_refused_and_landed(rig, started, fields):
-    rig.watch_start(LEADER)
+    recorders.watch_start(rig, LEADER)
     with pytest.raises(MotorError, match=r"joint_\d is held with .* Nm where the model says .*check payload_mass_kg"):
         started(LEADER, **fields)
     assert fastest(rig, LEADER) < 2.5  # its weight comes at once; 0.3 … 1 kg: 0.7 rad/s
@@ -72,7 +73,7 @@ def test_a_leader_whose_weight_is_not_the_models_is_refused_and_landed(rig, star
 
 @pytest.mark.parametrize("fields", spread([{"payload_mass_kg": 0.3}, {"gravity_factor": [1.3] * 6}], 1), ids=str)
 def test_what_passes_and_floats_away_all_the_same_is_slowed_down_and_held(rig, started, fields):
-    rig.watch_start(LEADER)
+    recorders.watch_start(rig, LEADER)
     session = started(LEADER, **fields)
     session.clock.sleep(4.0)
     assert fastest(rig, LEADER) < MOST_RAD_S
@@ -80,7 +81,7 @@ def test_what_passes_and_floats_away_all_the_same_is_slowed_down_and_held(rig, s
     assert state.mode is Mode.FAULT and state.trouble is Trouble.RUNAWAY
     with pytest.raises(MotorError, match="joint_3 goes on at .* rad/s.*check payload_mass_kg"):
         session[LEADER].observe()
-    rig.watch_start(LEADER)
+    recorders.watch_start(rig, LEADER)
     session.clock.sleep(1.0)
     assert fastest(rig, LEADER) < 0.1
     session.stop()  # it lands
@@ -107,11 +108,11 @@ def test_the_emergency_stop_ends_it(rig, started):
         stop.latch("a test")
         session.clock.sleep(0.1)
         assert session[LEADER].mode() is Mode.STOPPED
-        rig.watch_start(LEADER)
+        recorders.watch_start(rig, LEADER)
         rig.push(LEADER, "gripper", [0.0, 0.0, 12.0], 30.0)  # it has lost 1.2 kg
         session.clock.sleep(3.0)
         assert fastest(rig, LEADER) < 1.4 * FLOAT_RAD_S  # the light wrist, for some milliseconds
-        rig.watch_start(LEADER)
+        recorders.watch_start(rig, LEADER)
         session.clock.sleep(1.0)
         assert fastest(rig, LEADER) < 0.1
         assert session[LEADER].published().trouble is Trouble.RUNAWAY
@@ -133,7 +134,7 @@ def test_the_emergency_stop_holds_a_leader_that_would_run_away(rig, started, mod
     try:
         stop.latch("a test")
         session.clock.sleep(0.2)
-        rig.watch_start(LEADER)
+        recorders.watch_start(rig, LEADER)
         session.clock.sleep(1.0)
         assert session[LEADER].mode() is Mode.STOPPED
         assert fastest(rig, LEADER) < 0.5
@@ -166,7 +167,7 @@ def test_the_emergency_stop_holds_a_leader_that_was_refused_and_lands():
                     assert time.monotonic() < deadline
                     time.sleep(0.002)
                 stop.latch("a test")
-                rig.watch_start(LEADER)
+                recorders.watch_start(rig, LEADER)
                 time.sleep(1.0)
                 assert block.read()["mode"] == Mode.STOPPED
             assert fastest(rig, LEADER) < 0.5
@@ -214,7 +215,7 @@ def test_a_quick_move_of_a_hand_is_no_runaway():
 
 
 def test_a_floating_speed_of_ones_own(rig, started):
-    rig.watch_start(LEADER)
+    recorders.watch_start(rig, LEADER)
     session = started(LEADER, payload_mass_kg=0.3, float_speed_rad_s=1.0)
     session.clock.sleep(3.0)
     assert fastest(rig, LEADER) < 1.4

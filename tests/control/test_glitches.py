@@ -10,6 +10,7 @@ from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
+from scripts import recorders
 from tests.support.rigged import lockstep_rig, session_on, sim_config, track
 from tests.support.tiers import spread
 
@@ -29,7 +30,7 @@ class Judge:
         self._rig, self._session = rig, session
         hardware = ResolvedArm(sim_config(rig, CHANNEL))
         self._clip, self._limit = hardware.torque_limit_nm[:6], hardware.speed_limit[:6]
-        rig.truth_start(CHANNEL)
+        recorders.truth_start(rig, CHANNEL)
         self._after_s = session.clock.now()
 
     def tool(self):
@@ -37,7 +38,7 @@ class Judge:
 
     def check(self, what):
         """Torques and speeds since the last call."""
-        truth = self._rig.truth(CHANNEL, self._after_s)
+        truth = recorders.truth(self._rig, CHANNEL, self._after_s)
         self._after_s = truth["stamp_s"][-1]
         asked, speed = np.abs(truth["asked_nm"][1:, :6]).max(axis=0), np.abs(truth["dq"][:, :6]).max(axis=0)
         assert (asked <= self._clip + 0.05).all(), f"{what}: asked for {asked.round(1)} Nm"
@@ -193,7 +194,7 @@ def test_a_gripper_that_goes_on_lying_is_not_believed_again(rig, held):
     """It would leap to where its set-point seems to be, with more torque than its clip."""
     rig.fault(CHANNEL, "gripper", "reading", {"position_rad": -0.99})
     held.clock.sleep(0.1)
-    rig.truth_start(CHANNEL)
+    recorders.truth_start(rig, CHANNEL)
     begun_s = held.clock.now()
     for _ in range(2):
         with pytest.raises(LifeCycleError, match="gripper .*still reads"):
@@ -202,7 +203,7 @@ def test_a_gripper_that_goes_on_lying_is_not_believed_again(rig, held):
     rig.clear_faults(CHANNEL)
     held[CHANNEL].rearm()
     held.clock.sleep(0.2)
-    truth = rig.truth(CHANNEL, begun_s)
+    truth = recorders.truth(rig, CHANNEL, begun_s)
     assert np.abs(truth["asked_nm"][1:, 6]).max() <= ResolvedArm(sim_config(rig, CHANNEL)).torque_limit_nm[6]
     assert np.abs(truth["dq"][:, 6]).max() < 12.0
 
@@ -226,7 +227,7 @@ def test_nothing_is_believed_again_while_a_second_arm_answers_too(rig, held):
     held.clock.sleep(0.2)
     assert held[CHANNEL].observe().mode is Mode.HOLD
     judge.check("re-armed")
-    truth = rig.truth(CHANNEL, begun_s)
+    truth = recorders.truth(rig, CHANNEL, begun_s)
     assert np.abs(truth["asked_nm"][1:, 6]).max() <= ResolvedArm(sim_config(rig, CHANNEL)).torque_limit_nm[6] + 0.05
     assert np.abs(truth["dq"][:, 6]).max() < 12.0
 

@@ -11,6 +11,7 @@ from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
+from scripts import recorders
 from tests.support.rigged import either_rig, leave, session_on, sim_config, track
 from tests.support.tiers import spread
 
@@ -71,11 +72,11 @@ def test_targets_that_jump_at_odd_times_do_not_drive_an_arm_into_its_stops(rig, 
     session = running(sim_config(rig, LEFT, rate_hz=125))
     rest = session[LEFT].observe().setpoint_q
     gaps_s = np.maximum(np.random.default_rng(seed).exponential(1 / 30, 90), 1e-3)
-    rig.watch_start(LEFT)
+    recorders.watch_start(rig, LEFT)
     for step, gap_s in enumerate(gaps_s):
         session[LEFT].write_target(rest + step % 2, 0.5)
         session.clock.sleep(gap_s)
-    speed = np.array(rig.watch(LEFT)["max_speed_rad_s"][:6])
+    speed = np.array(recorders.watch(rig, LEFT)["max_speed_rad_s"][:6])
     assert np.all(speed > 1.0)
     allowed = np.array([1.1, 1.1, 1.1, 1.3, 1.1, 1.1])
     assert np.all(speed < allowed * ResolvedArm(sim_config(rig, LEFT)).speed_limit[:6]), speed
@@ -154,7 +155,7 @@ def test_a_joint_that_comes_free_does_not_spring_to_where_its_set_point_has_gone
     track(session, {LEFT: far}, 1.0)
     if after == "hold":
         session[LEFT].hold()
-    rig.watch_start(LEFT)
+    recorders.watch_start(rig, LEFT)
     rig.fault(LEFT, "joint_1", "stuck", False)
     told = False
     for _ in range(30):  # as often as a caller looks
@@ -163,7 +164,7 @@ def test_a_joint_that_comes_free_does_not_spring_to_where_its_set_point_has_gone
         session.clock.sleep(1 / 30)
         state = session[LEFT].observe()
         told |= Limited.CAME_FREE in state.limited
-    assert told and rig.watch(LEFT)["max_speed_rad_s"][0] < 2.9  # the limit is 1.5; else 6.3
+    assert told and recorders.watch(rig, LEFT)["max_speed_rad_s"][0] < 2.9  # the limit is 1.5; else 6.3
     assert abs(state.q[0] - state.setpoint_q[0]) < 0.02
     assert after == "hold" or abs(state.q[0] - far[0]) < 0.02
 
@@ -171,7 +172,7 @@ def test_a_joint_that_comes_free_does_not_spring_to_where_its_set_point_has_gone
 def test_a_wrist_that_hooks_onto_its_own_arm_does_not_throw_it(rig, running):
     session = running(sim_config(rig, LEFT))
     goal = [0.3, 0.8, 0.9, -0.2, 0.0, 0.1]
-    rig.watch_start(LEFT)
+    recorders.watch_start(rig, LEFT)
     track(session, {LEFT: goal}, 2.5)  # straight from rest: the wrist is in the way of the forearm
-    assert max(rig.watch(LEFT)["max_speed_rad_s"][:6]) < 3.0  # else 6.5
+    assert max(recorders.watch(rig, LEFT)["max_speed_rad_s"][:6]) < 3.0  # else 6.5
     assert np.abs(session[LEFT].observe().q - goal).max() < 0.02

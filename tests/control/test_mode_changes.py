@@ -16,6 +16,7 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Request
+from scripts import recorders
 from tests.support.rigged import carry, lockstep_rig, running_arm, sim_config, track
 from tests.support.tiers import spread
 
@@ -55,10 +56,10 @@ def push_away(rig, session):
 
 def fastest(rig, session, act, seconds=0.4):
     """Greatest joint speed in rad/s while and after `act`."""
-    rig.watch_start(CHANNEL)
+    recorders.watch_start(rig, CHANNEL)
     act()
     session.clock.sleep(seconds)
-    return max(rig.watch(CHANNEL)["max_speed_rad_s"][:6])
+    return max(recorders.watch(rig, CHANNEL)["max_speed_rad_s"][:6])
 
 
 def await_off(session, most_s=15.0):
@@ -157,10 +158,10 @@ def test_an_arm_that_was_moved_between_inspection_and_enabling_is_held_where_it_
     monkeypatch.setattr(ControlLoop, "start", late)
     session = ArmSession([config(rig)], isolation="lockstep")
     rig.set_pose(CHANNEL, POSE)
-    rig.watch_start(CHANNEL)
+    recorders.watch_start(rig, CHANNEL)
     session.start()
     session.clock.sleep(0.3)
-    fastest_rad_s, q = rig.watch(CHANNEL)["max_speed_rad_s"], q_of(rig)
+    fastest_rad_s, q = recorders.watch(rig, CHANNEL)["max_speed_rad_s"], q_of(rig)
     session.discard()
     assert fastest_rad_s[0] < 0.3 and np.abs(q - AWAY)[0] < 0.02
     if not lost:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_gripper
+from scripts import recorders
 from tests.support.rigged import rig_of, session_on, sim_config, track
 from tests.support.tiers import spread
 
@@ -60,13 +61,13 @@ class Driven:
         """(6,) largest true speed in shares of the limit while targets come `fps` times a second; NaN after a touch."""
         rig, clock = self.rig, self.session.clock
         track(self.session, {CHANNEL: MIDDLE}, 0.5 + 1.2 / float(self.limit.min()))
-        rig.watch_start(CHANNEL)
+        recorders.watch_start(rig, CHANNEL)
         begin, frame = clock.now(), 0
         while (t := clock.now() - begin) < seconds:
             self.port.write_target(MIDDLE + offset(t), 0.5, dq=dq(t))
             frame += 1
             clock.sleep(max(begin + frame / fps - clock.now(), 1e-4))
-        seen = rig.watch(CHANNEL)
+        seen = recorders.watch(rig, CHANNEL)
         if seen["touched_at_s"] > 0.0:  # it has met itself or the table: an obstacle
             return np.full(6, np.nan)
         return np.array(seen["max_speed_rad_s"][:6]) / self.limit

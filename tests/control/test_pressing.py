@@ -7,6 +7,7 @@ from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
+from scripts import recorders
 from tests.support.rigged import lockstep_rig, session_on, sim_config, track
 from tests.support.tiers import spread
 
@@ -48,13 +49,13 @@ def pull_nm(session):
 
 
 def fastest(rig):
-    return max(rig.watch(CHANNEL)["max_speed_rad_s"][:6])
+    return max(recorders.watch(rig, CHANNEL)["max_speed_rad_s"][:6])
 
 
 @pytest.mark.parametrize("wrist", spread([-0.2, -0.6], 1))
 def test_an_elbow_opens_under_a_wrist_that_leans_on_the_shoulder(rig, running, wrist):
     session = running()
-    rig.watch_start(CHANNEL)
+    recorders.watch_start(rig, CHANNEL)
     track(session, {CHANNEL: [0.0, 0.0, 1.2, wrist, 0.0, 0.0]}, 1.5)
     state = session[CHANNEL].observe()
     assert abs(state.q[2] - 1.2) < 0.1 and not state.limited & Limited.CAME_FREE
@@ -146,7 +147,7 @@ def test_a_landing_that_was_obstructed_does_not_spring_when_the_way_is_freed(rig
     session[CHANNEL].land()
     session.clock.sleep(1.0)  # it presses for half a second before it gives way
     assert 80.0 * abs(np.subtract(session[CHANNEL].observe().setpoint_q, session[CHANNEL].observe().q)[1]) > 15.0
-    rig.watch_start(CHANNEL)
+    recorders.watch_start(rig, CHANNEL)
     rig.fault(CHANNEL, "joint_2", "stuck", False)
     session.clock.sleep(6.0)
     assert fastest(rig) < 2.5  # else 3.5
@@ -164,7 +165,7 @@ def test_stiffer_gains_take_a_soft_arm_up_where_it_has_gone_to(rig, running, gai
     for way in np.linspace(0.0, 0.4, 40):  # a hand pushes it away
         rig.set_pose(CHANNEL, [NEAR[0] + way * (0.4 - NEAR[0]) / 0.4, *NEAR[1:]])
         track(session, {CHANNEL: NEAR}, 0.02, **soft)
-    rig.watch_start(CHANNEL)
+    recorders.watch_start(rig, CHANNEL)
     for _ in range(30):
         session[CHANNEL].write_target(NEAR, 0.5, **gain)
         session.clock.sleep(1 / 30)
@@ -178,7 +179,7 @@ def test_gains_that_vary_do_not_shake_an_arm_that_carries_something(rig, running
     track(session, {CHANNEL: NEAR}, 1.2)
     rig.push(CHANNEL, "link3", [0.0, 0.0, -40.0], 100.0)  # 4 kg that the model does not know
     track(session, {CHANNEL: NEAR}, 1.5, kp=np.full(6, 60.0))
-    rig.watch_start(CHANNEL)
+    recorders.watch_start(rig, CHANNEL)
     for frame in range(60):
         session[CHANNEL].write_target(NEAR, 0.5, kp=np.full(6, 60.0 + 2.0 * (frame % 2)))
         session.clock.sleep(1 / 30)

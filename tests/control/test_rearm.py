@@ -8,6 +8,7 @@ from lerobot_robot_yam.errors import LifeCycleError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import HUNG_S
 from lerobot_robot_yam.state.modes import Mode
+from scripts import recorders
 from tests.support.rigged import lockstep_rig, pause, rig_of, running_arm, session_on, sim_config, track
 from tests.support.tiers import spread
 
@@ -32,11 +33,11 @@ def test_a_refused_re_arm_does_not_throw_the_motors_that_came_back(rig, session)
     rig.fault(CHANNEL, "joint_4", "nibble", int(Fault.OVERLOAD), sticky=True)
     session.clock.sleep(1.5)
     assert np.abs(q_of(rig) - POSE).max() > 0.3  # it has sagged
-    rig.watch_start(CHANNEL)
+    recorders.watch_start(rig, CHANNEL)
     with pytest.raises(LifeCycleError, match="cannot re-arm.*joint_4"):
         session[CHANNEL].rearm()
     session.clock.sleep(0.4)
-    assert max(rig.watch(CHANNEL)["max_speed_rad_s"][:6]) < 1.0
+    assert max(recorders.watch(rig, CHANNEL)["max_speed_rad_s"][:6]) < 1.0
 
 
 def test_nothing_is_re_armed_while_the_emergency_stop_is_latched(rig, session):
@@ -125,9 +126,9 @@ def test_while_a_whole_arm_is_re_armed_its_peer_goes_on_being_commanded(tmp_path
         for motor in rig.state()["arms"][CHANNEL]["motors"]:
             rig.fault(CHANNEL, motor, "nibble", int(Fault.UNDER_VOLTAGE))
         session.clock.sleep(0.1)
-        rig.watch_start(channels[1])
+        recorders.watch_start(rig, channels[1])
         session.rearm()
-        assert max(rig.watch(channels[1])["max_command_age_s"]) < HUNG_S / 2
+        assert max(recorders.watch(rig, channels[1])["max_command_age_s"]) < HUNG_S / 2
         session.discard()
 
 

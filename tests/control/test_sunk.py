@@ -14,6 +14,7 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, channel_key, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
+from scripts import recorders
 from tests.support.rigged import lockstep_rig, session_on, sim_config
 
 CHANNEL = "follower_left"
@@ -45,9 +46,9 @@ def sunk(rig):
 
 
 def check_that_damping_is_all(rig, session):
-    rig.truth_start(CHANNEL)
+    recorders.truth_start(rig, CHANNEL)
     session.clock.sleep(0.1)  # before it meets its stop
-    truth = rig.truth(CHANNEL)
+    truth = recorders.truth(rig, CHANNEL)
     assert np.abs(truth["torque_nm"] + 5.0 * truth["dq"])[20:, 1].max() < 1.0
 
 

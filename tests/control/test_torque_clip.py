@@ -8,6 +8,7 @@ import pytest
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.state.records import Limited
+from scripts import recorders
 from tests.support.asked import beyond_nm, look_at
 from tests.support.rigged import lockstep_rig, session_on, sim_config, track
 from tests.support.tiers import spread
@@ -41,7 +42,7 @@ def test_a_blocked_joint_is_pressed_with_its_clip_and_no_more(rig, session, join
     far[joint - 1] += 0.8
     track(session, {CHANNEL: far}, 1.0)
     assert_within_clip(rig)
-    pressed_nm = np.abs(rig.truth(CHANNEL)["torque_nm"][:, joint - 1]).max()
+    pressed_nm = np.abs(recorders.truth(rig, CHANNEL)["torque_nm"][:, joint - 1]).max()
     assert pressed_nm == pytest.approx(CLIP_NM[joint - 1], rel=0.02)  # it does press
     assert Limited.TORQUE in session[CHANNEL].observe().limited
 
@@ -51,4 +52,4 @@ def test_a_blow_is_not_answered_with_more_than_the_clip(rig, session):
     rig.push(CHANNEL, "gripper", [0.0, 60.0, 0.0], 0.3)
     track(session, {CHANNEL: NEAR}, 1.0)
     assert_within_clip(rig)
-    assert np.abs(rig.truth(CHANNEL)["dq"][:, 0]).max() > 3.0
+    assert np.abs(recorders.truth(rig, CHANNEL)["dq"][:, 0]).max() > 3.0

@@ -9,6 +9,7 @@ from lerobot_robot_yam.errors import LifeCycleError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
+from scripts import recorders
 from tests.control.test_fault_matrix import AWAY, LEFT, RIGHT, SLACK_S, wait_for
 from tests.support.rigged import either_rig, isolation_of, leave, session_on, sim_config, track
 from tests.support.tiers import spread
@@ -156,7 +157,7 @@ def test_an_arm_that_switches_off_on_a_bad_wire_keeps_the_other_one_waiting_for_
         rig.fault(LEFT, None, "latency_s", latency_s)
         for kind in ("loss_rate", "command_loss_rate"):
             rig.fault(LEFT, None, kind, 0.2)
-        rig.watch_start(RIGHT)
+        recorders.watch_start(rig, RIGHT)
         ticks = Ticks(session, RIGHT)
         if isolation_of(rig) == "lockstep":  # nobody else can look while the loop waits
             ticks.look_at_waits_of(session._runner._loop._controllers[0].actuation.interface)
@@ -167,7 +168,7 @@ def test_an_arm_that_switches_off_on_a_bad_wire_keeps_the_other_one_waiting_for_
             session.clock.sleep(0.004)
             ticks.look()
         assert ticks.longest_s < 0.08  # one question, not two
-        assert max(rig.watch(RIGHT)["max_command_age_s"]) < 0.1
+        assert max(recorders.watch(rig, RIGHT)["max_command_age_s"]) < 0.1
     finally:
         rig.clear_faults(LEFT)
         leave(rig, session)

@@ -8,6 +8,7 @@ import pytest
 from lerobot_robot_yam.control.landing.landing_move import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Request
+from scripts import recorders
 from tests.support.landed import MOST_M
 from tests.support.rigged import lockstep_rig, session_on, sim_config, track
 
@@ -87,10 +88,10 @@ def test_gains_that_are_given_while_an_arm_lands_are_refused(rig):
         track(session, {CHANNEL: OUT}, 1.6)
         session[CHANNEL].land()
         session.clock.sleep(0.2)
-        rig.watch_start(CHANNEL)
+        recorders.watch_start(rig, CHANNEL)
         session[CHANNEL].ask(Request.GAINS, [*[1.0] * 6, math.nan, *[0.1] * 6, math.nan])
         session.clock.sleep(1.5)
-        assert max(rig.watch(CHANNEL)["max_speed_rad_s"][:6]) < 2 * LANDING_SPEED_RAD_S
+        assert max(recorders.watch(rig, CHANNEL)["max_speed_rad_s"][:6]) < 2 * LANDING_SPEED_RAD_S
         assert "it lands with the configured gains" in session[CHANNEL].published().refusal
         assert session._runner._loop._controllers[0].actuation.impedance.own_gains
     finally:

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from tests.support.paths import ROOT
 

@@ -16,7 +16,7 @@ import yaml
 from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.damiao.registers import Register
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.support.paths import ROOT
 from tests.support.system_tree import USER, SystemTree
 from tests.support.terminal import Terminal

@@ -15,7 +15,7 @@ import pytest
 
 from lerobot_robot_yam.commands.configs import config_names
 from lerobot_robot_yam.face.datasets.check.flags import Kind
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.support.pages import README, block, blocks, section
 from tests.support.paths import ROOT
 

@@ -9,7 +9,7 @@ from lerobot_robot_yam.arm.config import LeadArmConfig
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, PassiveConfig
 from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.session.arm_session import ArmSession
 from tests.support.doctor_desk import LEADER, examine, found
 

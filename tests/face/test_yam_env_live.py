@@ -12,7 +12,7 @@ import pytest
 from lerobot_robot_yam.config_yam_env import YamEnvConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.referee import find_judge
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.yam_env import YamEnv
 from tests.face.test_yam_env import robot
 

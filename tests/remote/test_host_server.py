@@ -15,7 +15,7 @@ from lerobot_robot_yam.remote.host_address import HostAddress
 from lerobot_robot_yam.remote.host_question import Host, hello
 from lerobot_robot_yam.remote.link_keys import LinkKey, pair
 from lerobot_robot_yam.remote.link_sockets import ClientSockets, HostSockets
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, Request

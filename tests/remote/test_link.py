@@ -18,7 +18,7 @@ from lerobot_robot_yam.errors import (
 from lerobot_robot_yam.remote.host_address import HostAddress
 from lerobot_robot_yam.remote.host_question import Host, hello
 from lerobot_robot_yam.remote.hosted_device import HostedDevice
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions

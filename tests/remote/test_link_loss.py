@@ -9,7 +9,7 @@ import pytest
 from lerobot_robot_yam.commands.estop import main as yam_estop
 from lerobot_robot_yam.errors import MotorError, StaleStateError
 from lerobot_robot_yam.remote.host_question import Host
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited

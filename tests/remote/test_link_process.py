@@ -9,7 +9,7 @@ import time
 import pytest
 
 from lerobot_robot_yam.remote.hosted_group import Phase
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 from tests.support.hosted import ServedArms
 from tests.support.paths import ROOT

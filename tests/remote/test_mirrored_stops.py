@@ -8,7 +8,7 @@ from lerobot_robot_yam.remote.hosted_group import Phase
 from lerobot_robot_yam.remote.link_messages import Beat
 from lerobot_robot_yam.remote.link_sockets import ClientSockets
 from lerobot_robot_yam.remote.mirrored_stops import MirroredStops
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 from tests.support.hosted import ServedArms

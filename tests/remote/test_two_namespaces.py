@@ -11,7 +11,7 @@ import time
 import pytest
 
 from lerobot_robot_yam.remote.link_keys import pair
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.support.hosted import rig_file
 from tests.support.paths import ROOT
 from tests.support.rigged import sim_config

@@ -2,7 +2,7 @@
 
 import pytest
 
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 
 
 @pytest.fixture(scope="module")

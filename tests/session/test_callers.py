@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import LifeCycleError
-from lerobot_robot_yam.rig.client.rig_control import running_rig, runs
+from lerobot_robot_yam.rig.control import running_rig, runs
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Request
 from lerobot_robot_yam.yam_follower import YamFollower, YamFollowerConfig
@@ -28,7 +28,7 @@ session = running_arm(CHANNEL)
 CALLER = """
 import os, sys, time
 from tests.control.process import test_stand_by as t
-from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.rig.control import RigControl
 with RigControl(sys.argv[1]) as rig:
     session = t.start(rig, "follower_left")
     t.stretch(session, 1.5, "follower_left")

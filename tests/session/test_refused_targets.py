@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ActionError, ChannelInUseError, ConfigError, LifeCycleError
-from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.session.yam_arm import YamArm
 from tests.session.test_arm_session import arm_config

@@ -15,6 +15,7 @@ from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepBus, LockstepRig
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.faults import HUNG_S, STALE_OVERSHOOT_RAD_S, stale_overshoot_rad_s
 from lerobot_robot_yam.state.modes import Mode
+from scripts import recorders
 from tests.support.rigged import sim_config, track
 from tests.support.tiers import spread
 
@@ -120,9 +121,9 @@ def test_a_loop_that_hangs_while_its_arm_sets_out_leaves_it_a_bounded_speed(rig)
     session.start()
     track(session, {CHANNELS[0]: [0.0, 1.0, 2.2, 0.0, 0.0, 0.0]}, 2.2)
     track(session, {CHANNELS[0]: [0.0, 2.2, 0.8, 0.8, 0.0, 0.0]}, 0.04)
-    rig.watch_start(CHANNELS[0])
+    recorders.watch_start(rig, CHANNELS[0])
     rig.sleep(HUNG_S + 0.03)  # until the stand-by commands
-    speed = np.array(rig.watch(CHANNELS[0])["max_speed_rad_s"][:6])
+    speed = np.array(recorders.watch(rig, CHANNELS[0])["max_speed_rad_s"][:6])
     assert speed.max() > 2.0  # it does set out, and the worst of it is seen
     assert np.all(speed < ResolvedArm(config(rig, CHANNELS[0])).speed_limit[:6] + STALE_OVERSHOOT_RAD_S), speed
     session.discard()
@@ -134,14 +135,14 @@ def test_a_late_tick_adds_no_more_speed_than_its_command_accelerates(rig):
     session.start()
     near = np.array([0.3, 1.2, 1.2, 0.4, 0.3, 0.5])
     track(session, {CHANNELS[0]: near}, 2.0)
-    rig.watch_start(CHANNELS[0])
+    recorders.watch_start(rig, CHANNELS[0])
     for frame in range(90):
         far = near + rng.uniform(-3.3, 3.3, 6)
         session[CHANNELS[0]].write_target(far if frame // 30 == 1 else near, 0.5)
         for _ in range(6):
             session.clock.sleep(0.004)
             rig.sleep(rng.uniform(0.002, 0.026) if rng.random() < 0.25 else 0.0)
-    seen = rig.watch(CHANNELS[0])
+    seen = recorders.watch(rig, CHANNELS[0])
     allowed = 1.1 * ResolvedArm(config(rig, CHANNELS[0])).speed_limit[:6]
     late = [stale_overshoot_rad_s(age_s - 0.008) for age_s in seen["max_command_age_s"][:6]]
     speed = np.array(seen["max_speed_rad_s"][:6])
@@ -181,7 +182,7 @@ def test_at_rates_that_the_wire_does_not_allow_it_ticks_as_often_as_wire_and_law
     session = ArmSession(configs, isolation="lockstep")
     session.start()
     for channel in CHANNELS:
-        rig.watch_start(channel)
+        recorders.watch_start(rig, channel)
     loop = session._runner._loop
     statistics, chains = loop.statistics, [controller.actuation.chain for controller in loop._controllers]
     before, ticks = rig.now(), statistics.cycles
@@ -192,7 +193,7 @@ def test_at_rates_that_the_wire_does_not_allow_it_ticks_as_often_as_wire_and_law
     for channel in CHANNELS:
         state = session[channel].observe()
         assert np.abs(state.q - GOAL).max() < 0.02
-        assert max(rig.watch(channel)["max_speed_rad_s"][:6]) < 1.95
+        assert max(recorders.watch(rig, channel)["max_speed_rad_s"][:6]) < 1.95
     if rate_hz:  # in the default tier: that it lands, other tests show
         session.discard()
         return

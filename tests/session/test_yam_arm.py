@@ -12,6 +12,7 @@ from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.state_recorder import StateRecorder
 from lerobot_robot_yam.session.trajectory import Trajectory
 from lerobot_robot_yam.state.modes import Mode
+from scripts import recorders
 from tests.support.landed import MOST_M, moved_after_cut_m
 from tests.support.rigged import arm_on, lockstep_rig
 
@@ -46,9 +47,9 @@ def true_q(rig):
 
 def torques(rig, arm, seconds):
     """The motors' true torques (k, 6) from now on, a row per millisecond."""
-    rig.truth_start(FOLLOWER, seconds)
+    recorders.truth_start(rig, FOLLOWER, seconds)
     arm.clock.sleep(seconds)
-    return rig.truth(FOLLOWER)["torque_nm"][:, :6]
+    return recorders.truth(rig, FOLLOWER)["torque_nm"][:, :6]
 
 
 def gives(rig, arm):
@@ -164,9 +165,9 @@ def test_what_a_hand_has_done_is_replayed_within_5_mrad(rig):
     rig.release(FOLLOWER)
     trajectory = recorder.trajectory()
     arm.move_to([0.0, 0.5, 0.5, 0.0, 0.0, 0.0])
-    rig.truth_start(FOLLOWER, 30.0)
+    recorders.truth_start(rig, FOLLOWER, 30.0)
     arm.replay(trajectory)
-    truth, begun_s = rig.truth(FOLLOWER), arm.clock.now() - trajectory.seconds
+    truth, begun_s = recorders.truth(rig, FOLLOWER), arm.clock.now() - trajectory.seconds
 
     def error(lag_s):
         times = begun_s + lag_s + trajectory.times_s

@@ -8,7 +8,7 @@ import pytest
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.errors import MotorError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.setup.adapter_watch import WristWatch
 from tests.support.doctor_desk import ARM
 

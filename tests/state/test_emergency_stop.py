@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import EmergencyStopError, LifeCycleError, MotorError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.session import runners
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.session.runners import StepRunner
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
+from scripts import recorders
 from tests.support.rigged import either_rig, isolation_of, session_on, sim_config, track
 
 AWAY = [0.2, 1.0, 1.0, -0.3, 0.1, 0.1]
@@ -307,9 +308,9 @@ def test_a_stop_in_mid_landing_throws_no_joint_that_is_not_heard(rig, stop):
         session.clock.sleep(1.2)
         stop.latch("a test")
         session.clock.sleep(0.02)
-        rig.watch_start("follower_left")
+        recorders.watch_start(rig, "follower_left")
         session.clock.sleep(0.5)
-        assert rig.watch("follower_left")["max_speed_rad_s"][1] < 0.6
+        assert recorders.watch(rig, "follower_left")["max_speed_rad_s"][1] < 0.6
         rig.fault("follower_left", "joint_2", "loss_rate", 0.0)
     finally:
         stop.release()

@@ -3,8 +3,8 @@
 import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.rig.client.rig_operations import RigOperations
-from lerobot_robot_yam.rig.judging.recorders import STEP_S, beyond_clip_nm
+from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
+from scripts import recorders
 
 KNOWN_S = 0.012  # a command acts for a tick, on a state that is a tick old when it is sent, and each took its way
 _SLACK_NM, _SLACK = 0.5, 1.05  # what a frame cannot tell: kp and kd times half a bit; and a share of the clip
@@ -14,8 +14,8 @@ _BLOW_RAD_S, _BLOW_S = 10.0, 0.004  # a joint that gains more speed from one ans
 
 def look_at(rig: RigOperations, channel: str) -> None:
     """Record the arm's extremes, and what its motors do, from now on."""
-    rig.watch_start(channel)
-    rig.truth_start(channel, _KEPT_S)
+    recorders.watch_start(rig, channel)
+    recorders.truth_start(rig, channel, _KEPT_S)
 
 
 def beyond_nm(
@@ -32,13 +32,13 @@ def beyond_nm(
     """
     n = hardware.joints
     clip_nm = _SLACK * hardware.torque_limit_nm[:n] + _SLACK_NM
-    if (np.array(rig.watch(channel)["max_asked_nm"][:n]) <= clip_nm).all():
+    if (np.array(recorders.watch(rig, channel)["max_asked_nm"][:n]) <= clip_nm).all():
         return np.zeros(n)
-    truth = rig.truth(channel)
-    steps, count = round(_BLOW_S / STEP_S), len(truth["stamp_s"])
+    truth = recorders.truth(rig, channel)
+    steps, count = round(_BLOW_S / recorders.STEP_S), len(truth["stamp_s"])
     dq, asked = truth["dq"].reshape(count, -1), truth["asked_nm"].reshape(count, -1).copy()
     for joint in range(n):
         blows = np.flatnonzero(np.abs(dq[steps:, joint] - dq[:-steps, joint]) > _BLOW_RAD_S)
         if len(blows):
             asked[blows[0] :, joint] = 0.0
-    return beyond_clip_nm({**truth, "asked_nm": asked}, hardware.kp[:n], hardware.kd[:n], clip_nm, known_s)
+    return recorders.beyond_clip_nm({**truth, "asked_nm": asked}, hardware.kp[:n], hardware.kd[:n], clip_nm, known_s)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.rig.client.rig_operations import RigOperations
+from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 from lerobot_robot_yam.state.faults import Trouble
 
 LEFT, RIGHT, LEADER = "follower_left", "follower_right", "leader_left"

@@ -2,7 +2,7 @@
 
 import math
 
-from lerobot_robot_yam.rig.client.rig_operations import RigOperations
+from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 
 MOST_M = 0.01  # landed means that cutting torque then moves no body by more
 

@@ -12,6 +12,7 @@ from lerobot_robot_yam.rig.devices.packets import Frame
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 from lerobot_robot_yam.rig.scene.scene import Scene, load_scene
 from lerobot_robot_yam.rig.simulation.device import RigDevice
+from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations, perform
 
 
 @functools.cache
@@ -20,7 +21,7 @@ def _scene(channel: str, **options: Any) -> Scene:
     return load_scene(options={"arms": [channel], **options})
 
 
-class Desk:
+class Desk(RigOperations):
     """One arm of the scene, one client on its channel."""
 
     def __init__(self, channel: str = "follower_left", **options: Any):
@@ -30,6 +31,9 @@ class Desk:
         self.device.world.start(self.now_s)
         self._ours, self._theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.channel.clients.append(self._theirs)
+
+    def request(self, op: str, **arguments: Any) -> dict[str, Any]:
+        return perform(self.device, {"op": op, **arguments})
 
     def close(self) -> None:
         self._ours.close()

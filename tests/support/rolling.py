@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
+from scripts import recorders
 from tests.cli.conftest import ROOT
 from tests.policy_plugin.checkpoints import save_scripted
 
@@ -36,7 +37,7 @@ class Rollout:
         self.process = self._terminal = None
         self._slips = None  # of the physics, before the arms moved
         for channel in FOLLOWERS:
-            self.rig.watch_start(channel)
+            recorders.watch_start(self.rig, channel)
 
     def joints(self, channel):
         """Where an arm is, (6,)."""
@@ -75,7 +76,9 @@ class Rollout:
         """Look at the arms, how far from their rest they get, until a condition holds."""
         deadline = time.monotonic() + timeout_s
         while not condition():
-            if self._slips is None and any(self.rig.watch(channel)["enabled_events"] for channel in self.channels):
+            if self._slips is None and any(
+                recorders.watch(self.rig, channel)["enabled_events"] for channel in self.channels
+            ):
                 self._slips = self.rig.stats()["slips"]
             for channel in FOLLOWERS:
                 away = float(np.abs(self.joints(channel) - self.rest[channel]).max())
@@ -121,7 +124,7 @@ class Rollout:
         factor = SPEED_FACTOR if self.rig.stats()["slips"] == (self._slips or 0) else BUSY_FACTOR
         allowed = factor * SPEED_LIMIT_RAD_S + SPEED_SLACK_RAD_S
         for channel in channels:
-            seen = self.rig.watch(channel)
+            seen = recorders.watch(self.rig, channel)
             assert seen["enabled_events"] and not seen["fault_events"]
             assert max(seen["max_speed_rad_s"][:6]) < allowed, (channel, seen, self.rig.stats()["slips"])
 

@@ -11,13 +11,14 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.rig.judging.judge import Judge
 from lerobot_robot_yam.rig.operator.hands import Pose, Sight
 from lerobot_robot_yam.rig.scene.scene import Scene
-from lerobot_robot_yam.rig.simulation import rig_commands
 from lerobot_robot_yam.rig.simulation.device import RigDevice
+from lerobot_robot_yam.rig.simulation.judge import Judge
+from lerobot_robot_yam.rig.simulation.rig_operations import perform
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP
+from tests.support.transfers import AllTransfers
 
 TICK_STEPS = 4
 LAG_TICKS = 8  # of LeRobot at 30 Hz between leader and follower
@@ -26,7 +27,7 @@ GRIP_TORQUE_NM = 1.0  # what the force limiter lets through
 
 def described(scene: Scene) -> dict:
     """The scene in the form in which a rig describes itself to its clients."""
-    return json.loads(json.dumps(rig_commands.ask(RigDevice(scene), {"op": "scene"}), default=np.ndarray.tolist))
+    return json.loads(json.dumps(perform(RigDevice(scene), {"op": "scene"}), default=np.ndarray.tolist))
 
 
 class StandIn:
@@ -35,7 +36,7 @@ class StandIn:
     def __init__(self, scene: Scene, sides: tuple[str, ...] = ("left", "right")):
         self.world = World(scene)
         self.prop = scene.props[0].name
-        self.judge = Judge(self.world)
+        self.judge, self.transfers = Judge(self.world), AllTransfers(self.world)
         self.events: list[dict] = []
         self.energised = True
         self.following = True
@@ -99,7 +100,7 @@ class StandIn:
         joint.qpos[:] = [*position_m, 1.0, 0.0, 0.0, 0.0]
         joint.qvel[:] = 0.0
         mujoco.mj_kinematics(self.world.model, self.world.data)
-        self.judge.moved(self.prop)
+        self.transfers.reset(self.prop)
 
     @property
     def held(self) -> bool:
@@ -131,7 +132,7 @@ class StandIn:
             # Actuator length counts from the closed stop.
             data.actuator(f"{follower}/{motor.name}").ctrl = motor.kp * self._opening[side] * (opened - closed)
         self.world.step(TICK_STEPS)
-        self.events += self.judge.update(self.world.sim_s)
+        self.events += self.judge.update() + self.transfers.update(self.world.sim_s)
 
     def _lead(self, side: str) -> tuple[np.ndarray, float]:
         """Where the leader is, and its trigger."""

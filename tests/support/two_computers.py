@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.faults import Response
 from lerobot_robot_yam.state.link_faults import LINK_RESPONSES
 from lerobot_robot_yam.state.modes import Mode

@@ -4,7 +4,7 @@ import can
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.session.arm_session import ArmSession
 from tests.support.rigged import sim_config
 

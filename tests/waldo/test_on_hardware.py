@@ -15,6 +15,7 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.waldo.controller.controller_process import operator_acts
 from lerobot_robot_yam.waldo.controller.plant import RealArm
+from scripts import recorders
 from tests.support.rigged import lockstep_rig
 from tests.support.waldo_desk import waldo_desk
 
@@ -56,12 +57,12 @@ def tried(desk, name, arguments):
 
 def extremes(rig):
     """Of the six joints since `watch_start`."""
-    return np.array(rig.watch(ARM)["max_speed_rad_s"])[:6]
+    return np.array(recorders.watch(rig, ARM)["max_speed_rad_s"])[:6]
 
 
 def test_nothing_unasked_reaches_the_motors_before_an_operator_has_armed(rig, desk):
     rig.trace_start(ARM)
-    rig.watch_start(ARM)
+    recorders.watch_start(rig, ARM)
     calls = UNASKED * 3
     random.Random(1).shuffle(calls)
     for name, arguments in [*UNASKED, *calls]:
@@ -70,8 +71,8 @@ def test_nothing_unasked_reaches_the_motors_before_an_operator_has_armed(rig, de
         assert not desk.ask("ping")["hardware_connected"] and desk.ask("ping")["simulator"]
     with pytest.raises(ControllerError, match="it is not armed; at its computer: yam-waldo arm"):
         desk.ask("simulator", enabled=False)
-    assert rig.trace(ARM) == [] and rig.watch(ARM)["enabled_events"] == []
-    assert max(rig.watch(ARM)["max_torque_nm"]) == 0.0
+    assert rig.trace(ARM) == [] and recorders.watch(rig, ARM)["enabled_events"] == []
+    assert max(recorders.watch(rig, ARM)["max_torque_nm"]) == 0.0
 
 
 def test_taking_over_holds_the_measured_pose_whatever_the_simulator_showed(rig, desk):
@@ -80,7 +81,7 @@ def test_taking_over_holds_the_measured_pose_whatever_the_simulator_showed(rig, 
     desk.real.arm()
     desk.run(SETTLE_S)
     before = true_q(rig)
-    rig.watch_start(ARM)
+    recorders.watch_start(rig, ARM)
     assert desk.ask("ping")["hardware_connected"]
     desk.ask("simulator", enabled=False)
     desk.ask("reset")
@@ -102,10 +103,10 @@ def test_a_stop_is_quick_and_then_the_arm_is_held(rig, desk, stop, seconds):
     desk.ask(stop)
     desk.run(0.5)
     held = true_q(rig)
-    rig.watch_start(ARM)
+    recorders.watch_start(rig, ARM)
     desk.run(seconds)
     assert np.abs(true_q(rig) - held).max() < np.radians(1.0) and extremes(rig).max() < STILL_RAD_S
-    assert rig.watch(ARM)["enabled_events"] == []
+    assert recorders.watch(rig, ARM)["enabled_events"] == []
     assert desk.ask("wait_command", command_index=index) is False
     held = true_q(rig)
     desk.ask("reset")
@@ -139,7 +140,7 @@ def test_no_teleport_reaches_a_motor(rig, desk):
     desk.real.arm()
     desk.run(SETTLE_S)
     held, numbers = true_q(rig), random.Random(2)
-    rig.watch_start(ARM)
+    recorders.watch_start(rig, ARM)
     setpoints = []
     for _ in range(20):
         for mode, _ in itertools.product((False, True), range(5)):
@@ -243,9 +244,9 @@ def test_what_is_gripped_is_seen_and_pressed_with_no_more_than_the_force_limit(r
         rig.place("cube", rig.state()["arms"][ARM]["grasp_site"]["pos"], quat)  # a hand holds it there
         desk.run(0.01)
     desk.run(0.5)
-    rig.watch_start(ARM)
+    recorders.watch_start(rig, ARM)
     desk.run(1.5)
-    assert 0.3 < rig.watch(ARM)["max_torque_nm"][-1] < FORCE_LIMIT_NM
+    assert 0.3 < recorders.watch(rig, ARM)["max_torque_nm"][-1] < FORCE_LIMIT_NM
     assert desk.ask("wait_command", command_index=index) is True
     tool = desk.ask("status")["tool"]
     assert tool["part_detected"] and 0.3 < tool["positions"][0] < 0.9

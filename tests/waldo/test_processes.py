@@ -14,8 +14,9 @@ import pytest
 from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, save_stops
 from lerobot_robot_yam.control.landing.landing_move import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.errors import ControllerError, YamError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.waldo.wire import ask_once, ask_operator_door, door_path
+from scripts import recorders
 from tests.support.paths import ROOT
 from tests.support.rigged import STOPS, arm_on
 
@@ -131,10 +132,10 @@ def test_a_jogging_script_that_is_killed_leaves_the_arm_standing(rig, tmp_path):
         script.kill()
         time.sleep(0.5)
         held = true_q(rig)
-        rig.watch_start(ARM)
+        recorders.watch_start(rig, ARM)
         time.sleep(2.0)
         assert np.abs(true_q(rig) - held).max() < np.radians(0.5)
-        assert max(rig.watch(ARM)["max_speed_rad_s"][:6]) < np.radians(2.0) and all(enabled(rig))
+        assert max(recorders.watch(rig, ARM)["max_speed_rad_s"][:6]) < np.radians(2.0) and all(enabled(rig))
 
 
 def test_a_page_that_is_killed_leaves_the_arm_held(rig, tmp_path):
@@ -152,11 +153,11 @@ def test_a_controller_that_is_killed_in_a_move_leaves_an_arm_that_lands(rig, tmp
     with driving(rig, tmp_path) as (rbt, port, process):
         rbt.move_j([60, 60, 60, -20, 0, 0], speed=0.3)
         until(lambda: max(np.abs(rbt.joint_speeds())) > 10.0)
-        rig.watch_start(ARM)
+        recorders.watch_start(rig, ARM)
         process.kill()
         door_path(port).unlink()  # else the next controller on this port replaces it
         until(lambda: not any(enabled(rig)))
-        seen = rig.watch(ARM)
+        seen = recorders.watch(rig, ARM)
         assert max(seen["max_speed_rad_s"][:6]) < 1.2 * LANDING_SPEED_RAD_S
         landed = true_q(rig)
         time.sleep(0.5)

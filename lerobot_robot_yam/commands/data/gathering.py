@@ -23,7 +23,7 @@ from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig, eyes_of
 from lerobot_robot_yam.errors import ConfigError, RigError
 from lerobot_robot_yam.face.datasets.recording import recorded_name
 from lerobot_robot_yam.face.datasets.repair.inspection import inspect
-from lerobot_robot_yam.rig.operator.demonstrator import Demonstrator
+from lerobot_robot_yam.rig.lockstep.demonstrator import Demonstrator
 from lerobot_robot_yam.system.signals import finished_first
 from lerobot_robot_yam.yam_env import YamEnv
 

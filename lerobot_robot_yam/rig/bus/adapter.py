@@ -24,15 +24,11 @@ class Listener(Protocol):
 
 @dataclass(frozen=True)
 class HoldBack:
-    """Received frames are kept back from `begin_s` for `seconds`, again every `every_s`.
-
-    stamped: frames carry the time at which the wire delivered them (an adapter with a clock), not that of the host.
-    """
+    """Received frames are kept back from `begin_s` for `seconds`, again every `every_s`."""
 
     begin_s: float
     seconds: float
     every_s: float = math.inf
-    stamped: bool = False
 
     def release_s(self, at_s: float) -> float:
         """When a frame that the wire delivers at `at_s` reaches the host."""
@@ -46,7 +42,7 @@ class HoldBack:
 class Adapter:
     """Delays of one channel: `latency_s` each way, and `hold`.
 
-    due_s: when something is due next, at the wire or at a client; infinity for never.
+    due_s: when a command is due next at the wire; infinity for never.
     """
 
     def __init__(self, latency_s: float):
@@ -55,7 +51,6 @@ class Adapter:
         self.due_s = math.inf
         self._given_s = -math.inf  # time of the last frame given to clients
         self._sent: deque[tuple[float, Listener, Frame]] = deque()  # due at the wire
-        self._kept: deque[tuple[float, Listener, list[Frame]]] = deque()  # due at the client, with older stamps
 
     @property
     def waits(self) -> bool:
@@ -94,26 +89,9 @@ class Adapter:
         self._given_s = arrived_s[-1]
         return arrived_s
 
-    @property
-    def keeps(self) -> bool:
-        """Whether frames wait in the adapter, because their stamps must not tell when they reach the host."""
-        return bool(self._kept) or (self.hold is not None and self.hold.stamped)
-
-    def keep(self, until_s: float, client: Listener, frames: list[Frame]) -> None:
-        """Give a client these frames at a time."""
-        self._kept.append((until_s, client, frames))
-        self._look_ahead()
-
-    def released(self, until_s: float) -> Iterator[tuple[Listener, list[Frame]]]:
-        """Kept frames that are due at a client, in order."""
-        while self._kept and self._kept[0][0] <= until_s:
-            released = self._kept.popleft()[1:]
-            self._look_ahead()
-            yield released
-
     def repair(self, latency_s: float) -> None:
         """Keep nothing back from now on; frames under way arrive."""
         self.latency_s, self.hold = latency_s, None
 
     def _look_ahead(self) -> None:
-        self.due_s = min(queue[0][0] if queue else math.inf for queue in (self._sent, self._kept))
+        self.due_s = self._sent[0][0] if self._sent else math.inf

@@ -20,8 +20,7 @@ from lerobot_robot_yam.rig.bus.link_state import BUS_OFF_FRAME_ID, Link, LinkSta
 from lerobot_robot_yam.rig.bus.whole_tick import WholeTick
 from lerobot_robot_yam.rig.devices import packets
 from lerobot_robot_yam.rig.devices.packets import Frame, Wire
-from lerobot_robot_yam.rig.devices.simulated_encoders import SimEncoders
-from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
+from lerobot_robot_yam.rig.devices.simulated_handle import SimEncoders, SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 
 _BACKLOG_S = 0.05  # a real adapter's queue is full at about this
@@ -105,7 +104,7 @@ class Channel:
         return (
             len(self.clients) == 1
             and self.clients[0] is sender
-            and not (self.cable_out or self.link.state or adapter.waits or adapter.keeps)
+            and not (self.cable_out or self.link.state or adapter.waits)
             and self.trace is None
             and (handle is None or not handle.silent)
             and self.wire.free_at_s - (now_s + adapter.latency_s) <= _BACKLOG_S
@@ -129,9 +128,6 @@ class Channel:
         for sender, timed in self.adapter.take(until_s):
             if not (self.cable_out or self.link.state) and sender in self.clients:
                 self._transmit(sender, timed, timed[0][0])
-        for client, frames in self.adapter.released(until_s):
-            if client in self.clients and self.link.state != LinkState.GONE:
-                self._hand_over(client, frames)
 
     def _transmit(self, sender: Listener, timed: Sequence[tuple[float, Frame]], now_s: float) -> None:
         """Put frames on the wire, each with the time at which it is ready, and answer them."""
@@ -250,10 +246,7 @@ class Channel:
         adapter = self.adapter
         frames = [Frame(adapter.arrival_s(at_s), frame.id, frame.data, frame.flags) for at_s, frame in timed]
         for client in clients:
-            if adapter.keeps:
-                adapter.keep(frames[-1].stamp_s, client, [frame._replace(stamp_s=at_s) for at_s, frame in timed])
-            else:
-                self._hand_over(client, frames)
+            self._hand_over(client, frames)
 
     def _hand_over(self, client: Listener, frames: Sequence[Frame]) -> None:
         self._send(client, packets.pack(frames))

@@ -20,7 +20,7 @@ from lerobot_robot_yam.rig.devices.packets import Wire, send_time
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import AHEAD_S, SimMotor
 from lerobot_robot_yam.rig.devices.thermometer import PERIOD_S
-from lerobot_robot_yam.rig.world.shafts_and_masses import Drive
+from lerobot_robot_yam.rig.world.shafts import Drive
 
 _LONG, _SHORT = 0xFFFF, 0xFFF  # steps of a frame's fields, see `codec`
 _SPECIAL = b"\xff" * 7  # begins every special command

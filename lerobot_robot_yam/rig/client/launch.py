@@ -3,7 +3,6 @@
 The server is a child of init, as it must outlive the process that started it. It ends after its last client has left.
 """
 
-import argparse
 import contextlib
 import difflib
 import json
@@ -20,8 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_robot_yam.errors import BusError, ConfigError, RigError, YamError
-from lerobot_robot_yam.rig.scene.scene import load_scene
+from lerobot_robot_yam.rig.client.json_messages import to_json
+from lerobot_robot_yam.rig.scene.scene import SCENES, Scene, load_scene
 from lerobot_robot_yam.system.clock import START_TIMEOUT_S
+from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.runtime_files import FileLock, rig_name, runtime_dir, slug
 
 logger = logging.getLogger(__name__)
@@ -56,7 +57,7 @@ def connect(name: str, hello: Mapping[str, Any]) -> tuple[socket.socket, dict[st
     try:
         sock.settimeout(_HELLO_TIMEOUT_S)
         sock.connect(str(rig_path(name, "sock")))
-        sock.send(json.dumps(dict(hello)).encode())
+        sock.send(to_json(hello))
         answer = sock.recv(MAX_PACKET)
         if not answer:
             raise ConnectionRefusedError(f"rig {name} is ending")
@@ -70,17 +71,6 @@ def connect(name: str, hello: Mapping[str, Any]) -> tuple[socket.socket, dict[st
         if isinstance(error, TimeoutError):
             raise RigError(f"rig {name} does not answer; end it (its pid is in {rig_path(name, 'log')})") from error
         raise
-
-
-def to_json(message: Mapping[str, Any]) -> bytes:
-    """A message as JSON; values of numpy become lists and numbers."""
-    return json.dumps(message, default=_plain).encode()
-
-
-def _plain(value: Any) -> Any:
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    raise TypeError(f"{type(value).__name__} has no JSON form")
 
 
 def checked(answer: dict[str, Any]) -> dict[str, Any]:
@@ -155,37 +145,33 @@ def _join(
     return connection, name, answer
 
 
-def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
-    """Let a process of the rig take `scene_arguments`."""
-    parser.add_argument("--scene", help="scene name or YAML path")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a scene option")
+def tell_scene(rig: str, scene: str | None, options: Mapping[str, Any]) -> None:
+    """Write what a rig simulates into the file beside its socket, for others who build the same world."""
+    whole = scene if scene is None or scene in SCENES else str(user_path(scene).absolute())
+    rig_path(rig, "scene").write_bytes(to_json({"scene": whole, "options": options}))
 
 
-def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The scene options of parsed arguments. Raises ConfigError: one is not key=value."""
-    options: dict[str, Any] = {}
-    for text in arguments.set:
-        key, separator, value = text.partition("=")
-        if not separator:
-            raise ConfigError(f"--set takes key=value, not {text!r}")
-        options[key] = value
-        with contextlib.suppress(json.JSONDecodeError):
-            options[key] = json.loads(value)
-    return options
+def told_scene(rig: str) -> Scene:
+    """Read the scene of a running rig, which is asked nothing.
 
-
-def scene_arguments(scene: str | None, options: Mapping[str, Any]) -> list[str]:
-    """A scene on the command lines of the rig's processes."""
-    named = [] if scene is None else ["--scene", scene]
-    return named + [part for key, value in options.items() for part in ("--set", f"{key}={json.dumps(value)}")]
+    Raises:
+        RigError: no such rig runs, or one of another version.
+        ConfigError: its file is no longer what the rig has read.
+    """
+    try:
+        told = json.loads(rig_path(rig, "scene").read_bytes())
+        scene, options = told["scene"], told["options"]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise RigError(f"rig {rig} does not say what it simulates ({error}); start it anew") from error
+    return load_scene(scene, options)
 
 
 def _start(name: str, owner: int | None, scene: str | None, options: Mapping[str, Any]) -> None:
     """Start the server and wait until it listens. The caller holds the rig's lock."""
     ready_read, ready_write = os.pipe()
     server = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.server.server", "--name", name]
-    server += ["--ready-fd", str(ready_write), *scene_arguments(scene, options)]
-    server += [] if owner is None else ["--owner", str(owner)]
+    server += ["--ready-fd", str(ready_write), "--options", to_json(options).decode()]
+    server += ([] if scene is None else ["--scene", scene]) + ([] if owner is None else ["--owner", str(owner)])
     with open(ready_read, "rb", buffering=0):
         with open(ready_write, "wb"), open(rig_path(name, "log"), "wb") as log:
             subprocess.run(

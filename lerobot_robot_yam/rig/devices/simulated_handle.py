@@ -1,10 +1,14 @@
-"""The simulated teaching-handle encoder on a leader's bus: firmware 2.4.0, set to report on request.
+"""Simulated encoders on a leader's bus: a teaching handle's, and those of a leader without motors.
 
-Unlike the real one it keeps the order of replies to overlapping requests.
+Firmware 2.4.0, set to report on request. Unlike real ones they keep the order of replies to overlapping requests.
 """
 
+from collections.abc import Sequence
+
 from lerobot_robot_yam.damiao import handle_encoder as encoder
+from lerobot_robot_yam.damiao.passive_encoders import TRIGGER_TRAVEL_RAD
 from lerobot_robot_yam.rig.devices.packets import Frame
+from lerobot_robot_yam.rig.world.world import World
 
 FIRMWARE = (2, 4, 0)
 _DEVICE = 1
@@ -101,3 +105,54 @@ class SimHandle:
 
     def _rate_rad_s(self) -> float:
         return self.trigger_rate * self.travel_rad
+
+
+class SimJointEncoder(SimHandle):
+    """A device of its own number whose angle is that of one of the arm's joints in the world."""
+
+    def __init__(self, world: World, device: int, position: int, velocity: int, sign: int):
+        super().__init__(device)
+        self._world, self._q, self._dq, self._sign = world, position, velocity, sign
+
+    def _position_rad(self) -> float:
+        return self._sign * self._world.qpos[self._q] - self._zero_rad
+
+    def _rate_rad_s(self) -> float:
+        return self._sign * self._world.qvel[self._dq]
+
+
+class SimEncoders(SimHandle):
+    """All encoders of a leader without motors, in place of a handle: a device per joint, the last for the trigger.
+
+    They are silent until they are told to report, or asked.
+
+    Attributes:
+        silent_devices: those that say nothing, from 0.
+    """
+
+    travel_rad = TRIGGER_TRAVEL_RAD
+
+    def __init__(self, world: World, channel: str, signs: Sequence[int]):
+        super().__init__(len(signs))
+        addresses, dofs = world.joint_addresses(channel), world.joint_dofs(channel)
+        self.joints = [
+            SimJointEncoder(world, device, q, dq, sign)
+            for device, (q, dq, sign) in enumerate(zip(addresses, dofs, signs, strict=True))
+        ]
+        self.silent_devices: frozenset[int] = frozenset()
+
+    def requests(self, data: bytes) -> list[Frame]:
+        """Answers of all devices to a frame to 0x50E."""
+        answers = [device.request(data) for device in self._speaking()]
+        return [answer for answer in answers if answer is not None]
+
+    def due_reports(self, now_s: float) -> list[Frame]:
+        """Reports that are due unasked."""
+        reports = [device.due_report(now_s) for device in self._speaking()]
+        return [report for report in reports if report is not None]
+
+    def _speaking(self) -> list[SimHandle]:
+        if self.silent:
+            return []
+        devices: list[SimHandle] = [*self.joints, self]
+        return [device for index, device in enumerate(devices) if index not in self.silent_devices]

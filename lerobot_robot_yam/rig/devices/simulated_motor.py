@@ -31,7 +31,7 @@ from lerobot_robot_yam.rig.devices.flash import Flash, factory_registers
 from lerobot_robot_yam.rig.devices.motor_faults import FalseReading, LinkFaults
 from lerobot_robot_yam.rig.devices.packets import Frame
 from lerobot_robot_yam.rig.devices.thermometer import Thermometer
-from lerobot_robot_yam.rig.world.shafts_and_masses import Drive, LooseShaft
+from lerobot_robot_yam.rig.world.shafts import Drive, LooseShaft
 from lerobot_robot_yam.rig.world.world import World
 
 # Gains of the motor's own loops in the modes whose commands carry no gains.
@@ -74,8 +74,7 @@ class SimMotor:
         self.drive, self.world, self._log = drive, world, log
         self._start_rad = drive.angle()
         self.ranges = codec.ranges_of(row.type)
-        options = world.scene.options
-        self.thermometer = Thermometer(random.Random(options.seed * 1000 + row.can_id), options.stamp_temperatures)
+        self.thermometer = Thermometer(random.Random(world.scene.options.seed * 1000 + row.can_id))
         self.last_command_s = 0.0  # simulated time
         self.goal: tuple[float, float] | None = None  # of a position-velocity move under way: target and speed limit
         self._reference = 0.0
@@ -102,7 +101,6 @@ class SimMotor:
             and self.goal is self.reading is self.twin is None
             and not self.faults.set
             and thermometer.held is thermometer.ramp is None
-            and not thermometer.stamped
         ):
             return self.zero_rad, self.can_id, self.master_id
         return None
@@ -243,11 +241,8 @@ class SimMotor:
         self.drive.rub(0.0)
 
     def fail(self, fault: int) -> None:
-        """Enter a fault: torque off, or damping after a lost link if the scene says so."""
+        """Enter a fault: torque off."""
         self._limp()
-        options = self.world.scene.options
-        if fault == Fault.COMMUNICATION_LOST and options.watchdog == "damping":
-            self.drive.command(0.0, 0.0, 0.0, options.watchdog_damping, 0.0)
         self.fault = fault
         self._log("motor_fault", motor=self.name, fault=int(fault))
 

@@ -10,34 +10,15 @@ _REST_C = (35.5, 40.5)  # power stage, coil; these and the gains: the vendor's s
 _GAIN_C_PER_W = (0.5, 0.8)
 _TIME_CONSTANT_S = (20.0, 60.0)  # our estimate
 PERIOD_S = 0.02  # of measuring; our choice
-PARTS = ("both", "mos", "rotor")
-_STAMP_UNIT_S = 2e-4
-_STAMP_DIGIT = 84  # °C: below what our thermal monitor calls warm, so that no stamp is taken for heat
-_STAMP_WRAP = _STAMP_DIGIT**2
-
-
-def sample_age_s(temp_mos: int, temp_rotor: int, now_s: float) -> float:
-    """Age of a feedback sample whose temperature bytes carry its time (option stamp_temperatures).
-
-    Unambiguous up to 1.4 s, to within 0.1 ms.
-    """
-    stamp = int(temp_mos) * _STAMP_DIGIT + int(temp_rotor) + 0.5
-    return (now_s / _STAMP_UNIT_S - stamp) % _STAMP_WRAP * _STAMP_UNIT_S
-
-
-def stamped_bytes(sample_s: float) -> tuple[int, int]:
-    """The temperature bytes for `sample_age_s` that carry the sample's time, monotonic s."""
-    return divmod(int(sample_s / _STAMP_UNIT_S) % _STAMP_WRAP, _STAMP_DIGIT)
 
 
 @dataclass(frozen=True)
 class Ramp:
-    """A temperature that changes evenly from `from_c` at simulated time `since_s`; of one part or both."""
+    """A temperature of both parts that changes evenly from `from_c` at simulated time `since_s`."""
 
     rate_c_per_s: float
     from_c: float
     since_s: float
-    part: str = "both"
 
     def at(self, sim_s: float) -> float:
         """The temperature at a simulated time, °C."""
@@ -48,12 +29,11 @@ class Thermometer:
     """Power stage ("mos") and coil ("rotor") of one motor, °C.
 
     held: fixed readings of sensors that lie; the motor does not act on them. ramp: a real change; the motor does.
-    chance: of the noise. stamped: report each sample's time instead, see `sample_age_s`.
+    chance: of the noise.
     word: the two bytes of a feedback frame for what was measured last.
     """
 
-    def __init__(self, chance: random.Random, stamped: bool = False):
-        self.stamped = stamped
+    def __init__(self, chance: random.Random):
         self.held: tuple[float, float] | None = None
         self.ramp: Ramp | None = None
         self._chance = chance
@@ -68,17 +48,13 @@ class Thermometer:
         Without a fault it is the vendor simulation's formula, which has no inertia, behind a low-pass filter: metal
         does not follow the power within a tick.
         """
-        if self.stamped:
-            return stamped_bytes(sample_s)
         if not 0.0 <= sim_s - self.measured_at_s < PERIOD_S:
             self._measure(abs(velocity_rad_s * torque_nm), sim_s)
         mos, rotor = self._measured
         if self.held is not None:
             mos, rotor = self.held
         elif self.ramp is not None:
-            warm = self.ramp.at(sim_s)
-            mos = mos if self.ramp.part == "rotor" else warm
-            rotor = rotor if self.ramp.part == "mos" else warm
+            mos = rotor = self.ramp.at(sim_s)
         return int(mos), int(rotor)
 
     def _measure(self, power_w: float, sim_s: float) -> None:
@@ -96,8 +72,6 @@ class Thermometer:
         if self.ramp is None:
             return None
         warm = self.ramp.at(sim_s)
-        if self.ramp.part != "rotor" and warm >= mos_limit_c:
+        if warm >= mos_limit_c:
             return Fault.MOS_OVER_TEMPERATURE
-        if self.ramp.part != "mos" and warm >= COIL_LIMIT_C:
-            return Fault.ROTOR_OVER_TEMPERATURE
-        return None
+        return Fault.ROTOR_OVER_TEMPERATURE if warm >= COIL_LIMIT_C else None

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.errors import RigError
-from lerobot_robot_yam.rig.client.launch import checked, scene_arguments
+from lerobot_robot_yam.rig.client.launch import checked, rig_path, tell_scene
 from lerobot_robot_yam.rig.client.rendered_camera import frame_dtype
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.server.child_processes import CameraService
@@ -32,7 +32,8 @@ class LockstepRenderer:
     def __init__(self, rig: LockstepRig):
         self._rig = rig
         names = [camera.name for camera in rig.device.scene.cameras]
-        self._service = CameraService(rig.name, names, [*scene_arguments(rig.scene_name, rig.options), "--on-demand"])
+        self._service = CameraService(rig.name, names, on_demand=True)
+        tell_scene(rig.name, rig.scene_name, rig.options)
         self._drawn: tuple[int, int] | None = None  # restarts and physics steps of the newest pictures
         self._answers: dict[Any, dict[str, Any]] = {}
 
@@ -77,6 +78,7 @@ class LockstepRenderer:
     def close(self) -> None:
         """End the renderer. Idempotent."""
         self._service.close()
+        rig_path(self._rig.name, "scene").unlink(missing_ok=True)
 
 
 class LockstepCamera:

@@ -20,13 +20,13 @@ import can
 
 from lerobot_robot_yam.errors import BusError, ConfigError
 from lerobot_robot_yam.rig.bus.link_state import ClientLink
-from lerobot_robot_yam.rig.client.launch import no_channel, rig_path, to_json
-from lerobot_robot_yam.rig.client.rig_operations import RigOperations
+from lerobot_robot_yam.rig.client.json_messages import to_json
+from lerobot_robot_yam.rig.client.launch import no_channel, rig_path
 from lerobot_robot_yam.rig.devices import packets
 from lerobot_robot_yam.rig.devices.packets import Frame, message_of, pack_messages
 from lerobot_robot_yam.rig.scene.scene import load_scene
-from lerobot_robot_yam.rig.simulation import rig_commands
 from lerobot_robot_yam.rig.simulation.device import RigDevice
+from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations, perform
 from lerobot_robot_yam.rig.world.world import WorldBlock
 
 BEGIN_S = 100.0  # the rig's time when it starts
@@ -83,7 +83,7 @@ class LockstepRig(RigOperations):
             self.device.advance(self._now_s)
 
     def request(self, op: str, **arguments: Any) -> dict[str, Any]:
-        answer = rig_commands.ask(self.device, json.loads(to_json({"op": op, **arguments})))
+        answer = perform(self.device, json.loads(to_json({"op": op, **arguments})))
         plain: dict[str, Any] = json.loads(to_json(answer))
         return plain
 
@@ -91,7 +91,6 @@ class LockstepRig(RigOperations):
         """Begin anew, at the same time, in the same world as at first. Open buses are dead afterwards."""
         for channel in self.device.channels.values():
             channel.clients.clear()
-        self.device.events.close()
         self.device = RigDevice(self._scene, self)
         self._now_s = BEGIN_S
         self.device.world.start(BEGIN_S)
@@ -106,7 +105,6 @@ class LockstepRig(RigOperations):
         if _rigs.pop(self.name, None) is not None:
             while self.at_close:
                 self.at_close.pop()()
-            self.device.events.close()
             self._block.close()
 
 

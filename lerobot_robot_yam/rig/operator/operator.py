@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.rig.client.rig_control import RigControl
-from lerobot_robot_yam.rig.client.rig_operations import RigOperations
+from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.rig.operator.hands import Interrupted, Sight, sight_of
-from lerobot_robot_yam.rig.operator.scripts.catalog import make_script
-from lerobot_robot_yam.rig.operator.scripts.script import SIDES, Script, sides_of
+from lerobot_robot_yam.rig.operator.script import SIDES, Script, sides_of
+from lerobot_robot_yam.rig.operator.task_scripts import make_script
+from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 
 logger = logging.getLogger(__name__)
 

@@ -1,25 +1,18 @@
-"""The open cameras of a rig: when each is due, which state it shows, how it is painted, and where its frames go.
-
-Software OpenGL paints, cheap enough for three cameras beside a control loop. Only a process that set MUJOCO_GL before
-importing mujoco may use this, as `renderer` does.
-"""
+"""The open cameras of a rig: when each is due, which state it shows, the noise of its sensor, where its frames go."""
 
 import functools
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
-import mujoco
 import numpy as np
 
 from lerobot_robot_yam.errors import RigError
 from lerobot_robot_yam.rig.client.launch import rig_path
 from lerobot_robot_yam.rig.client.rendered_camera import Settings, frame_dtype, frame_path
 from lerobot_robot_yam.rig.render.look import Look
-from lerobot_robot_yam.rig.render.shade import Shade
-from lerobot_robot_yam.rig.render.sight import Sight
+from lerobot_robot_yam.rig.render.painter import Painter
 from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.world.world_model import build_world, world_dtype
 from lerobot_robot_yam.system.shared_block import SharedBlock
@@ -27,106 +20,6 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 _UNCHANGED = 1e-6  # rad or m; below this in every joint the last picture is still right
 _ALL_SEEING = ("overview",)  # cameras that show the leaders too
 _MARGIN = 64  # a larger sheet of noise than the picture, cut elsewhere for each exposure
-# Measured here: 12 slices, 2 stacks, no shadow maps and no multisampling cost a quarter of MuJoCo's defaults.
-_SLICES, _STACKS = 12, 2
-_BALL_STACKS = 6  # where something is not a box, rod or plane: two stacks of a ball are an octahedron
-_SPHERE, _ELLIPSOID = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID
-_SMALLEST = (320, 240)
-_MAX_GEOMS = 400
-_VISUAL_GROUPS = (0, 2)  # collision shapes are in 3, sites in 4
-_HIDDEN_GROUP, _UNSEEN_GROUP = 5, 4
-
-
-class Painter:
-    """Renders cameras of one model into RGB arrays. One thread, one OpenGL context, one offscreen buffer.
-
-    Args:
-        model: the world; its visual quality settings are overwritten.
-        hidden: prefixes of bodies that are left out, with all they carry (leaders, which no camera is for).
-
-    Raises:
-        RigError: no OpenGL context can be made.
-    """
-
-    def __init__(self, model: mujoco.MjModel, hidden: Sequence[str] = ()):
-        self.model = model
-        self.data = mujoco.MjData(model)
-        quality = model.vis.quality
-        balls = bool(np.isin(model.geom_type, (_SPHERE, _ELLIPSOID)).any())
-        quality.numslices, quality.numstacks = _SLICES, _BALL_STACKS if balls else _STACKS
-        quality.offsamples = quality.shadowsize = 0
-        width, height = _SMALLEST
-        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
-        _regroup(model, hidden)
-        self._groups = model.geom_group.copy()
-        self._sights: dict[tuple[int, float], Sight] = {}
-        try:
-            self._gl = mujoco.GLContext(width, height)
-            self._gl.make_current()
-            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
-        except Exception as error:  # each OpenGL backend raises other errors, some of them plain Exception
-            raise RigError(
-                f"rendered cameras need OpenGL through EGL, which failed ({error}); install a software one "
-                "(Debian and Ubuntu: libegl1 libgl1-mesa-dri) or run without rendered cameras"
-            ) from error
-        self._shade = Shade(model, self._context)
-        self._shaded: bool | None = None  # with hidden bodies or not; None: not in this state
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
-        self._scene = mujoco.MjvScene(model, _MAX_GEOMS)
-        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
-            self._scene.flags[flag] = 0
-        self._option = mujoco.MjvOption()
-        self._option.geomgroup[:] = [int(group in _VISUAL_GROUPS) for group in range(mujoco.mjNGROUP)]
-        self._option.sitegroup[:] = 0
-        self._raw: dict[tuple[int, int], np.ndarray] = {}
-
-    def pose(self, qpos: np.ndarray) -> None:
-        """Take a state, (nq,)."""
-        self.data.qpos[:] = qpos
-        mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_comPos(self.model, self.data)
-        mujoco.mj_camlight(self.model, self.data)
-        self._shaded = None
-
-    def paint(self, camera: str, out: np.ndarray, show_hidden: bool = False) -> None:
-        """Render one camera of the model into out, (height, width, 3) uint8 RGB, first row on top."""
-        height, width, _ = out.shape
-        context = self._context
-        if width > context.offWidth or height > context.offHeight:  # no larger than needed: clearing it costs time
-            mujoco.mjr_resizeOffscreen(max(width, context.offWidth), max(height, context.offHeight), context)
-        if self._shaded is not show_hidden:
-            groups = (*_VISUAL_GROUPS, _HIDDEN_GROUP) if show_hidden else _VISUAL_GROUPS
-            self._shade.draw(self.data, groups)
-            self._shaded = show_hidden
-        view = mujoco.MjvCamera()
-        view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self.model.camera(camera).id
-        raw = self._raw.setdefault((height, width), np.empty((height, width, 3), np.uint8))
-        self._option.geomgroup[_HIDDEN_GROUP] = int(show_hidden)
-        key = (view.fixedcamid, width / height)
-        if key not in self._sights:
-            self._sights[key] = Sight(self.model, *key)
-        seen, sky = self._sights[key].seen(self.data)
-        self.model.geom_group[~seen] = _UNSEEN_GROUP
-        mujoco.mjv_updateScene(self.model, self.data, self._option, None, view, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
-        self.model.geom_group[:] = self._groups
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = int(sky)
-        viewport = mujoco.MjrRect(0, 0, width, height)
-        mujoco.mjr_render(viewport, self._scene, context)
-        mujoco.mjr_readPixels(raw, None, viewport, context)
-        cv2.flip(raw, 0, dst=out)
-
-    def close(self) -> None:
-        """Give the OpenGL context back."""
-        self._context.free()
-        self._gl.free()
-
-
-def _regroup(model: mujoco.MjModel, hidden: Sequence[str]) -> None:
-    """Move the visible shapes of bodies whose names begin with one of `hidden` into another group."""
-    for geom in range(model.ngeom):
-        name = model.body(model.geom_bodyid[geom]).name
-        if model.geom_group[geom] in _VISUAL_GROUPS and name.startswith(tuple(hidden)):
-            model.geom_group[geom] = _HIDDEN_GROUP
 
 
 class Sensor:

@@ -1,6 +1,6 @@
 """Renderer of a virtual rig, which starts it.
 
-    python -m lerobot_robot_yam.rig.render.renderer --rig NAME --scene bimanual_table
+    python -m lerobot_robot_yam.rig.render.renderer --rig NAME
 
 Reads the world's state block, draws each camera that it was asked for at that camera's rate, and publishes the
 newest frame of each. Requests come as JSON lines on standard input: {"do": "open" or "close", "camera": [name, width,
@@ -13,7 +13,6 @@ late: cameras of hardware cost a recording no time either.
 """
 
 import argparse
-import json
 import logging
 import os
 import select
@@ -22,7 +21,8 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.rig.client.launch import add_scene_arguments, options_of
+from lerobot_robot_yam.rig.client.json_messages import LineReader, to_line
+from lerobot_robot_yam.rig.client.launch import told_scene
 from lerobot_robot_yam.system.realtime import give_way
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 def _serve(drawing: "Drawing", answers: int, on_demand: bool) -> None:
     """Obey standard input until it ends."""
-    pending = b""
+    requests = LineReader()
     while True:
         due_s = None if on_demand else drawing.next_due_s()
         timeout = None if due_s is None else max(0.0, due_s - time.monotonic())
@@ -39,9 +39,8 @@ def _serve(drawing: "Drawing", answers: int, on_demand: bool) -> None:
             chunk = os.read(0, 65536)
             if not chunk:
                 return
-            *lines, pending = (pending + chunk).split(b"\n")
-            for line in lines:
-                _obey(drawing, json.loads(line), answers)
+            for request in requests.read(chunk):
+                _obey(drawing, request, answers)
         if not on_demand:
             drawing.draw_due(time.monotonic())
 
@@ -64,26 +63,24 @@ def _obey(drawing: "Drawing", request: dict[str, Any], answers: int) -> None:
 
 
 def _answer(answers: int, message: dict[str, Any]) -> None:
-    os.write(answers, json.dumps(message).encode() + b"\n")
+    os.write(answers, to_line(message))
 
 
-def _draw_for(rig: str, scene: str | None, options: dict[str, Any]) -> "Drawing":
+def _draw_for(rig: str) -> "Drawing":
     # mujoco reads this once, when it is imported, and fails there where OpenGL's libraries are missing.
     os.environ["MUJOCO_GL"] = "egl"
     # Software OpenGL draws in our thread: it must not take both cores. A separate thread cost a fifth more, and two
     # waits for a processor per picture on a busy machine.
     os.environ["LP_NUM_THREADS"] = "0"
     from lerobot_robot_yam.rig.render.drawing import Drawing
-    from lerobot_robot_yam.rig.scene.scene import load_scene
 
-    return Drawing(rig, load_scene(scene, options))
+    return Drawing(rig, told_scene(rig))
 
 
 def main() -> int:
     """Entry point of the renderer's process."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rig", required=True, help="name of the running rig")
-    add_scene_arguments(parser)
     parser.add_argument("--on-demand", action="store_true", help="draw when told to, for a rig in lock-step")
     args = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="renderer: %(levelname)s: %(message)s")
@@ -92,7 +89,7 @@ def main() -> int:
     if not args.on_demand:
         give_way()
     try:
-        drawing = _draw_for(args.rig, args.scene, options_of(args))
+        drawing = _draw_for(args.rig)
     except YamError as error:
         _answer(answers, {"error": str(error)})
         return 1

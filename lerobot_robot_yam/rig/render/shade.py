@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from OpenGL import GL
 
-from lerobot_robot_yam.rig.world.scenery import FLAT, TABLE
+from lerobot_robot_yam.rig.world.world_model import FLAT, TABLE
 
 _TABLE_PIXELS, _FLAT_PIXELS = (1024, 640), (96, 96)  # along x and y
 _CORNERS = 20  # of an outline
@@ -49,7 +49,7 @@ class _Surface:
 
 
 class Shade:
-    """Draws the textures of the surfaces that `scenery.add_shaded_surfaces` has marked; the model may have none."""
+    """Draws the textures of the surfaces that `world_model.add_shaded_surfaces` has marked; the model may have none."""
 
     def __init__(self, model: mujoco.MjModel, context: mujoco.MjrContext):
         self._model = model

@@ -2,7 +2,7 @@
 
 A scene is a YAML file, packaged (`SCENES`) or the user's. With `extends: NAME` it takes from another one every key that
 it does not give itself, and every camera whose name it does not give. Any field of its `options` can be replaced when
-the rig is started: `--set friction=0`, `RigControl.start(friction=0)`, `can.Bus(..., friction=0)`.
+the rig is started: `RigControl.start(friction=0)`, `can.Bus(..., friction=0)`.
 """
 
 from collections.abc import Mapping
@@ -26,7 +26,6 @@ SCENES = tuple(sorted(path.stem for path in _DIRECTORY.glob("*.yaml")))
 DEFAULT_SCENE = "bimanual_table"
 ROLES = ("follower", "leader")
 OPERATORS = ("none", PICK_AND_PLACE.name)  # and those tasks of the scene that it has a script for
-WATCHDOGS = ("limp", "damping")
 SERIALS = ("unique", "same")
 PICTURES = ("full", "plain")
 _TIMESTEPS_S = (1e-4, 0.01)
@@ -82,18 +81,15 @@ class Options:
 
     arm, gripper: replace every follower's (tests of other hardware). arms: only these channels.
     friction, armature: factors on the profiles' dry friction and rotor inertia.
-    latency_s: of the CAN adapter, each way. watchdog: a motor's state after its time-out, "limp" or "damping"
-    (watchdog_damping, Nm s/rad). operator: the scripted operator's task: "none", "pick_and_place" or a task of the
-    scene.
+    latency_s: the CAN adapter's, each way. operator: the scripted operator's task: "none", "pick_and_place" or a task
+    of the scene.
     swapped: two channels whose cables are exchanged: each arm, where it stands, is found on the other's channel.
     serials: numbers in the motors' SN registers, "unique" or "same" on every arm (then no register tells arms apart).
-    stamp_temperatures: temperature bytes carry the sample's time instead, see `thermometer.sample_age_s`.
     pictures: "full" has shadows and a grain on the table, "plain" neither, for weak machines.
     randomise_look: how much light, colours and the cameras' poses vary with the seed of an attempt at a task (before
     the first with `seed`): 0 not at all … 1, see `render.look`.
     camera_noise: grey levels (sigma) that the cameras' sensors add. seed: of lost and garbled frames and
     temperature noise, of the operator's first attempt at a task, and of where it puts things in "pick_and_place".
-    event_dir: folder for the event log `rig-<name>.events.jsonl`, one JSON object a line, which outlives the rig.
     """
 
     arm: str | None = None
@@ -103,17 +99,13 @@ class Options:
     friction: float = 1.0
     armature: float = 1.0
     latency_s: float = 0.0
-    watchdog: str = "limp"
-    watchdog_damping: float = 1.0
     operator: str = "none"
     swapped: tuple[str, ...] | None = None
     serials: str = "unique"
-    stamp_temperatures: bool = False
     pictures: str = "full"
     randomise_look: float = 0.0
     camera_noise: float = 2.0
     seed: int = 0
-    event_dir: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +190,7 @@ def _check(scene: Scene) -> None:
         if arm.passive is not None and (arm.role != "leader" or arm.passive not in JOINT_SIGNS):
             raise ConfigError(f"{where}: {arm.channel}: passive is for leaders, and one of {', '.join(JOINT_SIGNS)}")
     operators = (*OPERATORS, *(task.name for task in scene.tasks if task.does in SCRIPTS))
-    words = {"watchdog": WATCHDOGS, "operator": operators, "serials": SERIALS, "pictures": PICTURES}
+    words = {"operator": operators, "serials": SERIALS, "pictures": PICTURES}
     for key, known in words.items():
         if getattr(options, key) not in known:
             raise ConfigError(f"{where}: option {key} must be one of {known}, not '{getattr(options, key)}'")

@@ -21,7 +21,7 @@ from lerobot_robot_yam.rig.scene.props import Thing
 from lerobot_robot_yam.system.strict_yaml import array_field
 
 SCRIPTS = ("lift_and_place", "handover", "drawer", "insertion")
-"""The scripted operator's scripts for tasks, see `operator.scripts.catalog`."""
+"""The scripted operator's scripts for tasks, see `operator.task_scripts`."""
 
 
 @dataclass(frozen=True, eq=False)

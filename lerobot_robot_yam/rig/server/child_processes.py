@@ -4,7 +4,6 @@ The server never waits for them. It hands over hellos of kind "camera", and send
 """
 
 import contextlib
-import json
 import logging
 import math
 import os
@@ -12,13 +11,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError, RigError
+from lerobot_robot_yam.rig.client.json_messages import LineReader, to_line
 from lerobot_robot_yam.rig.client.rendered_camera import MAX_FPS, MAX_HEIGHT, MAX_WIDTH, Settings, frame_path
 from lerobot_robot_yam.rig.simulation.device import RigDevice
-from lerobot_robot_yam.rig.simulation.lookup import number
+from lerobot_robot_yam.rig.simulation.operation import number
 
 logger = logging.getLogger(__name__)
 
@@ -31,19 +31,19 @@ _DEAD = "camera {camera} has died: it delivers no more frames; check its cable, 
 class CameraService:
     """All rendered cameras of one rig, drawn by one child process, which the first camera starts.
 
-    cameras: names of the scene's. renderer_arguments: `--scene` and `--set`, for the same world in the renderer.
+    cameras: names of the scene's. on_demand: draw only when told to, see `draw`.
     """
 
-    def __init__(self, rig: str, cameras: Collection[str], renderer_arguments: Sequence[str] = ()):
+    def __init__(self, rig: str, cameras: Collection[str], on_demand: bool = False):
         self._rig = rig
         self._cameras = tuple(cameras)
-        self._arguments = list(renderer_arguments)
+        self._on_demand = on_demand
         self._process: subprocess.Popen[bytes] | None = None
         self._users: dict[Settings, set[Hashable]] = {}  # those of settings that are not ready wait for an answer
         self._opened: set[Settings] = set()  # ever; a renderer that hangs or crashes leaves their blocks
         self._ready: set[Settings] = set()
         self._answers: list[tuple[Hashable, dict[str, Any]]] = []
-        self._tail = b""
+        self._answers_read = LineReader()
         self._stalls: dict[str, float] = {}  # camera → monotonic time until which it delivers nothing new
         self._dead: set[str] = set()
         self.drawn = True
@@ -133,9 +133,8 @@ class CameraService:
         if fileno is not None:
             with contextlib.suppress(BlockingIOError):
                 while chunk := os.read(fileno, 65536):
-                    *lines, self._tail = (self._tail + chunk).split(b"\n")
-                    for line in lines:
-                        self._heard(json.loads(line))
+                    for message in self._answers_read.read(chunk):
+                        self._heard(message)
                 self._died()
         answers, self._answers = self._answers, []
         return answers
@@ -150,19 +149,19 @@ class CameraService:
 
     def _start(self) -> None:
         command = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.render.renderer", "--rig", self._rig]
-        command += self._arguments
+        command += ["--on-demand"] * self._on_demand
         pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "bufsize": 0}
         self._process = subprocess.Popen(command, start_new_session=True, **pipes)  # a session that gives way
         assert self._process.stdout is not None
         os.set_blocking(self._process.stdout.fileno(), False)
-        self._tail = b""
+        self._answers_read = LineReader()
         for name, until_s in self._stalls.items():
             self._tell("stall", camera=name, until_s=until_s)
 
     def _tell(self, verb: str, **details: Any) -> None:
         if self._process is not None and self._process.stdin is not None:
             with contextlib.suppress(BrokenPipeError):  # poll() sees its end
-                self._process.stdin.write(json.dumps({"do": verb, **details}).encode() + b"\n")
+                self._process.stdin.write(to_line({"do": verb, **details}))
 
     def _heard(self, message: dict[str, Any]) -> None:
         if "drawn" in message:

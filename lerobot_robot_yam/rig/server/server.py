@@ -1,6 +1,6 @@
 """The virtual rig's process: sockets outside, physics inside, one thread.
 
-    python -m lerobot_robot_yam.rig.server.server --name NAME [--scene SCENE] [--set key=value ...]
+    python -m lerobot_robot_yam.rig.server.server --name NAME [--scene SCENE] [--options JSON]
 
 `launch` starts it. It wakes for packets and for physics, steps the world up to now and answers each packet at once
 as one packet. It ends about a second after its last client has left.
@@ -29,14 +29,14 @@ import mujoco
 from lerobot_robot_yam.errors import BusError, ConfigError, RigError, YamError
 from lerobot_robot_yam.rig.bus.channel import Channel
 from lerobot_robot_yam.rig.bus.link_state import LinkState, LinkTable
-from lerobot_robot_yam.rig.client import launch, told_scene
+from lerobot_robot_yam.rig.client import launch
+from lerobot_robot_yam.rig.client.json_messages import to_json, to_line
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.server.child_processes import CameraService, OperatorService
 from lerobot_robot_yam.rig.server.lifetime import Lifetime
-from lerobot_robot_yam.rig.simulation import rig_commands
 from lerobot_robot_yam.rig.simulation.device import RigDevice
+from lerobot_robot_yam.rig.simulation.rig_operations import perform
 from lerobot_robot_yam.rig.world.world import WorldBlock
-from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.realtime import request_realtime
 
 logger = logging.getLogger(__name__)
@@ -61,10 +61,10 @@ class Client:
 class RigServer:
     """Sockets, life time and child processes of one rig.
 
-    arguments: --scene and --set, for the renderer. owner: process with which the rig ends, None for a named rig.
+    owner: process with which the rig ends, None for a named rig.
     """
 
-    def __init__(self, name: str, device: RigDevice, arguments: list[str], owner: int | None):
+    def __init__(self, name: str, device: RigDevice, owner: int | None):
         self.name, self.device = name, device
         self._clients: dict[int, Client] = {}
         self._wakes = 0
@@ -84,9 +84,10 @@ class RigServer:
         self._link_numbers = {channel: index for index, channel in enumerate(device.channels)}
         for channel, index in self._link_numbers.items():
             device.channels[channel].link.publish = functools.partial(self._links.write, index)
-        self._cameras = CameraService(name, [camera.name for camera in device.scene.cameras], arguments)
+        self._cameras = CameraService(name, [camera.name for camera in device.scene.cameras])
         self._operator = OperatorService(name, device)
         self.realtime = ""
+        device.operations |= {"stats": self._stats, "end": self.stop, "camera_fault": self._camera_fault}
 
     def run(self) -> None:
         """Serve until the rig is no longer needed."""
@@ -115,16 +116,15 @@ class RigServer:
     def close(self) -> None:
         """Remove the rig's files, drop the clients, end the children; after a crash a successor may start during it."""
         self._path.unlink(missing_ok=True)
-        told_scene.scene_path(self.name).unlink(missing_ok=True)
         self._links.close()
-        launch.rig_path(self.name, "log").unlink(missing_ok=True)
+        for suffix in ("scene", "log"):
+            launch.rig_path(self.name, suffix).unlink(missing_ok=True)
         self._listener.close()
         for client in list(self._clients.values()):
             self._drop(client)
         self._operator.close()
         self._cameras.close()
         self._block.close()
-        self.device.events.close()
         self._poll.close()
         self._lifetime.close()
 
@@ -208,29 +208,20 @@ class RigServer:
     def _ask(self, client: Client, packet: bytes) -> dict[str, Any]:
         try:
             request = json.loads(packet)
-            if request.get("op") == "stats":
-                return self._stats()
-            if request.get("op") == "end":
-                self.stop()
-                return {}
-            if request.get("op") == "camera_fault":
-                return self._camera_fault(request)
-            reply = rig_commands.ask(self.device, request)
-            if request.get("op") == "hand":
-                (client.hands.discard if request.get("release") else client.hands.add)(request["channel"])
+            reply = perform(self.device, request)
+            if request["op"] in ("hand", "release"):
+                (client.hands.add if request["op"] == "hand" else client.hands.discard)(request["channel"])
             return reply
         except (*_MALFORMED, IndexError, ArithmeticError, RuntimeError) as error:
             return launch.error_reply(error)
 
-    def _camera_fault(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        camera, kind, seconds = request.get("camera"), request.get("kind"), request.get("seconds")
+    def _camera_fault(self, camera: str, kind: str | None, seconds: float | None) -> None:
         self._cameras.fail(camera, kind, seconds)
         self.device.events.add("camera_fault", camera=camera, fault=kind, seconds=seconds)
-        return {}
 
     def _answer(self, client: Client, reply: Mapping[str, Any]) -> None:
         try:
-            client.socket.send(launch.to_json(reply))
+            client.socket.send(to_json(reply))
         except BlockingIOError:
             logger.warning("a client does not read its answers")
         except OSError:
@@ -280,7 +271,8 @@ def main() -> None:
     """Entry point of the server process."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--name", required=True, help="the rig's name")
-    launch.add_scene_arguments(parser)
+    parser.add_argument("--scene", help="scene name or YAML path")
+    parser.add_argument("--options", type=json.loads, default={}, help="options of the scene, as JSON")
     parser.add_argument("--owner", type=int, help="end with this process")
     parser.add_argument("--ready-fd", type=int, help="write one JSON line here once up")
     args = parser.parse_args()
@@ -288,13 +280,9 @@ def main() -> None:
     mujoco.set_mju_user_warning(lambda text: logger.warning("MuJoCo: %s", text))  # else it writes a file
     gc.disable()  # until everything is built; request_realtime freezes it
     try:
-        options = launch.options_of(args)
-        device = RigDevice(load_scene(args.scene, options))
-        if device.scene.options.event_dir is not None:
-            folder = user_path(device.scene.options.event_dir)
-            device.events.keep(folder / launch.rig_path(args.name, "events.jsonl").name)
-        server = RigServer(args.name, device, launch.scene_arguments(args.scene, options), args.owner)
-        told_scene.tell_scene(args.name, args.scene, options)
+        device = RigDevice(load_scene(args.scene, args.options))
+        server = RigServer(args.name, device, args.owner)
+        launch.tell_scene(args.name, args.scene, args.options)
     except Exception as error:
         known = error if isinstance(error, YamError) else RigError(f"rig {args.name} crashed at its start: {error!r}")
         _report(args.ready_fd, launch.error_reply(known))
@@ -317,7 +305,7 @@ def main() -> None:
 
 def _report(fd: int | None, message: dict[str, Any]) -> None:
     if fd is not None:
-        os.write(fd, json.dumps(message).encode() + b"\n")
+        os.write(fd, to_line(message))
         os.close(fd)
 
 

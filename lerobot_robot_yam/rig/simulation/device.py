@@ -1,89 +1,64 @@
 """The rig without its sockets: a world, the channels with motors and handles, hands, pushes, the judge, the events."""
 
-import contextlib
 import itertools
-import logging
-import time
 from collections import deque
-from pathlib import Path
-from typing import Any, TextIO
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS
 from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
-from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.bus.channel import Channel
-from lerobot_robot_yam.rig.client.launch import to_json
-from lerobot_robot_yam.rig.devices.simulated_encoders import SimEncoders
-from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
+from lerobot_robot_yam.rig.devices.simulated_handle import SimEncoders, SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
-from lerobot_robot_yam.rig.judging.judge import Judge
-from lerobot_robot_yam.rig.judging.recorders import TruthRecorder, Watch
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Scene, serial_number
 from lerobot_robot_yam.rig.simulation.grips import FirmGrip, SoftGrip
 from lerobot_robot_yam.rig.simulation.hand import ButtonPresses, Hand
-from lerobot_robot_yam.rig.world.outer_forces import OuterForces
-from lerobot_robot_yam.rig.world.shafts_and_masses import Ballast, Drive
+from lerobot_robot_yam.rig.simulation.judge import Judge
+from lerobot_robot_yam.rig.world.outer_forces import Ballast, OuterForces
+from lerobot_robot_yam.rig.world.shafts import Drive
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import gripper_stroke
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
-
-logger = logging.getLogger(__name__)
 
 _SLOW_PERIOD_S = 0.005  # of watchdogs and the judge, simulated time
 _EVENTS_KEPT = 20_000
 
 
 class EventLog:
-    """Numbered events in order, with simulated times and those of the rig's clock; the oldest are forgotten."""
+    """Numbered events in order, with simulated times and those of the rig's clock; the oldest are forgotten.
+
+    Attributes:
+        next_number: the number that the next event will have.
+    """
 
     def __init__(self, world: World, clock: Clock) -> None:
         self._world, self._clock = world, clock
         self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS_KEPT)
-        self._next = 0
-        self._file: TextIO | None = None
-
-    def keep(self, path: Path) -> None:
-        """From now on also append every event to a file, one JSON object a line; the first relates the clocks.
-
-        Raises:
-            ConfigError: it cannot be written.
-        """
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = open(path, "a", buffering=1, encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(f"option event_dir: {error}; choose a folder that can be written") from error
-        self.add("rig_started", unix_s=time.time())
-
-    def close(self) -> None:
-        """Close the file. Idempotent."""
-        file, self._file = self._file, None
-        if file is not None:
-            file.close()
+        self.next_number = 0
 
     def add(self, kind: str, **details: Any) -> None:
         """Log an event of `kind`; `details` must be representable in JSON."""
         times = {"sim_s": round(self._world.sim_s, 4), "monotonic_s": self._clock.now()}
-        event = {**details, "number": self._next, **times, "kind": kind}
+        event = {**details, "number": self.next_number, **times, "kind": kind}
         self._events.append(event)
-        self._next += 1
-        if self._file is not None:
-            try:
-                self._file.write(to_json(event).decode() + "\n")
-            except OSError as error:  # recordings fill disks; the arms go on
-                logger.error("the event log is no longer written: %s", error)
-                with contextlib.suppress(OSError):
-                    self.close()
+        self.next_number += 1
 
-    def since(self, number: int, limit: int) -> list[dict[str, Any]]:
-        """At most `limit` events from `number` on."""
+    def since(self, number: int, limit: int | None = None) -> list[dict[str, Any]]:
+        """Return the events from `number` on, at most `limit`."""
         return list(itertools.islice((event for event in self._events if event["number"] >= number), limit))
 
 
 class RigDevice:
-    """Everything simulated. Owned by one thread, driven by `advance` with the time of `clock`."""
+    """Everything simulated. Owned by one thread, driven by `advance` with the time of `clock`.
+
+    Attributes:
+        operations: what clients may ask for by name, besides the methods of `RigOperations`.
+        each_step: called after every step of the physics, which is then simulated step by step.
+        each_advance: called after every `advance` that has simulated a step.
+        loaded: files that `RigOperations.load` has run.
+    """
 
     def __init__(self, scene: Scene, clock: Clock = SYSTEM):
         self.scene, self.clock = scene, clock
@@ -110,8 +85,10 @@ class RigDevice:
         self._pushes: dict[str, float] = {}  # source → simulated time of the end
         self._all_motors = [motor for channel in self.channels.values() for motor in channel.motors]
         self._adapters = [channel.adapter for channel in self.channels.values()]
-        self.watch = Watch(self.world, list(self.channels.values()), clock)
-        self.truth = TruthRecorder(self.world, self.channels.values())
+        self.operations: dict[str, Callable[..., Any]] = {}
+        self.each_step: list[Callable[[], None]] = []
+        self.each_advance: list[Callable[[], None]] = []
+        self.loaded: set[str] = set()
         self._advanced_s = 0.0
         self._next_slow_s = 0.0
 
@@ -136,8 +113,6 @@ class RigDevice:
         def log(kind: str, **details: Any) -> None:
             where = {"bodies": self.world.bodies(f"{row.channel}/")} if kind == "motor_disabled" else {}
             self.events.add(kind, channel=row.channel, **details, **where)
-            if not kind.startswith("second_"):
-                self.watch.note(row.channel, kind, **details)
 
         found = []
         for zero, (motor, joints, base, coefficient) in zip(zeros.tolist(), shafts, strict=True):
@@ -176,18 +151,18 @@ class RigDevice:
                     hand.advance(self._any_enabled(name))
                 if hand.soft:
                     soft.append(hand)
-        if soft or self.truth.on or self.watch.on:
+        if soft or self.each_step:
             for _ in range(count):
                 for hand in soft:
                     hand.step()
                 world.step(1)
-                self.truth.sample()
-                self.watch.sample_torques()
+                for look in self.each_step:
+                    look()
         else:
             world.step(count)
         sim_s = world.sim_s
-        if self.watch.on:
-            self.watch.sample()
+        for look in self.each_advance:
+            look()
         elapsed, self._advanced_s = sim_s - self._advanced_s, sim_s
         for motor in self._all_motors:
             if motor.goal is not None:
@@ -205,7 +180,7 @@ class RigDevice:
                 self.forces.end(source)
                 del self._pushes[source]
         self.presses.advance(sim_s, now_s)
-        for event in self.judge.update(now_s):
+        for event in self.judge.update():
             self.events.add(event.pop("kind"), **event)
         for name, hand in self.hands.items():
             if hand.resisted and not self._any_enabled(name):

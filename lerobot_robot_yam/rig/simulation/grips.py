@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.world.outer_forces import OuterForces
-from lerobot_robot_yam.rig.world.shafts_and_masses import Ballast, Drive
+from lerobot_robot_yam.rig.world.outer_forces import Ballast, OuterForces
+from lerobot_robot_yam.rig.world.shafts import Drive
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP, HAND_TORQUE_NM
 

@@ -1,4 +1,4 @@
-"""Forces from outside on bodies of the world: pushes and hands, which add up, and contacts, which are read."""
+"""What acts on arms from outside: pushes and hands, which add up, masses that they carry, and contacts."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -7,6 +7,8 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.rig.world.world import World
+
+_MASS_FIELDS = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "body_sameframe", "body_simple")
 
 
 class _Applied(NamedTuple):
@@ -104,3 +106,67 @@ def tool_bodies(world: World, channel: str) -> set[str]:
         if int(model.body_parentid[body]) in found:
             found.add(body)
     return {model.body(body).name for body in found}
+
+
+class Ballast:
+    """A payload and a person's hand at an arm's tool, which the profile, and so the driver's model, does not know of.
+
+    Attributes:
+        hand_kg: mass of the hand that is fixed to the tool.
+    """
+
+    def __init__(self, world: World, channel: str):
+        model = world.model
+        self._model = model
+        site = model.site(f"{channel}/tcp_site")
+        self._tool, self._point = int(site.bodyid[0]), site.pos.copy()
+        self._built = {field: getattr(model, field)[self._tool].copy() for field in _MASS_FIELDS}
+        self._payload_kg = self.hand_kg = self._fist_m = 0.0
+
+    def carry(self, payload_kg: float) -> None:
+        """Put a point mass at the tool, 0 to take it away."""
+        self._payload_kg = payload_kg
+        self._apply()
+
+    def hold(self, hand_kg: float, fist_m: float) -> None:
+        """Fix a hand of that radius of gyration to the tool, 0 kg to take it away."""
+        if hand_kg != self.hand_kg:
+            self.hand_kg, self._fist_m = hand_kg, fist_m
+            self._apply()
+
+    def repair(self) -> None:
+        """Take the payload away; a hand stays."""
+        if self._payload_kg:
+            self.carry(0.0)
+
+    def _apply(self) -> None:
+        model = self._model
+        for field, built in self._built.items():
+            getattr(model, field)[self._tool] = built
+        if self._payload_kg:
+            self._add_mass(self._payload_kg)
+        if self.hand_kg:
+            self._add_mass(self.hand_kg, self._fist_m)
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def _add_mass(self, mass_kg: float, gyration_m: float = 0.0) -> None:
+        """Give the tool's body mass, centre and inertia of itself together with a ball at the tcp."""
+        model, body = self._model, self._tool
+        old_kg, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, model.body_iquat[body])
+        axes = rotation.reshape(3, 3)
+        arm = self._point - centre
+        inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
+        inertia += old_kg * mass_kg / (old_kg + mass_kg) * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        inertia += mass_kg * gyration_m**2 * np.eye(3)
+        moments, vectors = np.linalg.eigh(inertia)
+        vectors[:, 2] *= np.linalg.det(vectors)  # right-handed
+        model.body_mass[body] = old_kg + mass_kg
+        model.body_ipos[body] = centre + mass_kg / (old_kg + mass_kg) * arm
+        model.body_inertia[body] = moments
+        mujoco.mju_mat2Quat(model.body_iquat[body], vectors.ravel())
+        # Neither the body's frame nor that of anything on it is the inertia's any more.
+        model.body_sameframe[body] = model.body_simple[body] = 0
+        model.geom_sameframe[model.geom_bodyid == body] = 0
+        model.site_sameframe[model.site_bodyid == body] = 0

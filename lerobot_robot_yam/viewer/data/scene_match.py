@@ -15,7 +15,7 @@ import viser
 
 from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.rig.client.told_scene import told_scene
+from lerobot_robot_yam.rig.client.launch import told_scene
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 from lerobot_robot_yam.viewer.serving.handles import put
 

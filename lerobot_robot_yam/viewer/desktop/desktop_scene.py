@@ -7,7 +7,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.model import build_spec
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.rig.world.scenery import add_scenery
+from lerobot_robot_yam.rig.world.world_model import add_scenery
 from lerobot_robot_yam.viewer.live.placement import row_of
 
 _GRIP_M = 0.045  # half the edge of the box that is dragged; the motor of a gripper, 36 mm, is inside

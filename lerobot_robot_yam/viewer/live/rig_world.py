@@ -9,9 +9,8 @@ import numpy as np
 
 from lerobot_robot_yam.arm.model import base_quat
 from lerobot_robot_yam.errors import StaleStateError
-from lerobot_robot_yam.rig.client.launch import rig_path
+from lerobot_robot_yam.rig.client.launch import rig_path, told_scene
 from lerobot_robot_yam.rig.client.rendered_camera import frame_dtype
-from lerobot_robot_yam.rig.client.told_scene import told_scene
 from lerobot_robot_yam.rig.world.world_model import build_world, world_dtype
 from lerobot_robot_yam.system.runtime_files import slug
 from lerobot_robot_yam.system.shared_block import SharedBlock

@@ -6,9 +6,9 @@ from collections.abc import Callable
 import viser
 
 from lerobot_robot_yam.arm.config import VIRTUAL
-from lerobot_robot_yam.rig.client.rig_control import RigControl
-from lerobot_robot_yam.rig.client.rig_operations import RigOperations
+from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import find_lockstep
+from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 from lerobot_robot_yam.session.arm_session import Isolation
 from lerobot_robot_yam.viewer.live.placement import Place
 from lerobot_robot_yam.viewer.moving.control_panel import ControlPanel

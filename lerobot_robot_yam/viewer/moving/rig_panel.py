@@ -7,7 +7,7 @@ import viser
 
 from lerobot_robot_yam.arm.validation import finite_vector
 from lerobot_robot_yam.errors import ActionError
-from lerobot_robot_yam.rig.client.rig_operations import RigOperations
+from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 from lerobot_robot_yam.viewer.moving.driver import Driver
 from lerobot_robot_yam.viewer.serving.handles import pressed, put
 

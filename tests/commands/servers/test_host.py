@@ -18,7 +18,7 @@ from lerobot_robot_yam.commands.servers.rig_reader import groups_in
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.remote.host_question import Host
 from lerobot_robot_yam.remote.host_watch import watched, watched_key
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, state_path

@@ -17,7 +17,7 @@ from lerobot_robot_yam.control.preflight.binding import bind as bind_arm
 from lerobot_robot_yam.control.preflight.fingerprint import Adapter, Fingerprint, MotorPrint, read_fingerprint
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.errors import ConfigError, MotorError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 
 YAM = load_arm("yam")
 

@@ -7,7 +7,7 @@ import pytest
 
 from lerobot_robot_yam.arm.profile_files import load_gripper
 from lerobot_robot_yam.control.preflight.role import answering_gripper, mistaken_role
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 
 
 @pytest.fixture(scope="module")

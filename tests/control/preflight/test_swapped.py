@@ -8,7 +8,7 @@ from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.control.preflight.binding import Binding
 from lerobot_robot_yam.control.preflight.fingerprint import read_fingerprint
 from lerobot_robot_yam.errors import ConfigError, MotorError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.session.arm_session import ArmSession
 from tests.support.rigged import sim_config
 

@@ -13,12 +13,13 @@ import pytest
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.landing.landing_move import LANDING_SPEED_RAD_S
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.faults import stale_overshoot_rad_s
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, channel_key, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
+from scripts import recorders
 from tests.control.process.test_stand_by import control_pid, faults, last_event, start, stretch, wait_mode
 from tests.support.landed import MOST_M, moved_after_cut_m
 from tests.support.rigged import sim_config, track
@@ -51,7 +52,7 @@ def landing_after_kill(rig, channel, pid, rng):
         wait_still(rig, channel)
         time.sleep(rng.uniform(0, 0.1))
         since, slips, lost_s = last_event(rig), rig.stats()["slips"], machine.lost_s()
-        rig.watch_start(channel)
+        recorders.watch_start(rig, channel)
         hardware = ResolvedArm(sim_config(rig, channel))
         travel = np.abs(block.read()["setpoint"][: hardware.joints] - hardware.rest_q)
         os.kill(pid, signal.SIGKILL)
@@ -59,14 +60,14 @@ def landing_after_kill(rig, channel, pid, rng):
         while block.read()["mode"] != Mode.LAND:
             assert time.monotonic() < begin + 1.0
         began_s = time.monotonic() - begin
-        tip_drop = rig.watch(channel)["max_tcp_drop_m"]  # until the landing began
+        tip_drop = recorders.watch(rig, channel)["max_tcp_drop_m"]  # until the landing began
         while block.read()["mode"] != Mode.OFF:
             assert time.monotonic() < begin + 20.0
             time.sleep(0.005)
         took_s = time.monotonic() - begin
     finally:
         block.close()
-    seen = rig.watch(channel)
+    seen = recorders.watch(rig, channel)
     assert not faults(rig, since) or machine.lost_s() - lost_s > WATCHDOG_MOST_S
     if rig.stats()["slips"] > slips or machine.lost_s() - lost_s > MOST_LOST_S:
         return None
@@ -89,7 +90,7 @@ def killed_control_process(rig, channel, rng):
 CALLER = """
 import sys
 from tests.control.process import test_stand_by as t
-from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.rig.control import RigControl
 with RigControl(sys.argv[1]) as rig:
     session = t.start(rig, sys.argv[2])
     t.stretch(session, 0.9, sys.argv[2])
@@ -129,14 +130,14 @@ def test_killed_in_motion(rig, tries):
             stretch(session, 1.5, channel)
             track(session, {channel: [-0.8, 0.9, 1.6, 0.3, 0.4, -0.5]}, rng.uniform(0.05, 0.6))
             since, killed = last_event(rig), time.monotonic()
-            rig.watch_start(channel)
+            recorders.watch_start(rig, channel)
             os.kill(control_pid(session), signal.SIGKILL)
             wait_mode(session[channel], Mode.LAND)
             began_s = time.monotonic() - killed
             wait_mode(session[channel], Mode.OFF, 15.0)
         finally:
             session.stop()
-        seen = rig.watch(channel)
+        seen = recorders.watch(rig, channel)
         assert not faults(rig, since) and began_s <= 0.1
         late_s = np.maximum(np.array(seen["max_command_age_s"][:6]) - 0.008, 0.0)
         allowed = 1.3 * limits + [stale_overshoot_rad_s(float(age_s)) for age_s in late_s]

@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 
-from lerobot_robot_yam.rig.client.rig_control import runs
+from lerobot_robot_yam.rig.control import runs
 
 WATCHER = """
 import sys

@@ -14,13 +14,14 @@ import pytest
 
 from lerobot_robot_yam.control.landing.landing_move import LANDING_SPEED_RAD_S
 from lerobot_robot_yam.errors import MotorError, StaleStateError, YamError
-from lerobot_robot_yam.rig.client.rig_control import runs
+from lerobot_robot_yam.rig.control import runs
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, channel_key, lock_path, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
+from scripts import recorders
 from tests.support.landed import MOST_M, moved_after_cut_m
 from tests.support.rigged import sim_config, track
 from tests.support.tiers import spread
@@ -147,10 +148,10 @@ def test_a_motor_that_was_not_believed_is_landed_unseen(rig, lie_rad):
         rig.fault(channel, "joint_2", "reading", {"position_rad": lie_rad})
         time.sleep(1.0)
         assert session[channel].published().trouble is Trouble.IMPLAUSIBLE
-        rig.truth_start(channel, 30.0)
+        recorders.truth_start(rig, channel, 30.0)
         os.kill(control_pid(session), signal.SIGKILL)
         wait_mode(session[channel], Mode.OFF, 20.0)
-        truth = rig.truth(channel)
+        truth = recorders.truth(rig, channel)
     finally:
         session.stop()
     assert np.abs(truth["dq"][:, 1]).max() < 2 * LANDING_SPEED_RAD_S

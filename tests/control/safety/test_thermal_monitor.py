@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.control.safety.thermal_monitor import Stage, ThermalMonitor, trips_c
-from lerobot_robot_yam.rig.devices.thermometer import stamped_bytes
+from scripts.recorders import stamped_bytes
 from tests.support.tiers import spread
 
 TICK_S = 0.004
@@ -94,7 +94,7 @@ def test_a_motor_heating_up_is_noticed_at_once():
 @pytest.mark.parametrize("period_s", spread([TICK_S, 0.1, 84 * 2e-4, 6 * 84 * 2e-4, 84**2 * 2e-4], 1, 3, 4))
 @pytest.mark.parametrize("jitter", spread([0.0, 0.0003, 0.2], 1))
 def test_stamps_in_place_of_temperatures_are_no_heat(period_s, jitter):
-    """Of a rig with `stamp_temperatures`; at some rates of reading they stand still."""
+    """As `stamp_temperatures` sends them; at some rates of reading they stand still."""
     desk = Desk()
     desk.watch = ThermalMonitor("left", *trips_c([100.0] * 3), NAMES)
     chance = np.random.default_rng(3)

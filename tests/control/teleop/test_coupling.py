@@ -7,6 +7,7 @@ from lerobot_robot_yam.commands.lib.feel_figures import likeness
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import Limited
+from scripts import recorders
 from tests.support.coupled import FOLLOWER, LEADER, POSE, started, sweep
 from tests.support.rigged import lockstep_rig
 
@@ -33,9 +34,9 @@ def test_it_follows_with_little_lag_and_jerk(rig, pair):
     sweep(rig, 8.0)
     caller.run(2.2)
     for channel in (LEADER, FOLLOWER):
-        rig.truth_start(channel, 5.0)
+        recorders.truth_start(rig, channel, 5.0)
     caller.run(4.0)
-    leader, follower = rig.truth(LEADER), rig.truth(FOLLOWER)
+    leader, follower = recorders.truth(rig, LEADER), recorders.truth(rig, FOLLOWER)
     found = likeness(leader["stamp_s"], leader["q"][:, :6], follower["q"][:, :6])
     assert found.lag_s.max() < 0.014
     assert found.error_rad.max() < 0.004
@@ -65,12 +66,12 @@ def test_a_stalled_caller_gives_no_jolt(rig, pair):
     session, caller = pair
     sweep(rig, 8.0)
     caller.run(3.3)  # the sweep is at its fastest
-    rig.truth_start(FOLLOWER, 5.0)
+    recorders.truth_start(rig, FOLLOWER, 5.0)
     caller.stall(0.4)
     assert not session[FOLLOWER].newest().coupled
     caller.run(1.5)
     assert session[FOLLOWER].newest().coupled
-    assert steps(rig.truth(FOLLOWER)["dq"][:, :6]) < 0.1
+    assert steps(recorders.truth(rig, FOLLOWER)["dq"][:, :6]) < 0.1
 
 
 @pytest.mark.long
@@ -98,19 +99,19 @@ def test_another_action_ends_it_in_the_same_tick(rig, pair):
     session, caller = pair
     sweep(rig, 8.0)
     caller.run(2.3)
-    rig.truth_start(FOLLOWER, 5.0)
+    recorders.truth_start(rig, FOLLOWER, 5.0)
     before = session[FOLLOWER].newest().setpoint_q
     other = before + 0.2
     session[FOLLOWER].write_target(other, 0.5)
     session.clock.sleep(2 * TICK_S)
     state = session[FOLLOWER].newest()
     assert not state.coupled and state.action == pytest.approx([*other, 0.5])
-    speed = np.array(rig.truth(FOLLOWER)["dq"][0, :6])
+    speed = np.array(recorders.truth(rig, FOLLOWER)["dq"][0, :6])
     for _ in range(30):
         session[FOLLOWER].write_target(other, 0.5)
         session.clock.sleep(1 / 30)
     assert np.abs(session[FOLLOWER].newest().setpoint_q - other).max() < 0.01
-    truth = rig.truth(FOLLOWER)["dq"][:, :6]
+    truth = recorders.truth(rig, FOLLOWER)["dq"][:, :6]
     assert np.abs(truth).max() < 1.7 and np.abs(truth[:8] - speed).max() < 0.3  # 30 rad/s² for 8 ms
 
 
@@ -141,10 +142,10 @@ def test_an_emergency_stop_ends_it_and_it_goes_on_smoothly(rig, pair):
     assert not follower.coupled and leader.action is None
     caller.run(1.0)
     stop.release()
-    rig.truth_start(FOLLOWER, 5.0)
+    recorders.truth_start(rig, FOLLOWER, 5.0)
     caller.run(2.5)
     assert session[FOLLOWER].newest().coupled
-    truth = rig.truth(FOLLOWER)
+    truth = recorders.truth(rig, FOLLOWER)
     assert np.abs(truth["dq"][:, :6]).max() < 1.65
     gap = session[FOLLOWER].newest().q - session[LEADER].newest().q
     assert np.abs(gap).max() < 0.05

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.state.modes import Gate
+from scripts import recorders
 from tests.support.coupled import FOLLOWER, LEADER, POSE, Passing, coupled_session, started
 from tests.support.rigged import lockstep_rig
 from tests.support.tiers import spread
@@ -25,11 +26,11 @@ def test_a_push_is_felt_within_two_ticks(rig, push_n):
     session, caller = started(rig, bilateral=0.2)
     caller.run(0.5)
     before = force_on(session)
-    rig.truth_start(FOLLOWER, 5.0)
+    recorders.truth_start(rig, FOLLOWER, 5.0)
     rig.push(FOLLOWER, "tool", push_n, 3.0)
     felt = []
     caller.run(1.5, lambda: felt.append((session.clock.now(), force_on(session) - before)))
-    truth = rig.truth(FOLLOWER)
+    truth = recorders.truth(rig, FOLLOWER)
     moved = np.abs(truth["q"] - truth["q"][0])
     times, taus = (np.array(column) for column in zip(*felt, strict=True))
     final = taus[-20:].mean(axis=0)
@@ -84,7 +85,7 @@ def test_a_firm_hand_that_trembled_is_still_again(rig):
     caller.run(1.0)
     rig.hand(LEADER, [0.3], [POSE.tolist()], gives_way=False)
     caller.run(0.6)
-    rig.truth_start(LEADER, 1.0)
+    recorders.truth_start(rig, LEADER, 1.0)
     caller.run(0.3)
-    assert np.abs(rig.truth(LEADER)["dq"]).max() < 0.01
+    assert np.abs(recorders.truth(rig, LEADER)["dq"]).max() < 0.01
     session.discard()

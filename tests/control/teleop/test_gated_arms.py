@@ -5,6 +5,7 @@ import pytest
 
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Gate
+from scripts import recorders
 from tests.support.coupled import FOLLOWER, LEADER, Passing, coupled_session
 from tests.support.rigged import lockstep_rig
 
@@ -99,10 +100,10 @@ def test_after_an_emergency_stop_both_are_led_home(rig, started):
     at = pose(rig, LEADER)
     assert arms.gates[-1] is Gate.HOMING and np.abs(at - LIFTED).max() < 0.1
     stop.release()
-    rig.truth_start(LEADER, 5.0)
+    recorders.truth_start(rig, LEADER, 5.0)
     arms.run(4.0)
     assert arms.gates[-1] is Gate.IDLE
-    assert np.abs(rig.truth(LEADER)["dq"]).max() < 0.8
+    assert np.abs(recorders.truth(rig, LEADER)["dq"]).max() < 0.8
     assert np.abs(pose(rig, LEADER)).max() < 0.1 and np.abs(pose(rig, FOLLOWER)).max() < 0.05
 
 
@@ -169,10 +170,10 @@ def test_an_approach_is_smooth_and_aims_at_the_live_leader(rig, started):
     session, arms = started(gate="auto")
     arms.run(1.5)
     rig.hand(LEADER, [0.8, 1.6], [LIFTED, [0.4, 1.1, 0.8, -0.4, 0.0, 0.0]])
-    rig.truth_start(FOLLOWER, 5.0)
+    recorders.truth_start(rig, FOLLOWER, 5.0)
     arms.run(4.0)
     assert arms.gates[-1] is Gate.ENGAGED
-    dq = rig.truth(FOLLOWER)["dq"][:, :6]
+    dq = recorders.truth(rig, FOLLOWER)["dq"][:, :6]
     assert np.abs(dq).max() < SPEED * 1.1
     assert np.abs(dq[10:] - dq[:-10]).max() < 0.4
     assert np.abs(pose(rig, FOLLOWER) - pose(rig, LEADER)).max() < 0.02

@@ -10,6 +10,7 @@ from lerobot_robot_yam.errors import MotorError
 from lerobot_robot_yam.state.faults import RESPONSES, Response, Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
+from scripts import recorders
 from tests.support.coupled import FOLLOWER, POSE
 from tests.support.published_leader import LedFollower
 from tests.support.rigged import lockstep_rig
@@ -26,7 +27,7 @@ def led(rig):
 
 
 def steps(rig):
-    speeds = rig.truth(FOLLOWER)["dq"][:, :6]
+    speeds = recorders.truth(rig, FOLLOWER)["dq"][:, :6]
     return np.abs(speeds[10:] - speeds[:-10]).max()
 
 
@@ -44,7 +45,7 @@ LOST = {
 def test_a_follower_whose_leader_is_lost_brakes_smoothly_and_waits(rig, led, how):
     rule = RESPONSES[Trouble.LEADER_LOST]
     assert rule.arm is Response.HOLD_UNTIL_TARGET
-    rig.truth_start(FOLLOWER, 5.0)
+    recorders.truth_start(rig, FOLLOWER, 5.0)
     LOST[how](led)
     led.passes = False  # whoever calls for the leader's action gets an error instead
     led.run(rule.within_s)
@@ -60,7 +61,7 @@ def test_a_follower_whose_leader_is_lost_brakes_smoothly_and_waits(rig, led, how
 
 
 def test_a_leader_that_tells_again_is_followed_again_without_a_jolt(rig, led):
-    rig.truth_start(FOLLOWER, 5.0)
+    recorders.truth_start(rig, FOLLOWER, 5.0)
     led.publishes = led.passes = False
     led.run(0.2)
     assert not led.states[-1].coupled
@@ -82,7 +83,7 @@ def test_a_follower_that_is_armed_again_joins_its_leader_without_a_leap(rig, led
     led.run(0.2)
     assert led.states[-1].mode is Mode.HOLD and not led.states[-1].coupled  # nobody has passed an action on yet
     first = len(led.states)
-    rig.truth_start(FOLLOWER, 5.0)
+    recorders.truth_start(rig, FOLLOWER, 5.0)
     led.passes = True
     led.run(2.0)
     assert led.states[-1].coupled and led.states[-1].trouble is None

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from lerobot_robot_yam.errors import ChannelInUseError, ConfigError, MotorError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import channel_key, state_path
 from lerobot_robot_yam.system.runtime_files import LOCK, FileLock, runtime_dir
@@ -21,6 +21,7 @@ from lerobot_robot_yam.yam_follower import BiYamFollower
 from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader
+from scripts import recorders
 from tests.face.devices.test_lerobot_contract import enabled, follower_config, leader_config, leave
 from tests.face.devices.test_pairing import follower, leader
 from tests.support.coupled import LEADER, POSE
@@ -161,7 +162,7 @@ def kill_control_process(device):
 @pytest.mark.alone
 def test_a_follower_whose_leaders_process_dies_holds(live_rig, tmp_path):
     with coupled(live_rig, tmp_path) as (device, robot):
-        live_rig.watch_start("follower_left")
+        recorders.watch_start(live_rig, "follower_left")
         kill_control_process(device)
         with pytest.raises(MotorError):
             pass_on(device, robot, 3.0)
@@ -169,7 +170,7 @@ def test_a_follower_whose_leaders_process_dies_holds(live_rig, tmp_path):
         state = state_of(robot)
         assert state.mode is Mode.HOLD and not state.coupled and state.trouble is None
         assert np.abs(state.q - POSE).max() < 0.1  # the stand-by lands the leader; nothing goes along
-        assert max(live_rig.watch("follower_left")["max_speed_rad_s"][:6]) < 0.5
+        assert max(recorders.watch(live_rig, "follower_left")["max_speed_rad_s"][:6]) < 0.5
 
 
 @pytest.mark.long

@@ -12,10 +12,11 @@ from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import ActionError, ConfigError
 from lerobot_robot_yam.face.devices.ee_space import Tool
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.yam_follower import BiYamFollower, YamFollower
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader, YamLeader
+from scripts import recorders
 from tests.face.devices.test_lerobot_contract import connected_pair, follower_config, leader_config, settle
 from tests.support.rigged import STOPS, lockstep_rig
 
@@ -191,11 +192,11 @@ def test_out_of_reach_goes_to_the_border_and_a_jump_keeps_the_speed_limit(follow
     asked, sent, _ = reach(follower, READY, 3.0, **{"ee_x.pos": 0.75})
     assert sent["ee_x.pos"] < 0.7 and asked["ee_x.pos"] == 0.75
     assert truth(rig)[:3] == pytest.approx(numbers_of(sent)[:3], abs=2 * SAG_M)
-    rig.watch_start(ARM)
+    recorders.watch_start(rig, ARM)
     fastest = reach(follower, FAR, 2.0)[2]
-    rig.watch_stop(ARM)
+    recorders.watch_stop(rig, ARM)
     limits = follower._arms.sides[0].hardware.speed_limit[:6]
-    assert (np.array(rig.watch(ARM)["max_speed_rad_s"][:6]) < 1.1 * limits).all()
+    assert (np.array(recorders.watch(rig, ARM)["max_speed_rad_s"][:6]) < 1.1 * limits).all()
     assert 0.3 < fastest < 1.1 * limits[0]  # rad/s, not degrees per second
 
 

@@ -12,9 +12,9 @@ from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import StaleStateError
 from lerobot_robot_yam.face.devices import images
 from lerobot_robot_yam.face.devices.images import LATE_S, PATIENCE_S, ImageReader, LateImages, newest_images
-from lerobot_robot_yam.rig.client.rig_control import running_rig
-from lerobot_robot_yam.rig.devices.thermometer import sample_age_s
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.yam_follower import YamFollower
+from scripts import recorders
 from tests.support.rigged import STOPS, rig_of
 
 MOTORS = [*(f"joint_{i}" for i in range(1, 7)), "gripper"]
@@ -22,7 +22,8 @@ MOTORS = [*(f"joint_{i}" for i in range(1, 7)), "gripper"]
 
 @pytest.fixture
 def rig():
-    with running_rig(stamp_temperatures=True) as rig:
+    with running_rig() as rig:
+        recorders.stamp_temperatures(rig)
         yield rig
 
 
@@ -48,9 +49,8 @@ def robot(rig, tmp_path):
 def sample_age(observation):
     """Age of the oldest motor sample, s: the rig stamps it into the temperatures."""
     now = time.monotonic()
-    return max(
-        sample_age_s(int(observation[f"{m}.temp_mos"]), int(observation[f"{m}.temp_rotor"]), now) for m in MOTORS
-    )
+    read = [(int(observation[f"{m}.temp_mos"]), int(observation[f"{m}.temp_rotor"])) for m in MOTORS]
+    return max(recorders.sample_age_s(*pair, now) for pair in read)
 
 
 @pytest.fixture

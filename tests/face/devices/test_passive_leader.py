@@ -9,7 +9,7 @@ import pytest
 
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.yam_follower import YamFollower
 from lerobot_teleoperator_yam import yam_passive_leader

@@ -10,7 +10,7 @@ import pytest
 from lerobot_robot_yam.config_yam_remote import BiYamRemoteConfig, YamRemoteConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.records import coupling_number
 from lerobot_robot_yam.system.clock import SYSTEM
 from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions

@@ -5,7 +5,7 @@ import time
 import pytest
 from lerobot.teleoperators.utils import TeleopEvents
 
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.face.devices.test_pairing import follower, leader
 
 pytestmark = pytest.mark.alone

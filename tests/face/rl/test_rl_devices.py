@@ -13,7 +13,7 @@ from lerobot.teleoperators.utils import TeleopEvents
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.commands.model_file import main as write_model
 from lerobot_robot_yam.errors import ActionError, ConfigError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.face.devices.test_lerobot_contract import BiYamFollower, follower_config, leave
 from tests.face.devices.test_pairing import follower, leader
 from tests.support.paths import ROOT

@@ -10,7 +10,6 @@ from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.simulation import rig_commands
 from tests.support.rig_desk import Desk
 
 CHANNEL = "follower_left"
@@ -24,8 +23,7 @@ def desk():
 
 
 def fault(desk, motor, kind, value=True, **details):
-    request = {"op": "fault", "channel": CHANNEL, "motor": motor, "kind": kind, "value": value, **details}
-    rig_commands.ask(desk.device, request)
+    desk.fault(CHANNEL, motor, kind, value, **details)
 
 
 def both(desk, data, can_id=WRIST):
@@ -40,7 +38,7 @@ def mit(q=0.0, dq=0.0, kp=0.0, kd=0.0, tau=0.0):
 
 
 def seconds(desk):
-    return rig_commands.ask(desk.device, {"op": "state"})["arms"][CHANNEL]["second_motors"]
+    return desk.state()["arms"][CHANNEL]["second_motors"]
 
 
 def test_each_motor_has_a_twin_that_answers_after_it(desk):

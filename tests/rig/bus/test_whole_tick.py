@@ -17,9 +17,9 @@ from lerobot_robot_yam.rig.devices import packets
 from lerobot_robot_yam.rig.devices.packets import Frame
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.scene.scene import load_scene
-from lerobot_robot_yam.rig.simulation import rig_commands
 from lerobot_robot_yam.rig.simulation.device import RigDevice
-from lerobot_robot_yam.rig.simulation.fault_commands import KINDS
+from lerobot_robot_yam.rig.simulation.fault_kinds import KINDS
+from lerobot_robot_yam.rig.simulation.rig_operations import perform
 from tests.support.frames import float_frame
 
 TICK_S = 0.004
@@ -36,7 +36,7 @@ FAULTS = {  # kind → value and details of its request
     "corrupt_rate": (0.5, {}),
     "reading": ({"position_rad": 3.0}, {}),
     "temperatures_c": ([70.0, 300.0], {}),
-    "temperature_ramp": ({"rate_c_per_s": 200.0, "from_c": 60.0, "part": "both"}, {}),
+    "temperature_ramp": ({"rate_c_per_s": 200.0, "from_c": 60.0}, {}),
     "torque_bias_nm": (1.0, {}),
     "stuck": (True, {}),
     "friction_nm": (0.5, {}),
@@ -51,7 +51,6 @@ FAULTS = {  # kind → value and details of its request
     "hold_back": ({"seconds": 0.01, "every_s": 0.03}, {}),
     "second_arm": (True, {}),
     "payload_kg": (0.5, {}),
-    "link_mass": ({"link": "link3", "factor": 1.5}, {}),
     "handle_silent": (True, {}),
 }
 OF_PASSIVE = {"encoders_silent"}  # a leader without motors has no ticks
@@ -119,7 +118,7 @@ class Pair:
 
     def ask(self, **request):
         for device in self.devices:
-            rig_commands.ask(device, dict(request))
+            perform(device, request)
 
     def check(self):
         """Bytes, times, world and counters are the same."""

@@ -8,7 +8,7 @@ import pytest
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.errors import ConfigError, RigError, StaleStateError
 from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.yam_camera import YamSimCamera
 
 pytestmark = pytest.mark.alone

@@ -12,9 +12,8 @@ import pytest
 
 from lerobot_robot_yam.errors import ConfigError, RigError, StaleStateError
 from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
-from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig, runs
+from lerobot_robot_yam.rig.control import RigControl, running_rig, runs
 from lerobot_robot_yam.system.runtime_files import runtime_dir
-from tests.support.tiers import spread
 
 pytestmark = pytest.mark.alone
 
@@ -44,7 +43,7 @@ def wait_until(condition, timeout_s: float = 10.0) -> None:
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize("name", [*CAMERAS, "front", "overview"])
+@pytest.mark.parametrize("name", ["wrist_left", "overview"])
 def test_every_camera_shows_something(rig, name):
     with RigCamera(name, 160, 120, 30, rig=rig.name) as camera:
         frame, stamp_s = camera.latest(max_age_s=5.0)
@@ -79,15 +78,10 @@ def test_the_picture_follows_the_world(rig):
         assert centre(-0.15) > 80 + 10
 
 
-def test_frames_are_new_and_in_order(rig):
-    with RigCamera("top", 64, 48, 30, rig=rig.name) as camera:
-        stamps = [camera.wait_new(5.0)[1] for _ in range(10)]
-    assert (np.diff(stamps) > 0).all()
-
-
-def test_frames_come_at_the_rate_asked_for(rig):
+def test_frames_are_new_in_order_and_come_at_the_rate_asked_for(rig):
     with RigCamera("top", 64, 48, 10, rig=rig.name) as camera:
-        stamps = [camera.wait_new(5.0)[1] for _ in range(12)]
+        stamps = [camera.wait_new(5.0)[1] for _ in range(8)]
+    assert (np.diff(stamps) > 0).all()
     # A busy machine can only make frames later, never more frequent.
     assert np.median(np.diff(stamps)) > 0.07
 
@@ -120,9 +114,13 @@ def test_a_camera_that_is_not_connected_says_so(rig):
         RigCamera("top", rig=rig.name).latest()
 
 
-def test_a_stopped_renderer_means_stale_and_a_dead_one_an_error():
+def test_a_stopped_renderer_means_stale_a_dead_one_an_error_and_nothing_is_left_behind():
     with running_rig() as rig:
         _stop_and_kill(rig)
+        pids = renderer_pids(rig)
+        assert len(pids) == 1
+    wait_until(lambda: not runs(pids[0]))
+    assert not list(runtime_dir().glob(f"rig-{rig.name}.*"))
 
 
 def _stop_and_kill(rig: RigControl) -> None:
@@ -201,17 +199,6 @@ def test_no_opengl_is_a_clear_error_and_the_rig_lives_on(monkeypatch):
         assert rig.state()["sim_s"] > 0
 
 
-def test_nothing_is_left_behind():
-    with running_rig() as rig:
-        camera = RigCamera("top", 64, 48, 30, rig=rig.name)
-        camera.connect()
-        pids = renderer_pids(rig)
-        assert len(pids) == 1
-        camera.close()
-    wait_until(lambda: not runs(pids[0]))
-    assert not list(runtime_dir().glob(f"rig-{rig.name}.*"))
-
-
 def test_nothing_is_left_when_the_rig_is_killed():
     rig = RigControl.start()
     with RigCamera("top", 64, 48, 30, rig=rig.name) as camera:
@@ -227,7 +214,8 @@ def test_nothing_is_left_when_the_rig_is_killed():
         path.unlink()
 
 
-@pytest.mark.parametrize("closed", spread([False, True], 0))
+@pytest.mark.long
+@pytest.mark.parametrize("closed", [False, True])
 def test_nothing_is_left_of_a_renderer_that_hangs(closed):
     with running_rig() as rig, RigCamera("top", 64, 48, 30, rig=rig.name) as camera:
         (pid,) = renderer_pids(rig)

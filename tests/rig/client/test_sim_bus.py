@@ -12,7 +12,7 @@ import pytest
 from lerobot_robot_yam.damiao import codec, handle_encoder
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.errors import BusError, ConfigError
-from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig
+from lerobot_robot_yam.rig.control import RigControl, running_rig
 
 CHANNEL = "follower_left"
 
@@ -181,7 +181,7 @@ def test_keywords_of_other_interfaces_are_accepted(rig):
 
 @pytest.mark.parametrize(
     ("options", "text"),
-    [({"frictoin": 0}, "frictoin"), ({"watchdog": "off"}, "watchdog"), ({"scene": "moon"}, "unknown scene 'moon'")],
+    [({"frictoin": 0}, "frictoin"), ({"serials": "off"}, "serials"), ({"scene": "moon"}, "unknown scene 'moon'")],
 )
 def test_a_rig_that_cannot_start_says_why(options, text):
     with pytest.raises(ConfigError, match=text):

@@ -8,8 +8,7 @@ from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.simulation import rig_commands
-from lerobot_robot_yam.rig.simulation.fault_commands import KINDS
+from lerobot_robot_yam.rig.simulation.fault_kinds import KINDS
 from tests.support.rig_desk import Desk
 
 WRIST = 6
@@ -23,12 +22,11 @@ def desk():
 
 
 def fault(desk, motor, kind, value=True, **details):
-    request = {"op": "fault", "channel": "follower_left", "motor": motor, "kind": kind, "value": value, **details}
-    rig_commands.ask(desk.device, request)
+    desk.fault("follower_left", motor, kind, value, **details)
 
 
 def clear(desk):
-    rig_commands.ask(desk.device, {"op": "clear_faults", "channel": "follower_left"})
+    desk.clear_faults("follower_left")
 
 
 def refresh(desk, can_id):
@@ -79,29 +77,23 @@ def test_delayed_answers_are_spoiled_too(desk):
 
 
 @pytest.mark.parametrize(
-    ("part", "limit_c", "code"),
-    [
-        ("both", 80.0, Fault.MOS_OVER_TEMPERATURE),
-        ("mos", 80.0, Fault.MOS_OVER_TEMPERATURE),
-        ("rotor", 100.0, Fault.ROTOR_OVER_TEMPERATURE),
-    ],
+    ("limit_c", "register_c", "code"),
+    [(80.0, 80.0, Fault.MOS_OVER_TEMPERATURE), (100.0, 120.0, Fault.ROTOR_OVER_TEMPERATURE)],
 )
-def test_a_motor_that_gets_too_hot_switches_itself_off(desk, part, limit_c, code):
+def test_a_motor_that_gets_too_hot_switches_itself_off(desk, limit_c, register_c, code):
     desk.special(WRIST, SpecialCommand.ENABLE)
-    fault(desk, WRIST, "register", 80.0, register=Register.OT_VALUE)
-    fault(desk, WRIST, "temperature_ramp", {"rate_c_per_s": 100.0, "from_c": limit_c - 20, "part": part})
+    fault(desk, WRIST, "register", register_c, register=Register.OT_VALUE)
+    fault(desk, WRIST, "temperature_ramp", {"rate_c_per_s": 100.0, "from_c": limit_c - 20})
     temperatures = []
     for _ in range(40):
         desk.run(0.01)
         feedback = desk.mit(WRIST, q=0.5, kp=5, kd=1)
-        temperatures.append(feedback.temp_rotor if part == "rotor" else feedback.temp_mos)
+        temperatures.append(feedback.temp_mos)
         if feedback.fault != Fault.NORMAL:
             break
     assert feedback.fault == code
     assert temperatures[0] == pytest.approx(limit_c - 19, abs=2)
     assert temperatures[-1] == pytest.approx(limit_c, abs=2)
-    if part == "mos":
-        assert feedback.temp_rotor < 60
     desk.run(0.01)
     assert desk.motor(WRIST).torque_nm == 0
     assert [e["fault"] for e in desk.device.events.since(0, 100) if e["kind"] == "motor_fault"] == [code]
@@ -112,13 +104,6 @@ def test_the_power_stages_limit_is_a_register(desk):
     fault(desk, WRIST, "temperature_ramp", {"rate_c_per_s": 0.0, "from_c": 51.0})
     desk.run(0.02)
     assert desk.special(WRIST, SpecialCommand.ENABLE).fault == Fault.MOS_OVER_TEMPERATURE
-
-
-def test_a_hot_power_stage_alone_heats_no_coil(desk):
-    fault(desk, WRIST, "register", 120.0, register=Register.OT_VALUE)
-    fault(desk, WRIST, "temperature_ramp", {"rate_c_per_s": 0.0, "from_c": 110.0, "part": "mos"})
-    desk.run(0.02)
-    assert desk.special(WRIST, SpecialCommand.ENABLE).fault == Fault.NORMAL
 
 
 def test_a_hot_motor_trips_again_until_it_has_cooled(desk):
@@ -265,7 +250,6 @@ def test_clearing_ends_every_fault_of_its_motors(desk):
         (1, "wrong_id", 0x800, "whole number from 0 to 2047"),
         (1, "temperatures_c", [1], "2 finite numbers"),
         (1, "temperature_ramp", {"from_c": 1}, "rate_c_per_s"),
-        (1, "temperature_ramp", {"rate_c_per_s": 1, "from_c": 1, "part": "lid"}, "part must be one of"),
         (1, "torque_bias_nm", "much", "finite number"),
         (1, "nibble", 16, "from 0 to 15"),
         (1, "storing", "late", "a motor stores in one of the ways"),
@@ -279,7 +263,7 @@ def test_a_fault_that_makes_no_sense_is_refused(desk, motor, kind, value, text):
 
 
 def test_every_kind_is_documented():
-    from lerobot_robot_yam.rig.client.rig_control import RigControl
+    from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 
     for kind in KINDS:
-        assert f'"{kind}"' in RigControl.fault.__doc__, kind
+        assert f'"{kind}"' in RigOperations.fault.__doc__, kind

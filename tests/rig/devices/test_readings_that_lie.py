@@ -6,7 +6,6 @@ import pytest
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.simulation import rig_commands
 from tests.support.rig_desk import Desk
 
 CHANNEL = "follower_left"
@@ -22,8 +21,7 @@ def desk():
 
 
 def lie(desk, can_id, value):
-    request = {"op": "fault", "channel": CHANNEL, "motor": can_id, "kind": "reading", "value": value}
-    rig_commands.ask(desk.device, request)
+    desk.fault(CHANNEL, can_id, "reading", value)
 
 
 def test_offsets_are_added_to_reports(desk):

@@ -8,7 +8,7 @@ import pytest
 
 from lerobot_robot_yam.rig.lockstep.lockstep_cameras import LockstepCamera
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from lerobot_robot_yam.rig.operator.scripts.script import make_setup
+from lerobot_robot_yam.rig.operator.script import make_setup
 from lerobot_robot_yam.rig.world.world_model import build_world
 
 SIZE = 160, 120

@@ -11,14 +11,15 @@ import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.client.rig_control import RigControl, running_rig
+from lerobot_robot_yam.rig.control import RigControl, running_rig
 from lerobot_robot_yam.rig.operator.hands import Interrupted
 from lerobot_robot_yam.rig.operator.operator import RigHands
-from lerobot_robot_yam.rig.operator.scripts.catalog import CATALOG, make_script
-from lerobot_robot_yam.rig.operator.scripts.script import SIDES, Setup, make_setup
+from lerobot_robot_yam.rig.operator.script import SIDES, Setup, make_setup
+from lerobot_robot_yam.rig.operator.task_scripts import CATALOG, make_script
 from lerobot_robot_yam.rig.scene.scene import Scene, load_scene
 from lerobot_robot_yam.rig.world.world_model import build_world
 from lerobot_robot_yam.session.arm_session import ArmSession
+from tests.support import transfers
 from tests.support.stand_in import StandIn, described
 from tests.support.tiers import spread
 
@@ -278,6 +279,7 @@ def events_of(rig: RigControl, kind: str, count: int, pass_on: Callable[[], None
 def test_its_process_moves_the_cube_through_the_real_loops():
     """The rig starts it when the arms are energised; it ends with them."""
     with running_rig(operator="pick_and_place") as rig:
+        rig.load(transfers.__file__)
         with teleoperated(rig) as pass_on:
             carried, *_ = events_of(rig, "transfer", 1, pass_on)
         assert carried["from"]["place"] == "A" and carried["lift_m"] >= 0.08

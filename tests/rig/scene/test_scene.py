@@ -34,7 +34,7 @@ def test_options_replace_arms_and_grippers_of_followers_only():
         ({"friction": -1}, "friction"),
         ({"friction": "a lot"}, "expected float"),
         ({"timestep_s": 0}, "timestep_s"),
-        ({"watchdog": "off"}, "watchdog"),
+        ({"serials": "off"}, "serials"),
         ({"arms": ["follower_middle"]}, "follower_middle"),
         ({"pictures": "pretty"}, "pictures must be one of .*full.*plain"),
         ({"randomise_look": 1.5}, "randomise_look"),

@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.judging.judge import Judge
 from lerobot_robot_yam.rig.scene.scene import SCENES, load_scene
 from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
+from lerobot_robot_yam.rig.simulation.judge import Judge
 from lerobot_robot_yam.rig.world.world import World
 from tests.support.paths import ROOT
 
@@ -97,7 +97,7 @@ def test_the_scene_in_the_documentation_works(tmp_path):
     judge = Judge(world)
     judge.place("pen_into_box", 0)
     world.step(800)
-    assert not judge.update(0.0) and judge.state()["stage"] == 0
+    assert not judge.update() and judge.state()["stage"] == 0
     assert world.data.joint("lid").qpos[0] > np.pi / 2  # it stays open
     assert np.linalg.norm(world.data.body("box").xpos - [0.4, 0.2, 0.0]) < 0.01
 

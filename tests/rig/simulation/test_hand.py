@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.world.world_model import HAND_KP
 from tests.support.rig_desk import Desk

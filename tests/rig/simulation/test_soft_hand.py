@@ -142,8 +142,8 @@ def test_a_soft_hand_gives_way_unless_it_is_told_not_to():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"stiffness_n_m": float("nan")}, "stiffness_n_m of a hand is a number from 0 to 5000"),
-        ({"stiffness_n_m": -1.0}, "stiffness_n_m"),
+        ({"stiffness_n_m": float("nan")}, "stiffness_n_m: expected a finite number"),
+        ({"stiffness_n_m": -1.0}, "stiffness_n_m of a hand is a number from 0 to 5000"),
         ({"mass_kg": 0.0}, "mass_kg of a hand is a number from 0.05 to 5"),
         ({"damping_ratio": "much"}, "damping_ratio"),
         ({"gives_way": 1}, "true or false"),

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from lerobot_robot_yam.rig.client.launch import rig_path
-from lerobot_robot_yam.rig.client.told_scene import tell_scene
+from lerobot_robot_yam.rig.client.launch import rig_path, tell_scene
 from lerobot_robot_yam.viewer.data.scene_match import overlaid, rig_cameras, running_rigs
 
 

@@ -12,7 +12,7 @@ import time
 import pytest
 from PIL import ImageGrab
 
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.support.browser import keep_picture
 from tests.support.rigged import session_on, sim_config, track
 from tests.support.virtual_screen import virtual_screen

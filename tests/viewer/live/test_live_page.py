@@ -4,7 +4,7 @@ import contextlib
 
 import pytest
 
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.viewer.live.rig_world import RigWorld
 from tests.support.browser import browser_page, yam_view

@@ -10,7 +10,7 @@ import pytest
 
 from lerobot_robot_yam.arm.collision.workspace import KeepOut, WorkspaceConfig
 from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from tests.support.browser import browser_page, take_picture, yam_view
 from tests.support.rigged import session_on, sim_config, track
 

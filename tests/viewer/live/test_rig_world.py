@@ -8,9 +8,8 @@ import yaml
 
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.errors import RigError, StaleStateError
-from lerobot_robot_yam.rig.client.launch import rig_path
+from lerobot_robot_yam.rig.client.launch import rig_path, tell_scene, told_scene
 from lerobot_robot_yam.rig.client.rendered_camera import frame_dtype, frame_path
-from lerobot_robot_yam.rig.client.told_scene import scene_path, tell_scene, told_scene
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.world.world import World, WorldBlock
 from lerobot_robot_yam.system.shared_block import SharedBlock
@@ -32,7 +31,7 @@ def shown(name="shown", scene=None, options=OPTIONS):
     finally:
         reader.close()
         block.close()
-        scene_path(name).unlink()
+        rig_path(name, "scene").unlink()
 
 
 def test_things_and_cameras_are_where_the_rig_has_them():
@@ -80,17 +79,17 @@ def test_a_scene_of_a_file_is_found_from_anywhere(tmp_path, monkeypatch):
     try:
         scene = told_scene("mine")
     finally:
-        scene_path("mine").unlink()
+        rig_path("mine", "scene").unlink()
     assert (scene.name, scene.channels, scene.options.seed) == ("mine", ("follower_left",), 3)
 
 
 def test_a_rig_of_another_version_is_refused():
-    scene_path("later").write_text('["--later", "1"]')
+    rig_path("later", "scene").write_text('{"later": 1}')
     try:
-        with pytest.raises(RigError, match="--later"):
+        with pytest.raises(RigError, match="does not say what it simulates .*scene.*; start it anew"):
             told_scene("later")
     finally:
-        scene_path("later").unlink()
+        rig_path("later", "scene").unlink()
 
 
 def test_no_rig_and_one_that_tells_another_scene_are_refused():

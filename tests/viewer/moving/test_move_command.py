@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, save_stops
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
+from scripts import recorders
 from tests.support.browser_socket import BrowserSocket
 from tests.support.crooked_arm import STOPS, arguments, scene
 from tests.support.landed import MOST_M, moved_after_cut_m
@@ -81,14 +82,14 @@ def sweep(rig, browser):
 @pytest.mark.parametrize("end", ["closed", "frozen"])
 def test_an_arm_on_its_way_holds_when_its_browser_is_lost(rig, browser, end):
     sweep(rig, browser)
-    rig.truth_start("only", 5.0)
+    recorders.truth_start(rig, "only", 5.0)
     lost_s = time.monotonic()
     if end == "closed":
         browser.close()
     else:
         browser.alive = False
     time.sleep(2.0)
-    truth = rig.truth("only")
+    truth = recorders.truth(rig, "only")
     moving = truth["stamp_s"][np.abs(truth["dq"][:, 0]) > 0.05]
     assert moving[-1] - lost_s < HOLDS_S + 0.2  # it brakes
     assert len(enabled(rig)) == 7 and q1(rig) < 2.5

@@ -10,7 +10,7 @@ import pytest
 
 from lerobot_robot_yam.arm.kinematics import YamKinematics, pose_errors
 from lerobot_robot_yam.errors import ActionError
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.viewer.moving.control_desk import Stage

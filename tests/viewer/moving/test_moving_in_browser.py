@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.kinematics import YamKinematics, pose_errors
-from lerobot_robot_yam.rig.client.rig_control import running_rig
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.viewer.live.live import Live
 from lerobot_robot_yam.viewer.moving import heartbeat

@@ -21,7 +21,7 @@ from lerobot_robot_yam.damiao.settings.handle_access import HandleAccess
 from lerobot_robot_yam.doctor.check_session import driver_of
 from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
 from lerobot_robot_yam.errors import ChannelInUseError, SetupError, YamError
-from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.system.runtime_files import rig_name
 from lerobot_robot_yam.system.sysfs import read_adapters
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError, RigError
 from lerobot_robot_yam.rig.operator.hands import Hands, Pose, pause
-from lerobot_robot_yam.rig.operator.scripts.script import PUT_DOWN_M, Script, Setup, lifted
+from lerobot_robot_yam.rig.operator.script import PUT_DOWN_M, Script, Setup, lifted
 from lerobot_robot_yam.rig.operator.worker import Worker
 
 logger = logging.getLogger(__name__)

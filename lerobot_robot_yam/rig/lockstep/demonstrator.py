@@ -17,7 +17,7 @@ import numpy as np
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.operator.hands import Interrupted, Sight, sight_of
 from lerobot_robot_yam.rig.operator.plan import Path
-from lerobot_robot_yam.rig.operator.scripts.catalog import make_script
+from lerobot_robot_yam.rig.operator.task_scripts import make_script
 
 
 class Demonstrator:

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.rig.judging.task_judge import TaskJudge, View
 from lerobot_robot_yam.rig.scene.tasks import Task
+from lerobot_robot_yam.rig.simulation.task_judge import TaskJudge, View
 from lerobot_robot_yam.system.strict_yaml import parse
 
 LEFT, RIGHT = "follower_left", "follower_right"

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.rig.render.sight import Sight
+from lerobot_robot_yam.rig.render.painter import Sight
 
 ASPECT = 4 / 3
 WORLD = """<mujoco><visual><map znear="0.01"/></visual><statistic extent="1"/><worldbody>

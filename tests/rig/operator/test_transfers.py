@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.rig.judging.judge import Transfers
+from tests.support.transfers import Transfers
 
 PLACES = {"A": (0.3, 0.28), "M": (0.33, 0.0), "B": (0.3, -0.28)}
 A, M, B = ((*PLACES[name], 0.02) for name in "AMB")

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.rig.client.rig_operations import RigOperations
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.operator.hands import Pose, sight_of
+from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 from lerobot_robot_yam.rig.world.world_model import yaw_quat
 
 ON_ITS_FACE = np.array([math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0])  # a quarter turn about y: the x axis points down

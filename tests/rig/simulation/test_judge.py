@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.judging.judge import Contacts, Judge
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
+from lerobot_robot_yam.rig.simulation.judge import Contacts, Judge
 from lerobot_robot_yam.rig.world.world import World
 
 ARMS = {"arms": ["follower_left", "follower_right"]}
@@ -53,7 +53,7 @@ def test_things_are_strewn_within_their_bounds_lie_still_and_clear_of_the_arms(n
         for prop, before in placed.items():
             assert np.linalg.norm(world.data.body(prop).xpos - before) < 2e-3, f"{prop} moved by itself"
             assert touching[prop] == {"table"}
-        assert not judge.update(0.0)
+        assert not judge.update()
         assert judge.state() | {"since_s": 0} == {
             "task": name,
             "seed": seed,

@@ -10,7 +10,7 @@ from lerobot_robot_yam.damiao import handle_encoder
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.rig.client.rig_control import RigControl
+from lerobot_robot_yam.rig.control import RigControl
 
 
 def wait_until(condition, timeout_s=5.0):
@@ -171,7 +171,7 @@ def test_a_trace_has_every_frame_a_client_sent(rig):
         (lambda rig: rig.hand("leader_middle", [0], [[0] * 6]), "no channel 'leader_middle'"),
         (lambda rig: rig.hand("leader_left", [0, 0], [[0] * 6] * 2), "increasing"),
         (lambda rig: rig.hand("leader_left", [0], [[0] * 5]), "joints"),
-        (lambda rig: rig.request("push", body="cube"), "push.*force"),
+        (lambda rig: rig.request("push", body="cube"), "push.*channel"),
     ],
 )
 def test_impossible_requests_are_refused_by_name(rig, call, text):

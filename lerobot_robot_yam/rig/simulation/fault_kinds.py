@@ -1,10 +1,7 @@
-"""Faults of a channel and its motors by name: the operations "fault" and "clear_faults" of control clients.
-
-`RigOperations.fault` documents each kind.
-"""
+"""The kinds of faults of a rig: what each does to a channel or to a motor. `FaultOperations.fault` describes them."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
@@ -12,61 +9,29 @@ from lerobot_robot_yam.rig.bus.adapter import HoldBack
 from lerobot_robot_yam.rig.bus.channel import PAYLOADS, Channel, ForeignDriver
 from lerobot_robot_yam.rig.devices.flash import WAYS
 from lerobot_robot_yam.rig.devices.motor_faults import FalseReading
-from lerobot_robot_yam.rig.devices.simulated_encoders import SimEncoders
+from lerobot_robot_yam.rig.devices.simulated_handle import SimEncoders, SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
-from lerobot_robot_yam.rig.devices.thermometer import PARTS, Ramp
+from lerobot_robot_yam.rig.devices.thermometer import Ramp
 from lerobot_robot_yam.rig.simulation.device import RigDevice
-from lerobot_robot_yam.rig.simulation.lookup import channel_of, flag, handle_of, motors_of, number, vector, whole
+from lerobot_robot_yam.rig.simulation.operation import flag, number, vector, whole
 
-_Request = Mapping[str, Any]
+_Details = dict[str, Any]
 _ID_MAX = 0x7FF
 _NIBBLE_MAX = 0xF
 _COUNT_MAX = 1_000_000
 _DELAY_MAX_S = 10.0
 _EVERY_MAX_S = 1000.0
 _MASS_MAX_KG = 50.0
-_FACTORS = (0.01, 100.0)  # of a link's mass
 _RATE_MAX_HZ = 5000.0  # one wire carries less than 8000 frames a second
 _TORQUE_MAX_NM = 100.0
 _BYTE_MAX = 255.0
 _TEMPERATURE_MAX_C = 1000.0
 
 
-def fault(device: RigDevice, request: dict[str, Any]) -> None:
-    """Make something fail. Raises ConfigError: no such channel, motor or kind, or a value that does not fit."""
-    channel, kind, motor = channel_of(device, request), request["kind"], request.get("motor")
-    try:
-        if kind in _CHANNEL_KINDS:
-            if motor is not None:
-                raise ConfigError(f"it concerns the whole channel: give motor None, not {motor!r}")
-            _CHANNEL_KINDS[kind](device, channel, request["value"])
-        elif kind in _MOTOR_KINDS:
-            for one in motors_of(channel, motor):
-                _MOTOR_KINDS[kind](one, request)
-            channel.identifiers_changed()
-        else:
-            raise ConfigError(f"no fault kind {kind!r}; known: {', '.join(KINDS)}")
-    except ConfigError as error:
-        raise ConfigError(f"fault {kind!r} on {channel.name}: {error}") from error
-    device.events.add("fault_set", channel=channel.name, fault=kind, motor=motor, value=request["value"])
-
-
-def clear_faults(device: RigDevice, request: dict[str, Any]) -> None:
-    """Undo all that `fault` did to a channel, except registers and the fault codes of motors."""
-    channel = channel_of(device, request)
-    channel.set_link(device.clock.now(), bus_off=False, down=False, gone=False)
-    channel.cable_out = False
-    channel.foreign = None
-    channel.adapter.repair(device.scene.options.latency_s)
-    device.ballast[channel.name].repair()
-    if channel.handle is not None:
-        channel.handle.silent = False
-        if isinstance(channel.handle, SimEncoders):
-            channel.handle.silent_devices = frozenset()
-    for motor in channel.motors:
-        motor.repair()
-    channel.identifiers_changed()
-    device.events.add("faults_cleared", channel=channel.name)
+def _handle_of(channel: Channel) -> SimHandle:
+    if channel.handle is None:
+        raise ConfigError("the channel has no teaching handle")
+    return channel.handle
 
 
 def _foreign(device: RigDevice, channel: Channel, value: Any) -> None:
@@ -85,10 +50,10 @@ def _hold_back(device: RigDevice, channel: Channel, value: Any) -> None:
     if value is False:
         channel.adapter.hold = None
         return
-    fields = _fields(value, ("seconds",), ("every_s", "stamped"))
+    fields = _fields(value, ("seconds",), ("every_s",))
     seconds = number(fields["seconds"], 0.0, _DELAY_MAX_S)
     every_s = number(fields["every_s"], seconds, _EVERY_MAX_S) if "every_s" in fields else math.inf
-    channel.adapter.hold = HoldBack(device.clock.now(), seconds, every_s, flag(fields.get("stamped", False)))
+    channel.adapter.hold = HoldBack(device.clock.now(), seconds, every_s)
 
 
 def _second_arm(_: RigDevice, channel: Channel, value: Any) -> None:
@@ -102,13 +67,8 @@ def _second_arm(_: RigDevice, channel: Channel, value: Any) -> None:
         motor.plug_in_twin(angle)
 
 
-def _link_mass(device: RigDevice, channel: Channel, value: Any) -> None:
-    fields = _fields(value, ("link", "factor"), ())
-    device.ballast[channel.name].scale(fields["link"], number(fields["factor"], *_FACTORS))
-
-
 def _encoders_silent(device: RigDevice, channel: Channel, value: Any) -> None:
-    encoders = handle_of(channel)
+    encoders = _handle_of(channel)
     if not isinstance(encoders, SimEncoders):
         raise ConfigError("the arm has motors, and no encoders of a passive leader")
     devices = range(len(encoders.joints) + 1)
@@ -116,7 +76,7 @@ def _encoders_silent(device: RigDevice, channel: Channel, value: Any) -> None:
     encoders.silent_devices = frozenset(whole(one, 0, devices[-1]) for one in silent)
 
 
-_CHANNEL_KINDS: dict[str, Callable[[RigDevice, Channel, Any], None]] = {
+CHANNEL_KINDS: dict[str, Callable[[RigDevice, Channel, Any], None]] = {
     "link_down": lambda device, channel, value: channel.set_link(device.clock.now(), down=flag(value)),
     "adapter_gone": lambda device, channel, value: channel.set_link(device.clock.now(), gone=flag(value)),
     "bus_off": lambda device, channel, value: channel.set_link(device.clock.now(), bus_off=flag(value)),
@@ -126,36 +86,33 @@ _CHANNEL_KINDS: dict[str, Callable[[RigDevice, Channel, Any], None]] = {
     "hold_back": _hold_back,
     "second_arm": _second_arm,
     "payload_kg": lambda device, channel, value: device.ballast[channel.name].carry(number(value, 0.0, _MASS_MAX_KG)),
-    "link_mass": _link_mass,
     "encoders_silent": _encoders_silent,
-    "handle_silent": lambda device, channel, value: setattr(handle_of(channel), "silent", flag(value)),
+    "handle_silent": lambda device, channel, value: setattr(_handle_of(channel), "silent", flag(value)),
 }
 
 
-def _link_fault(name: str, check: Callable[[Any], Any]) -> Callable[[SimMotor, _Request], None]:
+def _link_fault(name: str, check: Callable[[Any], Any]) -> Callable[[SimMotor, Any, _Details], None]:
     """A kind that sets the field of that name of `LinkFaults`."""
-    return lambda motor, request: setattr(motor.faults, name, check(request["value"]))
+    return lambda motor, value, details: setattr(motor.faults, name, check(value))
 
 
 def _share(value: Any) -> float:
     return number(value, 0.0, 1.0)
 
 
-def _duplicate(motor: SimMotor, request: _Request) -> None:
-    value = request["value"]
+def _duplicate(motor: SimMotor, value: Any, details: _Details) -> None:
     if value is False:
         motor.twin = None
         return
     motor.plug_in_twin(None if value is True else number(_fields(value, ("q_rad",), ())["q_rad"]))
 
 
-def _corrupt_rate(motor: SimMotor, request: _Request) -> None:
-    motor.faults.corrupt_rate = _share(request["value"])
-    motor.faults.corrupt_all = flag(request.get("all_bytes", False))
+def _corrupt_rate(motor: SimMotor, value: Any, details: _Details) -> None:
+    motor.faults.corrupt_rate = _share(value)
+    motor.faults.corrupt_all = flag(details.get("all_bytes", False))
 
 
-def _reading(motor: SimMotor, request: _Request) -> None:
-    value = request["value"]
+def _reading(motor: SimMotor, value: Any, details: _Details) -> None:
     if value is False:
         motor.reading = None
         return
@@ -165,41 +122,37 @@ def _reading(motor: SimMotor, request: _Request) -> None:
     motor.reading = FalseReading(**offsets, answers=answers, freeze=flag(fields.get("freeze", False)))
 
 
-def _temperatures(motor: SimMotor, request: _Request) -> None:
-    value = request["value"]
+def _temperatures(motor: SimMotor, value: Any, details: _Details) -> None:
     held = None if value is False else vector(value, 2).clip(0.0, _BYTE_MAX).tolist()
     motor.thermometer.held = held and (held[0], held[1])
 
 
-def _temperature_ramp(motor: SimMotor, request: _Request) -> None:
-    if request["value"] is False:
+def _temperature_ramp(motor: SimMotor, value: Any, details: _Details) -> None:
+    if value is False:
         motor.thermometer.ramp = None
         return
-    fields = _fields(request["value"], ("rate_c_per_s", "from_c"), ("part",))
-    part = fields.get("part", "both")
-    if part not in PARTS:
-        raise ConfigError(f"part must be one of {PARTS}, not {part!r}")
+    fields = _fields(value, ("rate_c_per_s", "from_c"), ())
     rate = number(fields["rate_c_per_s"], -_TEMPERATURE_MAX_C, _TEMPERATURE_MAX_C)
     from_c = number(fields["from_c"], 0.0, _TEMPERATURE_MAX_C)
-    motor.thermometer.ramp = Ramp(rate, from_c, motor.world.sim_s, part)
+    motor.thermometer.ramp = Ramp(rate, from_c, motor.world.sim_s)
 
 
-def _storing(motor: SimMotor, request: _Request) -> None:
-    way = request["value"] or "all"
+def _storing(motor: SimMotor, value: Any, details: _Details) -> None:
+    way = value or "all"
     if way not in WAYS:
         raise ConfigError(f"a motor stores in one of the ways {WAYS}, not {way!r}")
     motor.flash.way = way
 
 
-def _nibble(motor: SimMotor, request: _Request) -> None:
-    code = whole(request["value"], 0, _NIBBLE_MAX)
-    motor.sticky_fault = flag(request.get("sticky", False))
+def _nibble(motor: SimMotor, value: Any, details: _Details) -> None:
+    code = whole(value, 0, _NIBBLE_MAX)
+    motor.sticky_fault = flag(details.get("sticky", False))
     motor.fail(code)
 
 
-_MOTOR_KINDS: dict[str, Callable[[SimMotor, _Request], None]] = {
+MOTOR_KINDS: dict[str, Callable[[SimMotor, Any, _Details], None]] = {
     "silent": _link_fault("silent", flag),
-    "power": lambda motor, request: motor.power(flag(request["value"])),
+    "power": lambda motor, value, details: motor.power(flag(value)),
     "storing": _storing,
     "drop_next": _link_fault("drop_next", lambda value: whole(value, 0, _COUNT_MAX)),
     "loss_rate": _link_fault("loss_rate", _share),
@@ -211,16 +164,14 @@ _MOTOR_KINDS: dict[str, Callable[[SimMotor, _Request], None]] = {
     "reading": _reading,
     "temperatures_c": _temperatures,
     "temperature_ramp": _temperature_ramp,
-    "torque_bias_nm": lambda motor, request: motor.set_bias(number(request["value"], -_TORQUE_MAX_NM, _TORQUE_MAX_NM)),
-    "stuck": lambda motor, request: motor.drive.jam(flag(request["value"])),
-    "friction_nm": lambda motor, request: motor.drive.rub(number(request["value"], 0.0, _TORQUE_MAX_NM)),
+    "torque_bias_nm": lambda motor, value, details: motor.set_bias(number(value, -_TORQUE_MAX_NM, _TORQUE_MAX_NM)),
+    "stuck": lambda motor, value, details: motor.drive.jam(flag(value)),
+    "friction_nm": lambda motor, value, details: motor.drive.rub(number(value, 0.0, _TORQUE_MAX_NM)),
     "nibble": _nibble,
-    "register": lambda motor, request: motor.set_register(
-        whole(request["register"], 0, _ID_MAX), number(request["value"])
-    ),
+    "register": lambda motor, value, details: motor.set_register(whole(details["register"], 0, _ID_MAX), number(value)),
 }
 
-KINDS = (*_MOTOR_KINDS, *_CHANNEL_KINDS)
+KINDS = (*MOTOR_KINDS, *CHANNEL_KINDS)
 
 
 def _fields(value: Any, needed: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, Any]:

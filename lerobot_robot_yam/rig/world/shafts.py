@@ -1,9 +1,6 @@
-"""Shafts of an arm's motors, and masses that it carries: how the physics is read, driven and disturbed there."""
+"""Shafts of motors: how the physics is read, driven and disturbed there."""
 
 import math
-
-import mujoco
-import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.world.world import World
@@ -14,7 +11,6 @@ _JAMMED = 1e5  # Nm s/rad: 10 Nm turn a jammed shaft by 0.1 mrad/s
 _INERTIA_KG_M2 = 0.05  # of a loose shaft, between an arm's shoulder (0.2) and its wrist (0.005); our choice
 _DAMPING_NM_S_RAD = 0.2  # of its gear and bearings; our choice
 _CATCH_UP_S = 2.0  # left alone for longer, it is at rest
-_MASS_FIELDS = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "body_sameframe", "body_simple")
 
 
 class Drive:
@@ -50,11 +46,6 @@ class Drive:
         v = self._world.qvel
         own = self.v
         return self.coefficient * (v[own[0]] if self._single else v[own[0]] + v[own[1]])
-
-    def read(self, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Angles (k,) in rad and velocities (k,) in rad/s in other states (k, nq), (k, nv) of the world."""
-        turned = self.base_rad + self.coefficient * qpos[:, self.q].sum(axis=1)
-        return turned, self.coefficient * qvel[:, self.v].sum(axis=1)
 
     def torque(self) -> float:
         """Shaft torque of the last step in Nm."""
@@ -162,83 +153,3 @@ class LooseShaft:
         rate = math.copysign(max(0.0, abs(rate) - braked), rate)
         self._rate = 0.0 if self._jammed else rate
         self._angle += self._rate * step_s
-
-
-class Ballast:
-    """Masses that an arm's profile, and so the driver's model, does not know of; changed while the world runs.
-
-    They are a payload and a person's hand at the tool, and factors on the links' masses.
-
-    Attributes:
-        hand_kg: mass of the hand that is fixed to the tool.
-    """
-
-    def __init__(self, world: World, channel: str):
-        model = world.model
-        self._model = model
-        site = model.site(f"{channel}/tcp_site")
-        self._tool, self._point = int(site.bodyid[0]), site.pos.copy()
-        names = [model.body(b).name.partition("/") for b in range(model.nbody)]
-        self._bodies = {name: body for body, (arm, _, name) in enumerate(names) if arm == channel}
-        self._built = {field: getattr(model, field).copy() for field in _MASS_FIELDS}
-        self._payload_kg = self.hand_kg = self._fist_m = 0.0
-        self._factors: dict[str, float] = {}
-
-    def carry(self, payload_kg: float) -> None:
-        """Put a point mass at the tool, 0 to take it away."""
-        self._payload_kg = payload_kg
-        self._apply()
-
-    def hold(self, hand_kg: float, fist_m: float) -> None:
-        """Fix a hand of that radius of gyration to the tool, 0 kg to take it away."""
-        if hand_kg != self.hand_kg:
-            self.hand_kg, self._fist_m = hand_kg, fist_m
-            self._apply()
-
-    def scale(self, link: str, factor: float) -> None:
-        """Multiply mass and inertia of a link of the profile. Raises ConfigError: no such link."""
-        if link not in self._bodies:
-            raise ConfigError(f"the arm has no body {link!r}; it has {', '.join(self._bodies)}")
-        self._factors[link] = factor
-        self._apply()
-
-    def repair(self) -> None:
-        """Restore the masses of the profile; a hand stays."""
-        if self._payload_kg or self._factors:
-            self._payload_kg, self._factors = 0.0, {}
-            self._apply()
-
-    def _apply(self) -> None:
-        model, bodies = self._model, list(self._bodies.values())
-        for field, built in self._built.items():
-            getattr(model, field)[bodies] = built[bodies]
-        for link, factor in self._factors.items():
-            model.body_mass[self._bodies[link]] *= factor
-            model.body_inertia[self._bodies[link]] *= factor
-        if self._payload_kg:
-            self._add_mass(self._tool, self._payload_kg, self._point)
-        if self.hand_kg:
-            self._add_mass(self._tool, self.hand_kg, self._point, self._fist_m)
-        mujoco.mj_setConst(model, mujoco.MjData(model))
-
-    def _add_mass(self, body: int, mass_kg: float, at_m: np.ndarray, gyration_m: float = 0.0) -> None:
-        """Mass, centre and inertia of a body together with a ball at `at_m` (3,) in its frame."""
-        model = self._model
-        old_kg, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
-        rotation = np.empty(9)
-        mujoco.mju_quat2Mat(rotation, model.body_iquat[body])
-        axes = rotation.reshape(3, 3)
-        arm = at_m - centre
-        inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
-        inertia += old_kg * mass_kg / (old_kg + mass_kg) * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-        inertia += mass_kg * gyration_m**2 * np.eye(3)
-        moments, vectors = np.linalg.eigh(inertia)
-        vectors[:, 2] *= np.linalg.det(vectors)  # right-handed
-        model.body_mass[body] = old_kg + mass_kg
-        model.body_ipos[body] = centre + mass_kg / (old_kg + mass_kg) * arm
-        model.body_inertia[body] = moments
-        mujoco.mju_mat2Quat(model.body_iquat[body], vectors.ravel())
-        # Neither the body's frame nor that of anything on it is the inertia's any more.
-        model.body_sameframe[body] = model.body_simple[body] = 0
-        model.geom_sameframe[model.geom_bodyid == body] = 0
-        model.site_sameframe[model.site_bodyid == body] = 0

@@ -7,8 +7,8 @@ import pytest
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.operator.hands import Interrupted
-from lerobot_robot_yam.rig.operator.scripts.catalog import CATALOG, make_script
-from lerobot_robot_yam.rig.operator.scripts.script import make_setup
+from lerobot_robot_yam.rig.operator.script import make_setup
+from lerobot_robot_yam.rig.operator.task_scripts import CATALOG, make_script
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.scene.tasks import PICK_AND_PLACE, SCRIPTS
 from tests.support.stand_in import StandIn, described

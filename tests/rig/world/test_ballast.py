@@ -1,0 +1,69 @@
+"""Masses that an arm's profile knows nothing of."""
+
+import contextlib
+
+import mujoco
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.arm.dynamics import GravityModel
+from tests.support.rig_desk import Desk
+
+CHANNEL = "follower_left"
+LIFTED = np.array([0.0, 1.2, 1.0, 0.2, 0.0, 0.0])
+
+
+@pytest.fixture
+def desk():
+    with contextlib.closing(Desk(friction=0)) as desk:
+        yield desk
+
+
+def standing_torque(desk, q):
+    """Torque that holds the arm's joints at q (6,), from the world's own model."""
+    world = desk.device.world
+    data = mujoco.MjData(world.model)
+    data.qpos[:] = world.data.qpos
+    data.qpos[world.joint_addresses(CHANNEL)] = q
+    mujoco.mj_forward(world.model, data)
+    return data.qfrc_bias[world.joint_dofs(CHANNEL)]
+
+
+def test_a_payload_pulls_as_a_mass_at_the_tool_does(desk):
+    model = desk.device.world.model
+    plain = standing_torque(desk, LIFTED)
+    assert plain == pytest.approx(GravityModel("yam", "linear_4310").torque(LIFTED), abs=0.05)
+    desk.fault(CHANNEL, None, "payload_kg", 0.8)
+    loaded = standing_torque(desk, LIFTED)
+    data = mujoco.MjData(model)
+    data.qpos[:] = desk.device.world.data.qpos
+    data.qpos[desk.device.world.joint_addresses(CHANNEL)] = LIFTED
+    mujoco.mj_forward(model, data)
+    jacobian = np.zeros((3, model.nv))
+    mujoco.mj_jacSite(model, data, jacobian, None, model.site(f"{CHANNEL}/tcp_site").id)
+    weight = jacobian.T @ [0.0, 0.0, 0.8 * 9.81]
+    assert loaded - plain == pytest.approx(weight[desk.device.world.joint_dofs(CHANNEL)], abs=1e-3)
+    assert np.abs(loaded - plain).max() > 1.0
+
+
+def test_a_payload_has_the_inertia_of_a_point(desk):
+    world = desk.device.world
+    dofs = world.joint_dofs(CHANNEL)
+
+    def inertia():
+        mujoco.mj_forward(world.model, world.data)
+        columns = np.zeros((len(dofs), world.model.nv))
+        for column, unit in zip(columns, np.eye(world.model.nv)[dofs], strict=True):
+            mujoco.mj_mulM(world.model, world.data, column, unit)
+        return columns[:, dofs]
+
+    before = inertia()
+    desk.fault(CHANNEL, None, "payload_kg", 0.8)
+    after = inertia()
+    jacobian = np.zeros((3, world.model.nv))
+    mujoco.mj_jacSite(world.model, world.data, jacobian, None, world.model.site(f"{CHANNEL}/tcp_site").id)
+    assert after - before == pytest.approx(0.8 * jacobian[:, dofs].T @ jacobian[:, dofs], abs=1e-6)
+    places = world.data.geom_xpos.copy(), world.data.site_xpos.copy()
+    desk.clear_faults(CHANNEL)
+    assert inertia() == pytest.approx(before, abs=1e-12)
+    assert (world.data.geom_xpos, world.data.site_xpos) == (pytest.approx(places[0]), pytest.approx(places[1]))
