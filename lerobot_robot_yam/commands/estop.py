@@ -18,7 +18,7 @@ import getpass
 import json
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from platform import node
 
@@ -37,7 +37,7 @@ _NOT = {"latch": "NOT STOPPED", "release": "NOT RELEASED", "status": "NOT KNOWN"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of the command."""
+    """Entry point of `yam-estop`; returns the exit status."""
     parser = argparse.ArgumentParser(
         prog="yam-estop", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -46,12 +46,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="answer in JSON")
     add_host_arguments(parser)
     options = parser.parse_args(arguments)
-    if options.arms_host is not None:
-        return _on_host(options)
-    stops = [EmergencyStop(directory) for directory in _directories(options.action)]
-    before = {stop.directory: stop.reason() for stop in stops if stop.latched}
-    missed = _act(stops, options.action, options.why)
-    latched = [stop for stop in stops if stop.latched and stop.directory not in missed]
+    return _here(options) if options.arms_host is None else _on_host(options)
+
+
+def _here(options: argparse.Namespace) -> int:
+    """Do it in the runtime directories of this computer."""
+    action = options.action
+    stops = [EmergencyStop(directory) for directory in _directories(action)]
+    before = {stop.directory: stop.reason() for stop in stops if stop.latched and action == "release"}
+    missed = _act(stops, action, options.why)
+    reached = [stop for stop in stops if stop.directory not in missed]
+    latched = [stop for stop in reached if stop.latched]
     heard = [(stop.directory, key, process) for stop in latched for key, process in sessions(stop.directory).items()]
     if options.json:
         answer = {
@@ -62,36 +67,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
             "missed": {str(directory): str(error) for directory, error in missed.items()},
         }
         sys.stdout.write(json.dumps(answer) + "\n")
-    elif len(missed) < len(stops):
-        released = before if options.action == "release" else {}
-        _say(stops, latched, missed, [f"{key} (process {process})" for _, key, process in heard], released)
-    _complain(options.action, stops, missed)
-    if options.action == "status":
+    elif reached:
+        _say(reached, before)
+        if latched:
+            sys.stdout.write(f"heard by {_named((key, pid) for _, key, pid in heard)}\n" if heard else _UNHEARD)
+    if missed and not reached and action != "status":
+        reasons = "; ".join(map(str, missed.values()))
+        sys.stderr.write(f"yam-estop: NOTHING IS STOPPED OR RELEASED: {reasons}; switch the arms' power off\n")
+    else:
+        for directory, error in missed.items():
+            sys.stderr.write(
+                f"yam-estop: {_NOT[action]}: arms that are driven by way of {directory}, if any ({error.strerror}); "
+                f"their user can, and root: {as_root(f'yam-estop {action}')}\n"
+            )
+    if action == "status":
         return int(bool(latched))
     # To stop is to stop the arms of all users; to release, only one's own.
-    return int(bool(missed) if options.action == "latch" else stops[0].directory in missed)
-
-
-def _on_host(options: argparse.Namespace) -> int:
-    """The same on the computer that has the arms."""
-    try:
-        answer = ask_host(options, "estop", action=options.action, why=options.why, who=f"{getpass.getuser()}@{node()}")
-    except YamError as error:
-        sys.stderr.write(f"yam-estop: {_NOT[options.action]}: {error}; switch the arms' power off\n")
-        return 1
-    heard = answer["heard_by"]
-    if options.json:
-        fields = {"latched": answer["latched"], "reason": answer["reason"], "heard_by": heard}
-        sys.stdout.write(json.dumps(fields) + "\n")
-    else:
-        what = f"latched: {answer['reason']}" if answer["latched"] else "not latched"
-        by = f"; arms that hear it: {', '.join(heard) or 'none are driven'}" if answer["latched"] else ""
-        sys.stdout.write(f"emergency stop of {options.arms_host} {what}{by}\n")
-    return int(bool(answer["latched"])) if options.action == "status" else 0
+    return int(bool(missed) if action == "latch" else stops[0].directory in missed)
 
 
 def _directories(action: str) -> list[Path]:
-    """Where to act; to stop what this user may start later, its own is made."""
+    """Return where to act; to stop what this user may start later, the user's own directory is made."""
     found = runtime_dirs()
     if os.getuid() == 0 and len(found) > 1 and not found[0].exists():
         return found[1:]  # root drives nothing; others could not read what it leaves here when they stop
@@ -102,7 +98,7 @@ def _directories(action: str) -> list[Path]:
 
 
 def _act(stops: Sequence[EmergencyStop], action: str, why: str) -> dict[Path, OSError]:
-    """Latch or release all; returns those that could not be, or cannot even be looked at."""
+    """Latch or release all; return those that could not be, or cannot even be looked at."""
     missed = {}
     for stop in stops:
         try:
@@ -117,38 +113,38 @@ def _act(stops: Sequence[EmergencyStop], action: str, why: str) -> dict[Path, OS
     return missed
 
 
-def _say(
-    stops: Sequence[EmergencyStop],
-    latched: Sequence[EmergencyStop],
-    missed: Mapping[Path, OSError],
-    heard: Sequence[str],
-    released: Mapping[Path, str],
-) -> None:
-    several = len(stops) - len(missed) > 1
-    for stop in stops:
-        if stop.directory in missed:
-            continue
-        where = f" in {stop.directory}" if several else ""
-        what = f"latched{where}: {stop.reason()}" if stop in latched else f"not latched{where}"
-        if stop not in latched and stop.directory in released:
+def _say(reached: Sequence[EmergencyStop], released: Mapping[Path, str]) -> None:
+    """Say of each directory whether its stop is latched, and which sessions a release lets go on."""
+    for stop in reached:
+        where = f" in {stop.directory}" if len(reached) > 1 else ""
+        what = f"latched{where}: {stop.reason()}" if stop.latched else f"not latched{where}"
+        if not stop.latched and stop.directory in released:
             what = f"released{where}; it was latched: {released[stop.directory]}"
-            driven = ", ".join(f"{key} (process {process})" for key, process in sessions(stop.directory).items())
-            what += f"\ndriven: {driven}; arms of running sessions go on, those of ended ones land" if driven else ""
+            if driven := _named(sessions(stop.directory).items()):
+                what += f"\ndriven: {driven}; arms of running sessions go on, those of ended ones land"
         sys.stdout.write(f"emergency stop {what}\n")
-    if latched:
-        sys.stdout.write(f"heard by {', '.join(heard)}\n" if heard else _UNHEARD)
 
 
-def _complain(action: str, stops: Sequence[EmergencyStop], missed: Mapping[Path, OSError]) -> None:
-    if len(missed) == len(stops) and action != "status":
-        reasons = "; ".join(map(str, missed.values()))
-        sys.stderr.write(f"yam-estop: NOTHING IS STOPPED OR RELEASED: {reasons}; switch the arms' power off\n")
-        return
-    for directory, error in missed.items():
-        sys.stderr.write(
-            f"yam-estop: {_NOT[action]}: arms that are driven by way of {directory}, if any ({error.strerror}); "
-            f"their user can, and root: {as_root(f'yam-estop {action}')}\n"
-        )
+def _named(sessions: Iterable[tuple[str, str]]) -> str:
+    return ", ".join(f"{key} (process {process})" for key, process in sessions)
+
+
+def _on_host(options: argparse.Namespace) -> int:
+    """Do it on the computer that has the arms."""
+    try:
+        answer = ask_host(options, "estop", action=options.action, why=options.why, who=f"{getpass.getuser()}@{node()}")
+    except YamError as error:
+        sys.stderr.write(f"yam-estop: {_NOT[options.action]}: {error}; switch the arms' power off\n")
+        return 1
+    heard = answer["heard_by"]
+    if options.json:
+        fields = {"latched": answer["latched"], "reason": answer["reason"], "heard_by": heard}
+        sys.stdout.write(json.dumps(fields) + "\n")
+    else:
+        what = f"latched: {answer['reason']}" if answer["latched"] else "not latched"
+        by = f"; arms that hear it: {', '.join(heard) or 'none are driven'}" if answer["latched"] else ""
+        sys.stdout.write(f"emergency stop of {options.arms_host} {what}{by}\n")
+    return int(bool(answer["latched"])) if options.action == "status" else 0
 
 
 if __name__ == "__main__":

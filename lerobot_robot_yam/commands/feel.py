@@ -10,14 +10,15 @@ only, at its own rate. Exit status: 0 done; 1 it cannot be done; 2 wrong argumen
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL
 from lerobot_robot_yam.arm.mounting import resolve_profiles
-from lerobot_robot_yam.commands.lib.arm_command import run_command, table, tell
+from lerobot_robot_yam.commands.lib.arm_command import command_parser, run_command, table, tell
 from lerobot_robot_yam.commands.lib.feel_figures import (
     SPEED_RAD_S,
     Effort,
@@ -27,13 +28,145 @@ from lerobot_robot_yam.commands.lib.feel_figures import (
     motion,
     periods_s,
 )
-from lerobot_robot_yam.commands.lib.feel_sources import record_states, recorded_motion
 from lerobot_robot_yam.commands.lib.plot_file import plot_file
-from lerobot_robot_yam.state.records import channel_key
+from lerobot_robot_yam.errors import BusError, ConfigError, StaleStateError
+from lerobot_robot_yam.state.records import STATE_DTYPE, channel_key, state_path
 from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.runtime_files import rig_name
+from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _HEAD = ("joint", "moved rad", "lag ms", "tracking mrad", "jerk ratio", "feedback Nm", "largest", "backdrive Nm")
+_LOOK_S = 0.0005  # between two looks at the published states: an eighth of a tick
+_SILENT_S = 0.5  # age of the last state, at most
+_LEAST_FRAMES = 30  # of an episode
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `yam-feel`; returns the exit status."""
+    parser = command_parser("yam-feel", __doc__)
+    parser.add_argument("path", type=user_path, nargs="?", help="directory of a data set, in place of a session")
+    parser.add_argument("--episode", type=int, default=0, help="of the data set (default 0)")
+    parser.add_argument("--leader", help="CAN channel of the leader")
+    parser.add_argument("--follower", help="CAN channel of the follower")
+    parser.add_argument("--interface", help=f"python-can interface (default {SOCKETCAN}, with --rig {VIRTUAL})")
+    parser.add_argument("--rig", help="name of a virtual rig")
+    parser.add_argument("--arm", default="yam", help="profile of the leader (default yam)")
+    parser.add_argument("--gripper", default="yam_teaching_handle", help="its end (default yam_teaching_handle)")
+    parser.add_argument("--seconds", type=float, default=10.0, help="to watch the session (default 10)")
+    parser.add_argument("--plot", type=user_path, help="file for a picture, such as feel.png")
+    args = parser.parse_args(arguments)
+    if (args.path is None) != bool(args.leader and args.follower):
+        parser.error("give --leader and --follower of a running session, or the directory of a data set")
+    if not 2.0 <= args.seconds <= 600.0:
+        parser.error("--seconds takes 2 … 600")
+    return run_command("yam-feel", lambda: _watch(args) if args.path is None else _look_back(args))
+
+
+def _watch(args: argparse.Namespace) -> int:
+    """Report on a session that runs; returns the exit status.
+
+    Raises:
+        YamError: no session drives one of the arms, it ends, or the profile is not the leader's.
+    """
+    arm, gripper = resolve_profiles(args.arm, args.gripper)
+    interface = args.interface or (VIRTUAL if args.rig else SOCKETCAN)
+    rig = rig_name(args.rig)[0] if interface == VIRTUAL else None
+    keys = {name: channel_key(interface, name, rig) for name in (args.leader, args.follower)}
+    hint = f"move the leader by hand, each joint to and fro, for {args.seconds:g} s …"
+    led, follows = _record_states(keys, args.seconds, lambda: tell(hint))
+    lines, periods = [], {}
+    for name, states in ((args.leader, led), (args.follower, follows)):
+        periods[name] = lasted_s = periods_s(states)
+        p50, p99, most = np.percentile(lasted_s, (50, 99, 100)) * 1e3
+        lost = int((states["lost"][-1] - states["lost"][0]).sum())
+        loop = f"periods of the loop p50 {p50:.2f} ms, p99 {p99:.2f}, max {most:.2f}; lost replies {lost}"
+        lines.append(f"{name}: {loop}")
+    coupled = float(np.mean(follows["coupled_to"] != 0))
+    lines.append(f"{args.follower}: follows at loop rate for {coupled:.0%} of the time")
+    return _report(motion(led, follows), effort(led, arm, gripper), lines, args.plot, periods)
+
+
+def _record_states(keys: Mapping[str, str], seconds: float, begins: Callable[[], None]) -> list[np.ndarray]:
+    """Record the states of some arms while `seconds` pass, from outside their session: `STATE_DTYPE` (k,) each.
+
+    Args:
+        keys: of each arm what messages call it, and its channel's key.
+        seconds: to record.
+        begins: called when all arms are there.
+
+    Raises:
+        ConfigError: no session drives an arm.
+        BusError: a session ended meanwhile.
+    """
+    blocks: list[SharedBlock] = []
+    try:
+        for name, key in keys.items():
+            try:
+                blocks.append(SharedBlock(state_path(key), STATE_DTYPE, create=False))
+            except FileNotFoundError as error:
+                raise ConfigError(f"{name}: no session drives it; start one, such as lerobot-teleoperate") from error
+            except StaleStateError as error:
+                raise ConfigError(f"{name}: {error}") from error
+        begins()
+        payloads: list[list[bytes]] = [[] for _ in blocks]
+        seen, until_s = [0] * len(blocks), time.monotonic() + seconds
+        while time.monotonic() < until_s:
+            for index, block in enumerate(blocks):
+                sequence = block.sequence()
+                if sequence != seen[index] and (payload := block.glance_bytes()) is not None:
+                    seen[index] = sequence
+                    payloads[index].append(payload)
+            time.sleep(_LOOK_S)
+    finally:
+        for block in blocks:
+            block.close()
+    states = [np.frombuffer(b"".join(found), STATE_DTYPE) for found in payloads]
+    for name, found in zip(keys, states, strict=True):
+        if not len(found) or time.monotonic() - found["stamp_s"][-1] > _SILENT_S:
+            raise BusError(f"{name}: its session has ended, or its control loop hangs; start it and measure again")
+    return states
+
+
+def _look_back(args: argparse.Namespace) -> int:
+    """Report on an episode of a data set: actions are the leader's, states the follower's. Returns the exit status.
+
+    Raises:
+        ConfigError: no data set, no such episode, or not of joints; says which.
+    """
+    from lerobot_robot_yam.face.datasets.check.motion_checks import arms_of
+    from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, open_dataset
+
+    data = open_dataset(args.path)
+    episode = next((found for found in data.episodes if found.number == args.episode and found.length), None)
+    if episode is None or episode.length < _LEAST_FRAMES:
+        has = f"{episode.length} frames" if episode else f"no rows that can be read; there are {len(data.episodes)}"
+        raise ConfigError(f"{args.path}: episode {args.episode} has {has}; give --episode another number")
+    arms = []
+    if ACTION in episode.rows and STATE in episode.rows:
+        features = data.features[ACTION], data.features[STATE]
+        arms = arms_of(episode.rows[ACTION], episode.rows[STATE], *features, data.unit)
+    if not arms:
+        raise ConfigError(f"{args.path}: its actions are no joints of its states; record it with action_space: joint")
+    names = [f"{arm.prefix}joint_{joint + 1}" for arm in arms for joint in range(arm.action.shape[1])]
+    leader, follower = (np.hstack([getattr(arm, side) for arm in arms]) for side in ("action", "state"))
+    return _report(Motion(names, np.arange(episode.length) / data.fps, leader, follower), None, [], args.plot, {})
+
+
+def _report(
+    motion: Motion, effort: Effort | None, lines: Sequence[str], plot: Path | None, periods: Mapping[str, np.ndarray]
+) -> int:
+    rows = _rows(motion, effort)
+    said = [table(_HEAD[: len(rows[0])], rows), *lines]
+    if effort is not None:
+        drag, friction = (", ".join(_shown(value, 2) for value in nm) for nm in (effort.drag_nm, effort.friction_nm))
+        said.append(
+            f"backdrive: drag of the motors at {SPEED_RAD_S:g} rad/s, {drag}, and the profile's friction, {friction}"
+        )
+    sys.stdout.write("\n".join(said) + "\n")
+    if plot is not None:
+        _save_plot(plot, motion, effort, periods)
+        sys.stdout.write(f"picture: {plot}\n")
+    return 0
 
 
 def _rows(motion: Motion, effort: Effort | None) -> list[tuple[str, ...]]:
@@ -55,33 +188,8 @@ def _shown(value: float, places: int) -> str:
     return f"{value:.{places}f}" if np.isfinite(value) else "–"
 
 
-def _periods(name: str, periods: np.ndarray, states: np.ndarray) -> str:
-    lost = int((states["lost"][-1] - states["lost"][0]).sum())
-    p50, p99 = np.percentile(periods, (50, 99)) * 1e3
-    most = periods.max() * 1e3
-    return f"{name}: periods of the loop p50 {p50:.2f} ms, p99 {p99:.2f}, max {most:.2f}; lost replies {lost}"
-
-
-def _report(
-    motion: Motion, effort: Effort | None, lines: Sequence[str], plot: Path | None, periods: Mapping[str, np.ndarray]
-) -> int:
-    rows = _rows(motion, effort)
-    said = [table(_HEAD[: len(rows[0])], rows), *lines]
-    if effort is not None:
-        drag = ", ".join(_shown(value, 2) for value in effort.drag_nm)
-        friction = ", ".join(_shown(value, 2) for value in effort.friction_nm)
-        said.append(
-            f"backdrive: drag of the motors at {SPEED_RAD_S:g} rad/s, {drag}, and the profile's friction, {friction}"
-        )
-    sys.stdout.write("\n".join(said) + "\n")
-    if plot is not None:
-        _save_plot(plot, motion, effort, periods)
-        sys.stdout.write(f"picture: {plot}\n")
-    return 0
-
-
 def _save_plot(path: Path, motion: Motion, effort: Effort | None, periods: Mapping[str, np.ndarray]) -> None:
-    """Both arms and their difference, feedback, periods. Raises ConfigError, see `plot_file`."""
+    """Draw both arms and their difference, feedback, periods. Raises ConfigError, see `plot_file`."""
     n = len(motion.names)
     rows = 2 + (effort is not None) + bool(periods)
     with plot_file(path, (3.2 * n, 3.2 * rows), dpi=100) as figure:
@@ -106,54 +214,6 @@ def _save_plot(path: Path, motion: Motion, effort: Effort | None, periods: Mappi
                 axes.hist(lasted_s * 1e3, bins=100, histtype="step", log=True, label=name)
             axes.set(xlabel="period of the control loop, ms", ylabel="ticks")
             axes.legend(fontsize=8)
-
-
-def watch(args: argparse.Namespace) -> int:
-    """Report on a session that runs; returns the exit status.
-
-    Raises:
-        YamError: no session drives one of the arms, it ends, or the profile is not the leader's.
-    """
-    arm, gripper = resolve_profiles(args.arm, args.gripper)
-    interface = args.interface or (VIRTUAL if args.rig else SOCKETCAN)
-    rig = rig_name(args.rig)[0] if interface == VIRTUAL else None
-    pair = (args.leader, args.follower)
-    hint = f"move the leader by hand, each joint to and fro, for {args.seconds:g} s …"
-    keys = [(name, channel_key(interface, name, rig)) for name in pair]
-    states = record_states(keys, args.seconds, lambda: tell(hint))
-    periods = {name: periods_s(found) for name, found in zip(pair, states, strict=True)}
-    lines = [_periods(name, periods[name], found) for name, found in zip(pair, states, strict=True)]
-    coupled = float(np.mean(states[1]["coupled_to"] != 0))
-    lines.append(f"{args.follower}: follows at loop rate for {coupled:.0%} of the time")
-    return _report(motion(*states), effort(states[0], arm, gripper), lines, args.plot, periods)
-
-
-def look_back(args: argparse.Namespace) -> int:
-    """Report on an episode of a data set; returns the exit status. Raises ConfigError, see `recorded_motion`."""
-    return _report(recorded_motion(args.path, args.episode), None, [], args.plot, {})
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-feel`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-feel", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("path", type=user_path, nargs="?", help="directory of a data set, in place of a session")
-    parser.add_argument("--episode", type=int, default=0, help="of the data set (default 0)")
-    parser.add_argument("--leader", help="CAN channel of the leader")
-    parser.add_argument("--follower", help="CAN channel of the follower")
-    parser.add_argument("--interface", help=f"python-can interface (default {SOCKETCAN}, with --rig {VIRTUAL})")
-    parser.add_argument("--rig", help="name of a virtual rig")
-    parser.add_argument("--arm", default="yam", help="profile of the leader (default yam)")
-    parser.add_argument("--gripper", default="yam_teaching_handle", help="its end (default yam_teaching_handle)")
-    parser.add_argument("--seconds", type=float, default=10.0, help="to watch the session (default 10)")
-    parser.add_argument("--plot", type=user_path, help="file for a picture, such as feel.png")
-    args = parser.parse_args(arguments)
-    if (args.path is None) != bool(args.leader and args.follower):
-        parser.error("give --leader and --follower of a running session, or the directory of a data set")
-    if not 2.0 <= args.seconds <= 600.0:
-        parser.error("--seconds takes 2 … 600")
-    return run_command("yam-feel", lambda: watch(args) if args.path is None else look_back(args))
 
 
 if __name__ == "__main__":

@@ -10,14 +10,15 @@ HAZARD: this ENERGISES the arms. Files are of the form of the vendor's example. 
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
-    ask,
+    command_parser,
+    confirm_word,
     each_arm,
+    gripper_seeks_stops,
     run_command,
     tell,
     tell_landed,
@@ -27,7 +28,6 @@ from lerobot_robot_yam.commands.lib.float_console import FloatConsole
 from lerobot_robot_yam.commands.lib.key_terminal import key_terminal
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.session.arm_session import ArmSession
-from lerobot_robot_yam.session.trajectory import Trajectory
 from lerobot_robot_yam.session.trajectory_file import load_trajectory
 from lerobot_robot_yam.system.paths import user_path
 
@@ -36,9 +36,7 @@ _WORD = "float"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-float`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-float", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("yam-float", __doc__)
     add_arm_arguments(parser, several=True)
     parser.add_argument(
         "--calibration", nargs="+", metavar="PATH", help="the gripper's stored stops; without them it seeks its stops"
@@ -51,49 +49,39 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _float(args: argparse.Namespace) -> int:
+    """Energise the arms, do as the keys say, and land them however that ends; returns the exit status."""
     if not sys.stdin.isatty():
         raise ConfigError("it is driven by keys, and there is no terminal to type them; nothing was energised")
     loaded = None if args.load is None else load_trajectory(args.load)
     configs = [
         with_likely_gripper(arm, calibration_path=arm.calibration, track_integral=True) for arm in each_arm(args)
     ]
-    hardware = [ResolvedArm(config) for config in configs]
     if loaded is not None:
-        loaded.check(hardware)
+        loaded.check([ResolvedArm(config) for config in configs])
     session = ArmSession(configs)
-    tell(_hazard(hardware))
-    if not args.yes and ask(f"Type {_WORD} to go on:") != _WORD:
-        raise ConfigError("not confirmed; nothing was energised")
-    return tell_landed(_drive(session, configs, args.output, loaded))
-
-
-def _drive(session: ArmSession, configs: Sequence[ArmConfig], output: Path, loaded: Trajectory | None) -> bool:
-    """Energise the arms, do as the keys say, and land them however that ends; returns whether they are down."""
+    tell(_hazard(configs))
+    if not args.yes:
+        confirm_word(_WORD, f"Type {_WORD} to go on:")
     with key_terminal() as terminal:
         try:
             session.start()
-            FloatConsole(session, [config.name for config in configs], terminal, output, loaded).run()
+            FloatConsole(session, [config.name for config in configs], terminal, args.output, loaded).run()
         finally:
             landed = session.stop()
-    return landed
+    return tell_landed(landed)
 
 
-def _hazard(arms: Sequence[ResolvedArm]) -> str:
-    """What will happen, for the person who has to confirm it."""
-    channels = " and ".join(arm.config.channel for arm in arms)
+def _hazard(configs: Sequence[ArmConfig]) -> str:
+    """Say what will happen, for the person who has to confirm it."""
+    channels = " and ".join(config.channel for config in configs)
     text = (
         f"HAZARD: this energises the arm on {channels}. It floats: it weighs nothing to your hand, and stays where you "
         "let it go. A replay moves it by itself. Keep clear of its way, and the emergency stop within reach."
     )
-    seeks = [arm.name for arm in arms if arm.has_gripper and not _stored(arm)]
+    seeks = [config.name for config in configs if gripper_seeks_stops(config)]
     if seeks:
         text += f" The gripper of {' and '.join(seeks)} closes and opens fully to find its stops (see --calibration)."
     return text
-
-
-def _stored(arm: ResolvedArm) -> bool:
-    path = arm.config.calibration_path
-    return path is not None and Path(path).exists()
 
 
 if __name__ == "__main__":

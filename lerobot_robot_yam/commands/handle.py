@@ -12,13 +12,13 @@ import json
 import math
 import select
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
     arm_config,
-    ask,
+    command_parser,
+    confirm_word,
     need_terminal,
     own_bus,
     run_command,
@@ -33,7 +33,6 @@ from lerobot_robot_yam.damiao.handle_encoder import (
     HandleReport,
 )
 from lerobot_robot_yam.damiao.settings.handle_access import HandleAccess
-from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
 HANDLE = "yam_teaching_handle"
@@ -45,9 +44,7 @@ _Work = Callable[[argparse.Namespace, HandleAccess], None]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-handle`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-handle", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("yam-handle", __doc__)
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
 
     def action(name: str, work: _Work, text: str) -> argparse.ArgumentParser:
@@ -127,8 +124,8 @@ def _report(args: argparse.Namespace, handle: HandleAccess) -> None:
 def _zero(args: argparse.Namespace, handle: HandleAccess) -> None:
     handle.firmware()
     tell(f"the trigger reads {handle.report().position_rad:+.3f} rad")
-    if not args.yes and ask("Let go of the trigger, then type zero to make this its zero:") != "zero":
-        raise ConfigError("not confirmed; nothing was changed")
+    if not args.yes:
+        confirm_word("zero", "Let go of the trigger, then type zero to make this its zero:", "nothing was changed")
     handle.set_zero()
     tell("the released trigger reads 0 now. Learn its range again (yam-handle range)")
 
@@ -143,23 +140,23 @@ def _range(args: argparse.Namespace, handle: HandleAccess) -> None:
 
 
 def _share(args: argparse.Namespace, report: HandleReport) -> float:
-    """0 released … 1 squeezed, over its own range if a file says so."""
+    """Return 0 released … 1 squeezed, over its own range if a file says so."""
     if args.calibration is None:
         return report.trigger
     return load_range(args.channel, args.calibration, args.gripper or HANDLE).share(report.trigger)
 
 
 def _reports(handle: HandleAccess, seconds: float | None) -> Iterator[HandleReport]:
-    """Reports until the time has passed, or Enter is pressed."""
-    end_s, terminal = math.inf if seconds is None else time.monotonic() + seconds, sys.stdin.isatty()
+    """Ask for reports until the time has passed, or Enter is pressed."""
+    end_s, terminal = math.inf if seconds is None else handle.clock.now() + seconds, sys.stdin.isatty()
     while True:
         yield handle.report()
-        if terminal and select.select([sys.stdin], [], [], _LIVE_S)[0]:
+        if not terminal:
+            handle.clock.sleep(_LIVE_S)
+        elif select.select([sys.stdin], [], [], _LIVE_S)[0]:
             sys.stdin.readline()
             return
-        if not terminal:
-            time.sleep(_LIVE_S)
-        if time.monotonic() >= end_s:
+        if handle.clock.now() >= end_s:
             return
 
 

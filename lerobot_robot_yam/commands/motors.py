@@ -21,6 +21,7 @@ from collections.abc import Callable, Sequence
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
     arm_config,
+    command_parser,
     need_terminal,
     own_bus,
     run_command,
@@ -28,19 +29,19 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     table,
     tell,
 )
-from lerobot_robot_yam.commands.lib.motor.motor_bench import ANSWERS_BEYOND, MotorBench, nothing_answers, tell_notes
+from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench, nothing_answers
 from lerobot_robot_yam.commands.lib.motor.motor_changes import (
     restore_arm,
-    set_timeout,
-    show_timeout,
+    set_id,
     store_motors,
+    timeout,
     write_registers,
 )
 from lerobot_robot_yam.commands.lib.motor.motor_console import console
-from lerobot_robot_yam.commands.lib.motor.motor_dump import differences, load_dump, save_dump, shown
-from lerobot_robot_yam.commands.lib.motor.motor_ids import set_id
+from lerobot_robot_yam.commands.lib.motor.motor_dump import load_dump, save_dump, shown
 from lerobot_robot_yam.commands.lib.motor.motor_monitor import monitor_session
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
+from lerobot_robot_yam.damiao.settings.motor_memory import changes
 from lerobot_robot_yam.damiao.settings.register_ranges import register_named
 from lerobot_robot_yam.errors import ConfigError, MotorError
 from lerobot_robot_yam.system.paths import user_path
@@ -51,9 +52,7 @@ _Work = Callable[[argparse.Namespace, MotorBench], int]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-motors`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-motors", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("yam-motors", __doc__)
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
 
     def action(name: str, work: _Work, text: str, motors: bool = True, asks: bool = False) -> argparse.ArgumentParser:
@@ -79,12 +78,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     write.add_argument("setting", nargs="+", metavar="REGISTER=VALUE", help="such as OT_VALUE=100")
     write.add_argument("--store", action="store_true", help="store them, so that they survive a power cycle")
     action("store", store_motors, "store what limp motors hold in RAM, and see to it that nothing changes", asks=True)
-    ids = action("set-id", _set_id, "give a limp motor another CAN id, and store it", motors=False, asks=True)
+    ids = action("set-id", set_id, "give a limp motor another CAN id, and store it", motors=False, asks=True)
     ids.add_argument("old", type=int, help="its present id")
     ids.add_argument("new", type=int, help="its id from now on")
     ids.add_argument("--answers", type=int, metavar="ID", help="what it answers as (MST_ID; default: its new id + 16)")
-    timeout = action("timeout", _timeout, "show or set the time without a command after which motors let go", asks=True)
-    timeout.add_argument("seconds", nargs="?", type=float, help="0.4 is what sessions ask for; 0: NEVER lets go")
+    let_go = action("timeout", timeout, "show or set the time without a command after which motors let go", asks=True)
+    let_go.add_argument("seconds", nargs="?", type=float, help="0.4 is what sessions ask for; 0: NEVER lets go")
     dump = action("dump", _dump, "write all registers of an arm into a file; reads only")
     diff = action("diff", _diff, "compare an arm with a file; exit status 1 when something differs", motors=False)
     restore = action("restore", restore_arm, "write back and store what differs from a file", motors=False, asks=True)
@@ -122,7 +121,8 @@ def _scan(args: argparse.Namespace, bench: MotorBench) -> int:
     if not found:
         raise MotorError(nothing_answers(bench.channel))
     if not args.json:
-        tell_notes(bench.notes(found))
+        for note in bench.notes(found):
+            tell(f"note: {note}")
     return 0
 
 
@@ -137,7 +137,7 @@ def _read(args: argparse.Namespace, bench: MotorBench) -> int:
         sys.stdout.write(json.dumps({"channel": bench.channel, "motors": rows}) + "\n")
         return 0
     names = wanted or list(dict.fromkeys(register for contents in held.values() for register in contents))
-    lines = [[r.name, *(str(shown(r, c[r])) if r in c else "not told" for c in held.values()), r.unit] for r in names]
+    lines = [[r.name, *(str(shown(r, c.get(r))) for c in held.values()), r.unit] for r in names]
     sys.stdout.write(table(["register", *map(bench.name, held), "unit"], lines) + "\n")
     return 0
 
@@ -153,14 +153,6 @@ def _write(args: argparse.Namespace, bench: MotorBench) -> int:
     return write_registers(args, bench, settings)
 
 
-def _set_id(args: argparse.Namespace, bench: MotorBench) -> int:
-    return set_id(args, bench, args.old, args.new, args.new + ANSWERS_BEYOND if args.answers is None else args.answers)
-
-
-def _timeout(args: argparse.Namespace, bench: MotorBench) -> int:
-    return show_timeout(args, bench) if args.seconds is None else set_timeout(args, bench, args.seconds)
-
-
 def _dump(args: argparse.Namespace, bench: MotorBench) -> int:
     held = {can_id: bench.contents(can_id) for can_id in bench.ids(args.motor)}
     save_dump(args.file, bench.channel, held)
@@ -169,9 +161,11 @@ def _dump(args: argparse.Namespace, bench: MotorBench) -> int:
 
 
 def _diff(args: argparse.Namespace, bench: MotorBench) -> int:
-    stored = load_dump(args.file)
-    held = {can_id: bench.contents(can_id) for can_id in stored}
-    rows = differences(bench.names, stored, held)
+    rows = [
+        [bench.name(can_id), register.name, *(str(shown(register, value)) for value in values)]
+        for can_id, stored in load_dump(args.file).items()
+        for register, values in changes(stored, bench.contents(can_id)).items()
+    ]
     if rows:
         sys.stdout.write(table(["motor", "register", "file", "motor has"], rows) + "\n")
     else:

@@ -13,37 +13,55 @@ import dataclasses
 import sys
 import tempfile
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.profile_files import load_gripper
-from lerobot_robot_yam.arm.tuning.tuning import load_tuning, save_tuning
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.arm.tuning.gravity_terms import GravityTerms
+from lerobot_robot_yam.arm.tuning.tuning import Tuning, load_tuning, save_tuning
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
     ask,
+    command_parser,
+    confirm_word,
+    gripper_seeks_stops,
     need_terminal,
     run_command,
     tell,
     with_likely_gripper,
 )
 from lerobot_robot_yam.commands.lib.plot_file import require_plot
-from lerobot_robot_yam.commands.lib.tune.least_squares import require_engine
-from lerobot_robot_yam.commands.lib.tune.tune_plan import MARGIN_M, SPEED_RAD_S
+from lerobot_robot_yam.commands.lib.tune.tune_fit import Fit, NotToldError, fit, require_engine
+from lerobot_robot_yam.commands.lib.tune.tune_motion import (
+    MARGIN_M,
+    SPEED_RAD_S,
+    Route,
+    Samples,
+    expected,
+    shown,
+    sweep,
+)
 from lerobot_robot_yam.commands.lib.tune.tune_report import report, save_plot
-from lerobot_robot_yam.commands.lib.tune.tune_run import LEGS, Tuner
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.session.arm_session import Isolation
+from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.system.paths import user_path
 
+LEGS = 12  # of an automatic run: 80 s
 _WORD = "tune"
+_HOLD_POSES = 4  # at which the tuning is tried
+_REMEDY_LEGS = 2
+_GUIDED_MOST = 20
+_LEAST_MOVED_RAD = 0.15  # of a joint, for its friction to show
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-tune`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-tune", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("yam-tune", __doc__)
     add_arm_arguments(parser)
     parser.add_argument("--out", type=user_path, required=True, metavar="PATH", help="the tuning to write")
     parser.add_argument("--force", action="store_true", help="replace the file at --out")
@@ -71,31 +89,23 @@ def _tune(args: argparse.Namespace) -> int:
     need_terminal(args.yes)
     if any(args.tilt) and args.floor_z is None:
         raise ConfigError("with --tilt say where the table is: --floor-z, its height above the foot of the base, m")
-    fields = {
-        "base_tilt_rad": list(args.tilt),
-        "calibration_path": args.calibration,
-        "gravity_factor": args.gravity_factor,
-    }
-    config = with_likely_gripper(args, **fields)
-    tell(hazard(config, args.guided))
-    if not args.yes and ask(f"Clear the space around the arm, then type {_WORD} to go on:") != _WORD:
-        raise ConfigError("not confirmed; nothing was energised")
-    return tune(config, args)
-
-
-def hazard(config: ArmConfig, guided: bool) -> str:
-    """What will happen, for the person who has to confirm it."""
-    first = "floats so that you can lead it by hand, then goes" if guided else "goes"
-    path = config.calibration_path
-    searches = ""
-    if load_gripper(config.gripper).motor is not None and (path is None or not Path(path).exists()):
-        searches = " Its gripper closes and opens fully to find its stops (--calibration avoids that)."
-    return (
+    config = with_likely_gripper(
+        args,
+        base_tilt_rad=list(args.tilt),
+        calibration_path=args.calibration,
+        gravity_factor=args.gravity_factor,
+    )
+    first = "floats so that you can lead it by hand, then goes" if args.guided else "goes"
+    seeks = " Its gripper closes and opens fully to find its stops (--calibration avoids that)."
+    tell(
         f"HAZARD: this energises the arm on channel {config.channel}, which {first} through poses all over its range, "
         f"at up to {SPEED_RAD_S} rad/s, for 2 minutes, lands, rises once more and lands. It keeps {MARGIN_M * 1e3:.0f} "
         "mm from the table and from itself; it knows of nothing else in its way. Keep hands off all arms and the "
-        f"emergency stop within reach.{searches}"
+        f"emergency stop within reach.{seeks if gripper_seeks_stops(config) else ''}"
     )
+    if not args.yes:
+        confirm_word(_WORD, f"Clear the space around the arm, then type {_WORD} to go on:")
+    return tune(config, args)
 
 
 def tune(config: ArmConfig, args: argparse.Namespace, isolation: Isolation = "process", legs: int = LEGS) -> int:
@@ -118,16 +128,104 @@ def tune(config: ArmConfig, args: argparse.Namespace, isolation: Isolation = "pr
     workspace = WorkspaceConfig(floor_z_m=(args.floor_z or 0.0) + MARGIN_M, collision_margin_m=MARGIN_M)
     tuner = Tuner(dataclasses.replace(config, hold_integral=False), isolation, workspace, bare, legs)
     found, before, poses = tuner.measure(args.guided)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "tuning.yaml"
-        save_tuning(path, found.tuning)
-        after = tuner.hold(path, poses)
+    after = tuner.hold(found.tuning, poses)
     save_tuning(args.out, found.tuning)
     sys.stdout.write(report(tuner.hardware, found, before, after) + f"\ntuning: {args.out}\n")
     if args.plot is not None:
         save_plot(args.plot, tuner.hardware, found, before, after)
         sys.stdout.write(f"picture: {args.plot}\n")
     return 0
+
+
+class Tuner:
+    """Drives one arm: to measure, and once more to see how it holds with the tuning.
+
+    Args:
+        config: the arm, without a tuning.
+        isolation: where its control loop runs.
+        workspace: what its ways keep clear of.
+        bare: its tuning without a payload, if a payload is sought.
+        legs: ways of an automatic run, each gone there and back.
+
+    Raises:
+        ConfigError: it cannot be tuned so.
+    """
+
+    def __init__(
+        self, config: ArmConfig, isolation: Isolation, workspace: WorkspaceConfig, bare: Tuning | None, legs: int = LEGS
+    ):
+        self._config, self._isolation, self._bare, self._legs = config, isolation, bare, legs
+        self.hardware = hardware = ResolvedArm(config)
+        if not hardware.joints:
+            raise ConfigError(f"{config.name}: arm {config.arm!r} has no joints to tune")
+        profiles = hardware.arm, hardware.gripper
+        if bare is not None:
+            bare.tuned(*profiles)  # it may be another arm's
+        self._terms = GravityTerms(*profiles, tilt_rad=hardware.tilt_rad)
+        self._route = Route(hardware, self._terms, workspace)
+
+    def measure(self, guided: bool) -> tuple[Fit, np.ndarray, np.ndarray]:
+        """Move the arm; return what it weighs and how it rubs, how it held, and its poses (k, n) rad.
+
+        Raises:
+            ConfigError: a pose would hit something, or the poses do not tell all; says which.
+            YamError: the arm stops, is stopped or is silent.
+        """
+        with YamArm(self._config, isolation=self._isolation, start="hold") as arm:
+            start = arm.observe().q
+            if guided:
+                poses = np.array(_led_poses(arm))
+                self._route.check([arm.observe().setpoint_q, *poses])
+                self._fit(expected(self.hardware, self._terms, poses), poses)
+            else:
+                poses = self._route.plan(start, self._legs)
+            arm.move_to(poses[0], speed_rad_s=SPEED_RAD_S)
+            samples, holds = sweep(arm, poses, partial(_progress, "measuring"))
+        return self._fit(samples, poses), holds, poses
+
+    def hold(self, tuning: Tuning, poses: np.ndarray) -> np.ndarray:
+        """Return (m, n) rad: how far the arm, with a tuning, hangs off its set-point at some of those poses."""
+        few = poses[:_HOLD_POSES]
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "tuning.yaml"
+            save_tuning(path, tuning)
+            tuned = {"tuning": str(path), "gravity_factor": None}
+            with YamArm(self._config, isolation=self._isolation, start="hold", **tuned) as arm:
+                arm.move_to(few[0], speed_rad_s=SPEED_RAD_S)
+                return sweep(arm, few, partial(_progress, "trying"))[1]
+
+    def _fit(self, samples: Samples, poses: np.ndarray) -> Fit:
+        """Fit. Raises ConfigError: the samples do not tell all; says which poses would."""
+        try:
+            return fit(self.hardware, samples, self._bare)
+        except NotToldError as error:
+            moved, names = np.ptp(poses, axis=0), self.hardware.joint_names
+            still = [f"{names[j]} by {moved[j]:.2f} rad" for j in error.joints if moved[j] < _LEAST_MOVED_RAD]
+            more = " → ".join(map(shown, self._route.plan(poses[-1], _REMEDY_LEGS)))
+            raise ConfigError(
+                f"{error}{'; the poses move only ' * bool(still)}{', '.join(still)}. Poses that would, in rad: {more}. "
+                "Nothing was written"
+            ) from error
+
+
+def _progress(doing: str, share: float) -> None:
+    tell(f"\r{doing}: {share:4.0%}", end="" if share < 1.0 else "\n")
+
+
+def _led_poses(arm: YamArm) -> list[np.ndarray]:
+    """Return the poses to which a person has led the floating arm; it holds afterwards."""
+    tell("The arm floats. Lead it to poses that are clear of everything; the ways between them will be straight.")
+    arm.float()
+    poses: list[np.ndarray] = []
+    while len(poses) < _GUIDED_MOST:
+        if ask(f"pose {len(poses) + 1}: Enter to keep it, or d and Enter when all are done:") == "d":
+            break
+        poses.append(arm.observe().q)
+        tell(f"  {shown(poses[-1])}")
+    arm.hold()
+    if len(poses) < 2:
+        raise ConfigError(f"{arm.config.name}: {len(poses)} poses are no way; give two at least, better eight")
+    return poses
 
 
 if __name__ == "__main__":

@@ -3,8 +3,8 @@
 yam-zero --channel can_follower_l                    all joints
 yam-zero --channel can_follower_l --joint joint_2 joint_3
 
-HAZARD: what the motors are told here is what every later session believes. A zero set in a wrong pose makes the arm
-drive into its stops. Nothing is energised.
+HAZARD: every later session believes the zero that is set here. A zero set in a wrong pose makes the arm drive into its
+stops in the next session. Nothing is energised.
 """
 
 import argparse
@@ -13,62 +13,45 @@ import math
 import select
 import sys
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import can
+import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.mounting import gripper_id
-from lerobot_robot_yam.arm.profile import ArmProfile
+from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD, resolve_turn
 from lerobot_robot_yam.arm.profile_files import NO_ARM, load_arm
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
     arm_config,
-    ask,
+    command_parser,
+    confirm_word,
     need_terminal,
     own_bus,
     run_command,
     table,
     tell,
+    with_answering_gripper,
 )
-from lerobot_robot_yam.commands.lib.zeroing import Reading, Zeroing
-from lerobot_robot_yam.control.preflight.role import answering_gripper
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.motor_inspection import verify
+from lerobot_robot_yam.damiao.tables import Fault, fault_text
+from lerobot_robot_yam.errors import ConfigError, MotorError
 
 _WORD = "zero"
-_LIVE_S = 0.2
+_LIVE_S = 0.2  # between two looks at the angles
 _UNSAID = "where its model has it at 0 (the profile says nothing more)"
 _CHANGE_RAD = 0.05  # what a careful hand may be off by
-
-
-def guidance(zeroing: Zeroing) -> str:
-    """Where to put the chosen joints, with their ranges."""
-    arm = zeroing.hardware.arm
-    lines = ["Put these joints by hand where the profile says zero is, and support the arm so that it stays there:"]
-    for index in zeroing.chosen:
-        name = zeroing.names[index]
-        low, high = arm.joint_limits_rad[index]
-        lines.append(f"  {name} (range {low:+.2f} … {high:+.2f} rad): {arm.zero_pose.get(name, _UNSAID)}")
-    return "\n".join(lines)
-
-
-def angles(zeroing: Zeroing, reading: Reading) -> str:
-    """Table of the present angles."""
-    rows = []
-    for index, name in enumerate(zeroing.names):
-        joint = reading.joint_rad[index]
-        shown = f"{joint:+.3f}" if math.isfinite(joint) else "unclear" if name in reading.problems else "-"
-        rows.append([name, f"{reading.motor_rad[index]:+.3f}", shown, "zero" if index in zeroing.chosen else "keep"])
-    return table(["motor", "motor rad", "joint rad", ""], rows)
+_READ_BACK_RAD = 0.01  # a zeroed motor reads within this of 0, another one within this of its reading before
+_READ_BACK_S = 0.5  # a motor that writes its flash may be silent for a moment
+_STILL_RAD, _STILL_S, _SAMPLE_S = 0.005, 0.5, 0.02
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-zero`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-zero",
-        description="Set the zero of an arm's joints; all motors stay limp. HAZARD: with a zero set in a wrong pose "
-        "the arm drives into its stops in the next session.",
-    )
+    parser = command_parser("yam-zero", __doc__)
     add_arm_arguments(parser)
     parser.add_argument(
         "--joint", nargs="+", action="extend", metavar="JOINT", help="joints to zero, such as joint_2 (default: all)"
@@ -81,8 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _zero(args: argparse.Namespace) -> int:
     config = arm_config(args)
-    arm = load_arm(config.arm)
-    joints = args.joint or [motor.name for motor in arm.motors]
+    joints = args.joint or [motor.name for motor in load_arm(config.arm).motors]
     if config.arm == NO_ARM:
         raise ConfigError("a gripper has no zero to set: its stops are found by calibration (lerobot-calibrate)")
     need_terminal(args.yes)
@@ -91,29 +73,31 @@ def _zero(args: argparse.Namespace) -> int:
         "wrong pose makes the arm drive into its stops in the next session. The motors stay limp: support the arm."
     )
     with own_bus(config) as bus:
-        zeroing = Zeroing(_with_gripper(args, config, bus, arm), bus, joints)
+        zeroing = Zeroing(with_answering_gripper(args, bus), bus, joints)  # the gripper's motor must not change
         zeroing.inspect()
-        tell(angles(zeroing, zeroing.read()))
-        tell(guidance(zeroing))
+        tell(zeroing.angles(zeroing.read()))
+        tell(zeroing.guidance())
         if not args.yes:
             _wait_until_placed(zeroing)
         _warn_of_change(zeroing, zeroing.read())
-        if not args.yes and ask(f"Type {_WORD} to make the present pose the zero of these joints:") != _WORD:
-            raise ConfigError("not confirmed; nothing was zeroed")
+        if not args.yes:
+            question = f"Type {_WORD} to make the present pose the zero of these joints:"
+            confirm_word(_WORD, question, "nothing was zeroed")
         zeroing.require_still()
         before, after = zeroing.set_zero()
-    _report(args, zeroing, before, after)
+    if args.json:
+        sys.stdout.write(json.dumps({"channel": config.channel, "motors": _as_json(zeroing, before, after)}) + "\n")
+    else:
+        sys.stdout.write(
+            f"before:\n{zeroing.angles(before)}\nafter:\n{zeroing.angles(after)}\n"
+            "zeroed and read back; the other motors did not change\n"
+        )
+    for problem in after.problems.values():
+        tell(f"note: {problem}")
     return 0
 
 
-def _with_gripper(args: argparse.Namespace, config: ArmConfig, bus: can.BusABC, arm: ArmProfile) -> ArmConfig:
-    """The configuration with the gripper that answers, unless one was given: its motor must not change."""
-    if args.gripper is not None:
-        return config
-    return arm_config(args, gripper=answering_gripper(bus, config.channel, gripper_id(arm)))
-
-
-def _wait_until_placed(zeroing: Zeroing) -> None:
+def _wait_until_placed(zeroing: "Zeroing") -> None:
     """Show the angles of the chosen joints live until Enter."""
     tell("Press Enter when they are in place.")
     while not select.select([sys.stdin], [], [], _LIVE_S)[0]:
@@ -121,37 +105,208 @@ def _wait_until_placed(zeroing: Zeroing) -> None:
         live = "  ".join(f"{zeroing.names[i]} {motor[i]:+.3f}" for i in zeroing.chosen)
         tell(f"\rmotor rad: {live}", end=" ")
     sys.stdin.readline()
-    tell(angles(zeroing, zeroing.read()))
+    tell(zeroing.angles(zeroing.read()))
 
 
-def _warn_of_change(zeroing: Zeroing, present: Reading) -> None:
+def _warn_of_change(zeroing: "Zeroing", present: "Reading") -> None:
     """Warn of joints whose angle will change: wanted after a repair, otherwise a mistake."""
-    far = [
-        f"{zeroing.names[i]} by {-present.joint_rad[i]:+.2f}"
-        for i in zeroing.chosen
-        if abs(present.joint_rad[i]) > _CHANGE_RAD
-    ]
+    joint = present.joint_rad
+    far = [f"{zeroing.names[i]} by {-joint[i]:+.2f}" for i in zeroing.chosen if abs(joint[i]) > _CHANGE_RAD]
     if far:
         tell(f"WARNING: this changes where these joints are taken to be, in rad: {', '.join(far)}")
 
 
-def _report(args: argparse.Namespace, zeroing: Zeroing, before: Reading, after: Reading) -> None:
-    if args.json:
-        motors: dict[str, dict[str, Any]] = {
-            name: {"zeroed": i in zeroing.chosen} for i, name in enumerate(zeroing.names)
-        }
+def _as_json(zeroing: "Zeroing", before: "Reading", after: "Reading") -> dict[str, dict[str, Any]]:
+    found: dict[str, dict[str, Any]] = {}
+    for i, name in enumerate(zeroing.names):
+        found[name] = {"zeroed": i in zeroing.chosen}
         for when, reading in (("before", before), ("after", after)):
-            for kind in ("motor_rad", "joint_rad"):
-                for name, value in zip(zeroing.names, getattr(reading, kind).tolist(), strict=True):
-                    motors[name][f"{when}_{kind}"] = value if math.isfinite(value) else None
-        sys.stdout.write(json.dumps({"channel": zeroing.channel, "motors": motors}) + "\n")
-    else:
-        sys.stdout.write(
-            f"before:\n{angles(zeroing, before)}\nafter:\n{angles(zeroing, after)}\n"
-            "zeroed and read back; the other motors did not change\n"
+            for kind, value in (("motor_rad", reading.motor_rad[i]), ("joint_rad", reading.joint_rad[i])):
+                found[name][f"{when}_{kind}"] = float(value) if math.isfinite(value) else None
+    return found
+
+
+class Reading(NamedTuple):
+    """Angles of all motors of an arm, (n,): the joints, then the gripper's motor if there is one.
+
+    Attributes:
+        motor_rad: as the motors say.
+        joint_rad: joint angles, on the turn of their range; NaN where no turn is clear, and for the gripper.
+        problems: what `resolve_turn` says of those, by joint name.
+    """
+
+    motor_rad: np.ndarray
+    joint_rad: np.ndarray
+    problems: dict[str, str]
+
+
+class Zeroing:
+    """Makes limp motors take their angle as zero, and proves that this, and nothing else, happened.
+
+    A ZERO command moves the origin of a motor that obeys no other command while it is limp.
+
+    Args:
+        config: the arm; its gripper must be the one that is fitted.
+        bus: open bus; nobody else drives it.
+        joints: names of the joints to zero, such as "joint_2".
+
+    Raises:
+        ConfigError: no such joint, or one whose range does not hold 0.
+    """
+
+    def __init__(self, config: ArmConfig, bus: can.BusABC, joints: Sequence[str]):
+        self._where = f"{config.name} ({config.channel})"  # for messages
+        self._arm = arm = ResolvedArm(config)
+        self.names = [motor.name for motor in arm.motors]
+        known = self.names[: arm.joints]
+        unknown = [joint for joint in joints if joint not in known]
+        if unknown or not joints:
+            raise ConfigError(
+                f"{config.name}: no joint {', '.join(unknown) or 'given'}; arm {config.arm!r} has {', '.join(known)}"
+            )
+        self.chosen = sorted({known.index(joint) for joint in joints})
+        for index in self.chosen:
+            low, high = arm.arm.joint_limits_rad[index]
+            if not low - RANGE_TOLERANCE_RAD <= 0.0 <= high + RANGE_TOLERANCE_RAD:
+                raise ConfigError(f"{config.name}: the range {low:.2f} … {high:.2f} of {known[index]} does not hold 0")
+        self._chain = MotorChain(bus, arm.motors, channel=config.channel)
+        self._clock = self._chain.clock
+
+    def guidance(self) -> str:
+        """Say where to put the chosen joints, with their ranges."""
+        lines = ["Put these joints by hand where the profile says zero is, and support the arm so that it stays there:"]
+        for index in self.chosen:
+            name, (low, high) = self.names[index], self._arm.arm.joint_limits_rad[index]
+            pose = self._arm.arm.zero_pose.get(name, _UNSAID)
+            lines.append(f"  {name} (range {low:+.2f} … {high:+.2f} rad): {pose}")
+        return "\n".join(lines)
+
+    def angles(self, reading: Reading) -> str:
+        """Return a table of angles."""
+        rows = []
+        for index, name in enumerate(self.names):
+            joint = reading.joint_rad[index]
+            shown = f"{joint:+.3f}" if math.isfinite(joint) else "unclear" if name in reading.problems else "-"
+            rows.append([name, f"{reading.motor_rad[index]:+.3f}", shown, "zero" if index in self.chosen else "keep"])
+        return table(["motor", "motor rad", "joint rad", ""], rows)
+
+    def inspect(self) -> None:
+        """Refuse unless every motor is there, the right one, and limp. Raises MotorError: names the motor."""
+        self._chain.refresh()
+        self._check_limp()  # of those that answer: an energised arm is the first thing to say
+        verify(self._chain)
+        self._refresh()
+        self._check_limp()
+
+    def read(self) -> Reading:
+        """Read the present angles. Raises MotorError: a motor does not answer."""
+        self._refresh()
+        motor = self._chain.position_rad.copy()
+        joint = motor * self._arm.direction
+        problems = {}
+        for index, (low, high) in enumerate(self._arm.arm.joint_limits_rad):
+            try:
+                joint[index] += resolve_turn(self._arm.name, self.names[index], float(joint[index]), low, high)
+            except MotorError as error:
+                joint[index] = math.nan
+                problems[self.names[index]] = str(error)
+        joint[self._arm.joints :] = math.nan
+        return Reading(motor, joint, problems)
+
+    def require_still(self) -> None:
+        """Watch the chosen joints for `_STILL_S`.
+
+        Raises:
+            MotorError: one moved by more than `_STILL_RAD`, or a motor was silent; nothing was zeroed.
+        """
+        seen = []
+        deadline = self._clock.now() + _STILL_S
+        while self._clock.now() < deadline:
+            self._refresh()
+            seen.append(self._chain.position_rad[self.chosen])
+            self._clock.sleep(_SAMPLE_S)
+        for index, distance in zip(self.chosen, np.ptp(seen, axis=0), strict=True):
+            if distance > _STILL_RAD:
+                raise MotorError(
+                    f"{self._where}: {self.names[index]} moved by {distance:.3f} rad within {_STILL_S} s; nothing was "
+                    "zeroed. Support the arm so that it stays still, and try again"
+                )
+
+    def set_zero(self) -> tuple[Reading, Reading]:
+        """Zero the chosen joints and verify; returns the readings before and after. Call `require_still` right before.
+
+        Raises:
+            MotorError: a motor is energised, did not take the zero, or another motor's angle changed with it.
+        """
+        before = self.read()
+        self._check_limp()
+        self._chain.special(SpecialCommand.ZERO, motors=self.chosen)
+        deadline = self._clock.now() + _READ_BACK_S
+        while True:
+            self._chain.feedback.restart()  # the origin has moved: not a motion that could be followed over turns
+            try:
+                after = self.read()
+            except MotorError as error:
+                if self._clock.now() < deadline:
+                    continue
+                raise MotorError(
+                    f"{self._where}: zero was set, or not, of {', '.join(self.names[i] for i in self.chosen)}; then: "
+                    f"{error}. Switch the arm's power off and on and run it again for these joints before anything is "
+                    "energised"
+                ) from error
+            failed = [i for i in self.chosen if abs(after.motor_rad[i]) > _READ_BACK_RAD]
+            if not failed or self._clock.now() > deadline:
+                break
+        self._verify(before, after, failed)
+        return before, after
+
+    def _verify(self, before: Reading, after: Reading, failed: list[int]) -> None:
+        if failed:
+            read = ", ".join(f"{self.names[i]} reads {after.motor_rad[i]:.3f} rad" for i in failed)
+            taken = ", ".join(self.names[i] for i in self.chosen if i not in failed) or "none"
+            remedy = "Keep the arm still and run it again for these joints"
+            raise MotorError(f"{self._where}: not zeroed: {read} after the command (zeroed: {taken}). {remedy}")
+        changed = ", ".join(
+            f"{name} from {was:.3f} to {now:.3f} rad"
+            for i, (name, was, now) in enumerate(zip(self.names, before.motor_rad, after.motor_rad, strict=True))
+            if i not in self.chosen and abs(now - was) > _READ_BACK_RAD
         )
-    for problem in after.problems.values():
-        tell(f"note: {problem}")
+        if changed:
+            raise MotorError(
+                f"{self._where}: other motors changed too: {changed}. If nobody moved them, two motors may share an "
+                "id; check the whole arm before energising it"
+            )
+        unclear = [after.problems[self.names[i]] for i in self.chosen if self.names[i] in after.problems]
+        if unclear:
+            raise MotorError(f"{self._where}: zeroed, but no pose follows from it: {'; '.join(unclear)}")
+        self._check_limp()
+
+    def _refresh(self) -> None:
+        """Have a fresh answer of every motor; one lost frame is not a silent motor."""
+        asked = self._clock.now()
+        self._chain.feedback.believe(range(len(self._chain)))  # hands move limp joints as far as they like
+        for _ in range(5):
+            self._chain.refresh()
+            if (self._chain.stamp_s >= asked).all():
+                return
+        silent = [name for name, stamp in zip(self.names, self._chain.stamp_s, strict=True) if stamp < asked]
+        raise MotorError(f"{self._where}: no answer from {', '.join(silent)}; check motor power and the CAN cable")
+
+    def _check_limp(self) -> None:
+        faults = dict(zip(self.names, self._chain.fault.tolist(), strict=True))
+        enabled = [name for name, fault in faults.items() if fault == Fault.NORMAL]
+        if enabled:
+            raise MotorError(
+                f"{self._where}: {', '.join(enabled)} energised; zeroing is for limp motors. End the "
+                "program that drives the arm, which lands it, or land it with one, and try again"
+            )
+        faulty = [(name, faults[name]) for name in (self.names[i] for i in self.chosen)]
+        said = [f"{name}: {fault_text(fault)}" for name, fault in faulty if fault != Fault.DISABLED]
+        if said:
+            raise MotorError(
+                f"{self._where}: {'; '.join(said)}. See to the fault, switch the arm's power off and "
+                "on again, and try again"
+            )
 
 
 if __name__ == "__main__":

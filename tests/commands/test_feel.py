@@ -1,13 +1,10 @@
 """yam-feel of a pair that a hand moves on the rig, and of data sets."""
 
-import json
 import re
 import threading
 import time
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from lerobot_robot_yam.arm.dynamics import GravityModel
@@ -19,10 +16,11 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE
 from tests.face.devices.test_pairing import follower, leader
 from tests.support.coupled import FOLLOWER, LEADER, POSE
+from tests.support.seeded_sets import FPS, write
 
 IDLE_KD = [0.1, 0.1, 0.1, 0.3, 0.05, 0.05]  # Nm s/rad, of the profile: the damping of a leader that floats
 FRICTION_NM = 0.1
-FPS, LAG_FRAMES = 30, 2
+LAG_FRAMES = 1
 
 
 def sweep(seconds, step_s=0.01):
@@ -97,17 +95,6 @@ def test_drag_and_feedback_are_told_apart():
     assert np.isnan(effort(states, arm, gripper).backdrive_nm).all()
 
 
-def write(root, action, state, names, robot_type="yam_follower"):
-    """A data set of one episode, as far as yam-feel looks at it."""
-    (root / "meta").mkdir(parents=True)
-    features = {"action": {"names": names}, "observation.state": {"names": names}}
-    info = {"features": features, "fps": FPS, "robot_type": robot_type, "total_episodes": 1}
-    (root / "meta" / "info.json").write_text(json.dumps(info))
-    (root / "data" / "chunk-000").mkdir(parents=True)
-    table = {"action": action.tolist(), "observation.state": state.tolist(), "episode_index": [0] * len(action)}
-    pq.write_table(pa.table(table), root / "data" / "chunk-000" / "file-000.parquet")
-
-
 @pytest.mark.parametrize("unit", ["radians", "degrees"])
 def test_a_recording_tells_lag_and_error(tmp_path, capsys, unit):
     _, path = sweep(10.0, 1 / FPS)
@@ -117,7 +104,9 @@ def test_a_recording_tells_lag_and_error(tmp_path, capsys, unit):
     state += np.random.default_rng(0).normal(0.0, 0.002, state.shape)
     names = [f"joint_{n}.pos" for n in range(1, 7)]
     factor, robot = (1.0, "yam_follower") if unit == "radians" else (180.0 / np.pi, "yam_follower_degrees")
-    write(tmp_path / "data", path * factor, state * factor, names, robot)
+    write(
+        tmp_path / "data", [((path * factor).astype(np.float32), (state * factor).astype(np.float32))], (), robot, names
+    )
     assert main([str(tmp_path / "data"), "--plot", str(tmp_path / "feel.svg")]) == 0
     moved, lag_ms, error_mrad, _ = figures(capsys.readouterr().out).T
     moves = np.arange(6) != 4
@@ -128,22 +117,19 @@ def test_a_recording_tells_lag_and_error(tmp_path, capsys, unit):
 
 
 def test_what_cannot_be_measured_is_said(tmp_path, capsys):
-    names = ["ee_x.pos", "ee_y.pos"]
-    write(tmp_path / "poses", np.zeros((50, 2)), np.zeros((50, 2)), names)
-    (tmp_path / "other" / "meta").mkdir(parents=True)
-    (tmp_path / "other" / "meta" / "info.json").write_text('{"features": {"action": {"names": null}}}')
+    still = np.zeros((50, 2), np.float32)
+    write(tmp_path / "poses", [(still, still)], (), value_names=["ee_x.pos", "ee_y.pos"])
+    write(tmp_path / "short", [(still[:9], still[:9])], (), value_names=["joint_1.pos", "joint_2.pos"])
     for arguments, says in [
         (["--leader", "can0", "--follower", "can1"], "can0: no session drives it"),
         (["--leader", "can0", "--follower", "can1", "--arm", "yom"], "yom"),
         ([str(tmp_path / "poses")], "its actions are no joints"),
-        ([str(tmp_path / "other")], "it has no columns action and observation.state with named values"),
         ([str(tmp_path)], "info.json cannot be read"),
+        ([str(tmp_path / "short")], "episode 0 has 9 frames; give --episode another number"),
+        ([str(tmp_path / "short"), "--episode", "7"], "episode 7 has no rows that can be read; there are 1"),
     ]:
         assert main(arguments) == 1
         assert says in capsys.readouterr().err
-    write(tmp_path / "data", np.zeros((50, 1)), np.zeros((50, 1)), ["joint_1.pos"])
-    assert main([str(tmp_path / "data"), "--episode", "7"]) == 1
-    assert "episode 7 has no such episode; there are 1" in capsys.readouterr().err
     for arguments in ([], ["--leader", "can0"], [str(tmp_path), "--leader", "a", "--follower", "b"]):
         with pytest.raises(SystemExit):
             main(arguments)

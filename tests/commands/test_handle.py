@@ -1,9 +1,9 @@
 """yam-handle on the rig: what it shows, and that every setting is read back."""
 
+import contextlib
 import json
 import os
 import sys
-import threading
 
 import can
 import pytest
@@ -11,25 +11,35 @@ import pytest
 from lerobot_robot_yam.commands.handle import HANDLE, main
 from lerobot_robot_yam.control.gripper.trigger_range import load_range
 from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID, encode_report_frequency
-from lerobot_robot_yam.rig.control import running_rig
+from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
+from tests.support.crooked_arm import arguments
 
 CHANNEL = "leader_left"
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def desk():
-    """A rig for the whole module."""
-    with running_rig() as rig:
+    with contextlib.closing(LockstepRig()) as rig:
+        rig.trigger(CHANNEL, 0.0)
         yield rig
 
 
-@pytest.fixture(autouse=True)
-def released(desk):
-    desk.trigger(CHANNEL, 0.0)
+def squeeze(rig, shares, every_s):
+    """From now on the trigger goes from one share to the next as time passes, and stays at the last one."""
+    pause, left, begin_s = rig.sleep, iter(enumerate(shares)), rig.now()
+    step = [next(left)]
+
+    def sleep(seconds):
+        pause(seconds)
+        while step[0] is not None and rig.now() >= begin_s + step[0][0] * every_s:
+            rig.trigger(CHANNEL, step[0][1])
+            step[0] = next(left, None)
+
+    rig.sleep = sleep
 
 
 def run(rig, action, *more, channel=CHANNEL):
-    return main([action, *map(str, more), "--channel", channel, "--rig", rig.name])
+    return main([action, *map(str, more), *arguments(rig, channel=channel)])
 
 
 def shown(rig, capsys, *more):
@@ -50,7 +60,7 @@ def test_it_shows_what_the_handle_is_and_reads(desk, capsys):
 
 
 def test_a_handle_that_reports_by_itself_is_told_and_set(desk, capsys):
-    with can.Bus(interface="yam_sim", channel=CHANNEL, rig=desk.name) as bus:
+    with can.Bus(interface="yam_lockstep", channel=CHANNEL, rig=desk.name) as bus:
         bus.send(can.Message(arbitration_id=REQUEST_ID, data=encode_report_frequency(300), is_extended_id=False))
     assert run(desk, "show") == 0
     assert "note: it takes 300 frames a second from the motors: yam-handle report 0" in capsys.readouterr().err
@@ -72,34 +82,16 @@ def test_a_released_trigger_is_zeroed(desk, capsys):
 
 
 def test_a_moving_trigger_is_not_zeroed(desk, capsys):
-    def squeeze():
-        for share in range(60):
-            desk.trigger(CHANNEL, share / 60)
-            if stop.wait(0.02):
-                return
-
-    stop, hand = threading.Event(), threading.Thread(target=squeeze)
-    hand.start()
-    status = run(desk, "zero", "--yes")
-    stop.set()
-    hand.join()
-    assert status == 1
+    squeeze(desk, [share / 60 for share in range(60)], 0.02)
+    assert run(desk, "zero", "--yes") == 1
     assert "its zero was left as it is. Let go of it" in capsys.readouterr().err
     assert shown(desk, capsys)["zero_counts"] == 0
 
 
 def test_the_triggers_range_is_learnt_into_a_file(desk, capsys, tmp_path):
     path = tmp_path / "left.json"
-
-    def squeeze():
-        for share in (0.1, 0.9, 0.1, 0.9, 0.1):
-            desk.trigger(CHANNEL, share)
-            stop.wait(0.3)
-
-    stop, hand = threading.Event(), threading.Thread(target=squeeze)
-    hand.start()
+    squeeze(desk, (0.1, 0.9, 0.1, 0.9, 0.1), 0.3)
     assert run(desk, "range", "--calibration", path, "--seconds", 1.6) == 0
-    hand.join()
     found = load_range("left", path, HANDLE)
     assert found == pytest.approx((0.116, 0.884), abs=0.01)
     desk.trigger(CHANNEL, 0.1)
@@ -128,6 +120,6 @@ def test_what_is_no_handle_is_named(desk, capsys, monkeypatch):
 
 
 def test_a_leader_without_motors_is_no_handle(capsys):
-    with running_rig(scene="passive_leaders") as rig:
+    with contextlib.closing(LockstepRig("passive_leaders")) as rig:
         assert run(rig, "report", 0) == 1
         assert "7 encoders answer (0, 1, 2, 3, 4, 5, 6): this is a leader without motors" in capsys.readouterr().err

@@ -1,173 +1,265 @@
-"""yam-motors console and monitor, on the rig: the only action that energises anything."""
+"""yam-motors console and monitor: the keys, the motor on the rig, and what is heard beside a session."""
 
+import io
 import signal
 import sys
 import time
 
+import can
 import pytest
 
-from lerobot_robot_yam.commands.lib.motor.motor_knob import SPEED_RAD_S
+from lerobot_robot_yam.commands.lib.key_terminal import DOWN, LEFT, RIGHT, UP
+from lerobot_robot_yam.commands.lib.motor.motor_console import SPEED_RAD_S, Knob
+from lerobot_robot_yam.commands.lib.motor.motor_monitor import Traffic
 from lerobot_robot_yam.commands.motors import main
+from lerobot_robot_yam.damiao.codec import decode_mit
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from tests.support.crooked_arm import arguments, config, events, motor_rad
 from tests.support.terminal import Terminal
 
-UP, RIGHT = b"\x1b[A", b"\x1b[C"
+STEP_RAD = 25.0 / 65535
+
+
+# the keys
+
+
+def knob(**fields):
+    return Knob("DM4310", **{"start_rad": 1.0, "range_rad": 0.5, "torque_nm": 3.0} | fields)
+
+
+def press(knob, *keys):
+    for key in keys:
+        knob.press(key)
+
+
+def asked(knob, q=1.0, elapsed_s=0.01):
+    return decode_mit("DM4310", knob.command(q, elapsed_s))
+
+
+def test_at_first_it_asks_the_motor_to_stay():
+    assert asked(knob()).position == pytest.approx(1.0, abs=STEP_RAD)
+
+
+def test_the_setpoint_goes_to_the_target_at_a_limited_speed():
+    turned = knob()
+    press(turned, RIGHT, RIGHT)
+    assert asked(turned).position == pytest.approx(1.0 + SPEED_RAD_S * 0.01, abs=STEP_RAD)
+    for _ in range(100):
+        command = asked(turned, q=turned.setpoint_rad)
+    assert command.position == pytest.approx(1.1, abs=STEP_RAD)
+
+
+def test_a_motor_that_is_blocked_is_not_pushed_harder_than_allowed():
+    turned = knob(kp=50.0, torque_nm=1.0)
+    press(turned, *[RIGHT] * 10)
+    for _ in range(500):
+        command = asked(turned, q=1.0)
+    assert command.kp * (command.position - 1.0) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize(("key", "end"), [(LEFT, 0.5), (RIGHT, 1.5)])
+def test_the_target_stays_within_the_range(key, end):
+    turned = knob()
+    press(turned, UP, UP, *[key] * 20)
+    assert turned.target == end
+    asked(turned)
+    press(turned, " ")
+    assert turned.target == turned.setpoint_rad == pytest.approx(1.0, abs=0.01)  # a load must not pull it along
+
+
+def test_the_step_grows_and_shrinks_between_its_ends():
+    turned = knob()
+    press(turned, *[UP] * 9)
+    assert turned.step == 0.2
+    press(turned, *[DOWN] * 9)
+    assert turned.step == 0.01
+
+
+def test_gains_stay_within_reason():
+    turned = knob()
+    press(turned, *"K" * 50, *"D" * 50)
+    assert (asked(turned).kp, asked(turned).kd) == (pytest.approx(100, abs=0.2), pytest.approx(5, abs=0.01))
+    press(turned, *"k" * 50, *"d" * 50, "x")
+    assert (turned.kp, turned.kd) == (1.0, 0.1)
+
+
+# the motor
 
 
 @pytest.fixture
-def console(arm, tmp_path):
+def console(live_arm, tmp_path):
     """Starts `yam-motors console` for joint 6 in a terminal."""
     opened = []
 
     def start(*more):
+        live_arm.clear_faults("only")
+        for powered in (False, True):  # else the watchdog's 0xD stays from the test that kills
+            live_arm.fault("only", "joint_6", "power", powered)
+        live_arm.set_pose("only", q=[0.0] * 6)
         command = [sys.executable, "-m", "lerobot_robot_yam.commands.motors", "console", "--motor", "joint_6"]
-        opened.append(Terminal(tmp_path, *command, *arguments(arm), *more))
+        opened.append(Terminal(tmp_path, *command, *arguments(live_arm), *more))
+        opened[0].wait_shown("Type enable to energise joint_6")
+        assert "HANGS" not in opened[0].shown and not enabled(live_arm)
+        opened[0].type(b"enable\n")
+        opened[0].wait_shown("target")
         return opened[0]
 
     yield start
     for terminal in opened:
         terminal.close()
+    live_arm.clear_faults("only")
 
 
 def enabled(rig):
     return [name for name, motor in rig.state()["arms"]["only"]["motors"].items() if motor["enabled"]]
 
 
-def test_one_motor_follows_the_arrow_keys_and_is_let_down(arm, console):
-    before = motor_rad(arm)
-    terminal = console()
-    terminal.wait_shown("Type enable to energise joint_6")
-    assert "HANGS" not in terminal.shown and not events(arm, "motor_enabled")
-    terminal.type(b"enable\n")
-    terminal.wait_shown("target")
-    assert enabled(arm) == ["joint_6"]
-    terminal.type(RIGHT * 5)
-    deadline = time.monotonic() + 10.0
-    while motor_rad(arm)["joint_6"] - before["joint_6"] < 0.22:  # friction keeps it a little short of 0.25
-        assert time.monotonic() < deadline, terminal.shown
-    terminal.wait_shown(f" q {before['joint_6'] + 0.2:+.1f}")
-    terminal.type(b"q")
-    terminal.wait_shown("joint_6 is limp")
-    assert terminal.end() == 0 and enabled(arm) == []
-    first, last = terminal.modes()
-    assert first == last
-    assert motor_rad(arm)["joint_6"] - before["joint_6"] == pytest.approx(0.25, abs=0.05)
-    assert main(["read", "CTRL_MODE", *arguments(arm)]) == 0  # nobody holds the channel
-
-
-def test_keys_that_come_fast_do_not_make_the_motor_fast(arm, console):
-    """A key that is held down, or a text that is pasted: each key wakes the loop."""
+def test_one_motor_follows_the_arrow_keys_and_is_let_down(live_arm, console):
+    """No faster than it may, though keys that come fast, as of a text that is pasted, wake the loop each time."""
+    before = motor_rad(live_arm)["joint_6"]
     terminal = console("--range", "1.5")
-    terminal.wait_shown("Type enable")
-    terminal.type(b"enable\n")
-    terminal.wait_shown("target")
-    terminal.type(UP * 2 + RIGHT * 6)
-    before, begin_s = motor_rad(arm)["joint_6"], time.monotonic()
+    assert enabled(live_arm) == ["joint_6"]
+    terminal.type(f"{UP}{RIGHT * 8}".encode())  # a step of 0.1 rad
+    began, begin_s = motor_rad(live_arm)["joint_6"], time.monotonic()
     while time.monotonic() - begin_s < 1.0:
         terminal.type(b"x")
         time.sleep(0.001)
-    moved, seconds = motor_rad(arm)["joint_6"] - before, time.monotonic() - begin_s
+    moved, seconds = motor_rad(live_arm)["joint_6"] - began, time.monotonic() - begin_s
     assert moved < 1.1 * SPEED_RAD_S * seconds + 0.1
+    while motor_rad(live_arm)["joint_6"] - before < 0.75:  # friction keeps it a little short of 0.8
+        assert time.monotonic() < begin_s + 10.0, terminal.shown
     terminal.type(b"q")
-    assert terminal.end() == 0
-
-
-@pytest.mark.long
-def test_a_motor_that_misses_its_end_is_told_again(arm, console):
-    terminal = console("--range", "3")
-    terminal.wait_shown("Type enable")
-    terminal.type(b"enable\n")
-    terminal.wait_shown("target")
-    terminal.type(RIGHT * 6)
-    terminal.wait_shown(" q +0.2")
-    arm.fault("only", "joint_6", "command_loss_rate", 1.0)
-    terminal.type(b"\x1a")  # Ctrl-Z would stop the program, so that the joint would fall: it quits
-    time.sleep(0.2)
-    arm.fault("only", "joint_6", "command_loss_rate", 0.0)
-    before = motor_rad(arm)["joint_6"]
-    assert terminal.end() == 0 and enabled(arm) == []
-    assert motor_rad(arm)["joint_6"] - before < 0.3
-
-
-def test_an_arm_in_the_air_is_said_to_be_and_asked_about(arm, console):
-    arm.set_pose("only", q=[0.0, 1.2, 1.2, 0.0, 0.0, 0.0])
-    terminal = console()
-    terminal.wait_shown("Type in the air to energise joint_6")
-    assert "THE ARM HANGS IN THE AIR OR IS HELD UP: joint_" in terminal.shown
-    terminal.type(b"enable\n")
-    assert terminal.end() == 1
-    assert "not confirmed; nothing was energised" in terminal.shown and not events(arm, "motor_enabled")
-
-
-def test_what_happens_while_the_question_waits_counts(arm, console):
-    terminal = console()
-    terminal.wait_shown("Type enable")
-    EmergencyStop().latch("somebody shouted")
-    terminal.type(b"enable\n")
-    assert terminal.end() == 1
-    EmergencyStop().release()
-    assert "the emergency stop is latched: somebody shouted" in terminal.shown and not events(arm, "motor_enabled")
-
-
-@pytest.mark.long
-def test_a_motor_that_fails_is_told_and_left_limp(arm, console):
-    terminal = console()
-    terminal.wait_shown("Type enable")
-    terminal.type(b"enable\n")
-    terminal.wait_shown("target")
-    arm.fault("only", "joint_6", "nibble", 0xA)
-    terminal.wait_shown("only: joint_6 has let go: 0xA over-current")
-    assert terminal.end() == 1 and enabled(arm) == []
+    terminal.wait_shown("joint_6 is limp")
+    assert terminal.end() == 0 and enabled(live_arm) == []
+    first, last = terminal.modes()
+    assert first == last
+    assert motor_rad(live_arm)["joint_6"] - before == pytest.approx(0.8, abs=0.08)
+    assert main(["read", "CTRL_MODE", *arguments(live_arm)]) == 0  # nobody holds the channel
 
 
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.long), signal.SIGKILL])
-def test_a_signal_lets_the_joint_down_and_a_kill_leaves_it_to_its_watchdog(arm, console, number):
-    terminal = console()
-    terminal.wait_shown("Type enable")
-    terminal.type(b"enable\n")
-    terminal.wait_shown("target")
+def test_a_signal_lets_the_joint_down_and_a_kill_leaves_it_to_its_watchdog(live_arm, console, number):
+    terminal, seen = console(), len(live_arm.events())
     terminal.kill(number)
     terminal.end()
     if number == signal.SIGKILL:
-        arm.wait_event("motor_fault", 5.0)
-    assert enabled(arm) == []
-    assert main(["read", "CTRL_MODE", *arguments(arm)]) == 0  # nobody holds the channel
+        live_arm.wait_event("motor_fault", 5.0, since=seen)
+    assert enabled(live_arm) == []
+    assert main(["read", "CTRL_MODE", *arguments(live_arm)]) == 0  # nobody holds the channel
 
 
-def refused(rig, capsys, action, *more):
+@pytest.mark.long
+def test_a_motor_that_misses_its_end_is_told_again(live_arm, console):
+    terminal = console("--range", "3")
+    terminal.type(f"{RIGHT * 6}".encode())
+    terminal.wait_shown(" q +0.2")
+    live_arm.fault("only", "joint_6", "command_loss_rate", 1.0)
+    terminal.type(b"\x1a")  # Ctrl-Z would stop the program, so that the joint would fall: it quits
+    time.sleep(0.2)
+    live_arm.fault("only", "joint_6", "command_loss_rate", 0.0)
+    before = motor_rad(live_arm)["joint_6"]
+    assert terminal.end() == 0 and enabled(live_arm) == []
+    assert motor_rad(live_arm)["joint_6"] - before < 0.3
+
+
+@pytest.mark.long
+def test_a_motor_that_fails_is_told_and_left_limp(live_arm, console):
+    terminal = console()
+    live_arm.fault("only", "joint_6", "nibble", 0xA)
+    terminal.wait_shown("only: joint_6 has let go: 0xA over-current")
+    assert terminal.end() == 1 and enabled(live_arm) == []
+
+
+# what speaks against energising
+
+
+def refused(rig, capsys, *more):
     capsys.readouterr()
-    assert main([action, *more, *arguments(rig)]) == 1
+    assert main(["console", *more, *arguments(rig)]) == 1
     assert not events(rig, "motor_enabled")
     return capsys.readouterr().err
 
 
+def test_an_arm_in_the_air_is_said_to_be_and_asked_about(arm, capsys, type_in):
+    arm.set_pose("only", q=[0.0, 1.2, 1.2, 0.0, 0.0, 0.0])
+    type_in(b"enable\n")
+    said = refused(arm, capsys, "--motor", "joint_6")
+    assert "Type in the air to energise joint_6" in said and "not confirmed; nothing was energised" in said
+    assert "THE ARM HANGS IN THE AIR OR IS HELD UP: joint_" in said
+
+
+def test_what_happens_while_the_question_waits_counts(arm, capsys, monkeypatch):
+    class Person(io.StringIO):
+        def readline(self):
+            EmergencyStop().latch("somebody shouted")
+            return "enable\n"
+
+        def isatty(self):
+            return True
+
+    monkeypatch.setattr("sys.stdin", Person())
+    said = refused(arm, capsys, "--motor", "joint_6")
+    EmergencyStop().release()
+    assert "Type enable" in said and "the emergency stop is latched: somebody shouted" in said
+
+
 def test_what_speaks_against_energising_is_named(arm, capsys, monkeypatch):
-    assert "no terminal to confirm at" in refused(arm, capsys, "console", "--motor", "joint_6")
+    assert "no terminal to confirm at" in refused(arm, capsys, "--motor", "joint_6")
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    assert "name one motor (--motor joint_6)" in refused(arm, capsys, "console")
-    assert "not by 4" in refused(arm, capsys, "console", "--motor", "joint_6", "--range", "4")
+    assert "name one motor (--motor joint_6)" in refused(arm, capsys)
+    assert "not by 4" in refused(arm, capsys, "--motor", "joint_6", "--range", "4")
     EmergencyStop().latch("somebody shouted")
-    assert "the emergency stop is latched: somebody shouted" in refused(arm, capsys, "console", "--motor", "joint_6")
+    assert "the emergency stop is latched: somebody shouted" in refused(arm, capsys, "--motor", "joint_6")
     EmergencyStop().release()
     for counts, lasts in ((0, "for ever"), (200_000, "for 10 s"), (2**32 - 1, "for 214748 s")):
         arm.fault("only", "joint_6", "register", counts, register=int(Register.TIMEOUT))
-        said = refused(arm, capsys, "console", "--motor", "joint_6")
+        said = refused(arm, capsys, "--motor", "joint_6")
         assert f"joint_6 goes on {lasts} if this program dies; set its time-out first" in said
     arm.fault("only", "joint_2", "nibble", 0xC)
-    assert "joint_2 (id 2) reports 0xC" in refused(arm, capsys, "console", "--motor", "joint_6")
+    assert "joint_2 (id 2) reports 0xC" in refused(arm, capsys, "--motor", "joint_6")
 
 
-def test_monitor_listens_beside_a_session(arm, capsys):
-    assert main(["monitor", "--seconds", "0.2", *arguments(arm)]) == 1
+# what is heard
+
+
+def frame(identifier, at_s, **kinds):
+    return can.Message(arbitration_id=identifier, data=bytes(8), timestamp=at_s, is_extended_id=False, **kinds)
+
+
+def test_an_answer_belongs_to_the_command_before_it():
+    frames = [frame(3, tick * 0.004) for tick in range(10)] + [
+        frame(19, tick * 0.004 + 0.001) for tick in range(10) if tick != 5
+    ]
+    figures = Traffic(sorted(frames, key=lambda heard: heard.timestamp)).figures()[3]
+    assert (figures["commands"], figures["lost"]) == (10, 1)
+    assert figures["latency_ms_max"] == pytest.approx(1.0) and figures["period_ms_p50"] == pytest.approx(4.0)
+
+
+def test_commands_of_every_mode_count_and_other_frames_do_not():
+    heard = [frame(identifier, 1.0) for identifier in (3, 0x103, 0x203, 0x303, 0x7FF, 0x50E)]
+    traffic = Traffic([*heard, frame(0x40, 1.0, is_error_frame=True)])
+    assert traffic.figures()[3]["commands"] == 4 and traffic.others == {0x7FF: 1, 0x50E: 1}
+    assert (traffic.frames, traffic.error_frames) == (6, 1)
+
+
+def test_what_nothing_tells_is_no_figure_rather_than_a_perfect_one():
+    assert Traffic([frame(19, 1.0)]).figures()[3]["latency_ms_max"] is None
+    figures = Traffic([frame(3, tick * 0.004) for tick in range(3)]).figures()[3]
+    assert (figures["lost"], figures["latency_ms_p99"]) == (2, None) and figures["period_ms_max"] == 4.0
+
+
+def test_monitor_listens_beside_a_session_whose_channel_is_in_use(live_arm, capsys):
+    assert main(["monitor", "--seconds", "0.2", *arguments(live_arm)]) == 1
     assert "nothing was heard on channel only within 0.2 s: no session drives it" in capsys.readouterr().err
-    with YamArm(config(arm)):
-        arm.fault("only", "joint_3", "loss_rate", 0.2)
-        arm.trace_start("only")
-        assert main(["monitor", "--seconds", "1.5", *arguments(arm)]) == 0
+    with YamArm(config(live_arm)):
+        live_arm.fault("only", "joint_3", "loss_rate", 0.2)
+        assert main(["monitor", "--seconds", "1.5", *arguments(live_arm)]) == 0
+        live_arm.clear_faults("only")
         lines = {line.split()[0]: line.split() for line in capsys.readouterr().out.splitlines()}
         commands, lost, latency_ms = (float(text) for text in lines["joint_3"][1:4])
         assert 0.1 < lost / commands < 0.3 and 0.2 < latency_ms < 3.0
         assert lines["joint_1"][2] == "0"
+        assert main(["scan", *arguments(live_arm)]) == 1
+        assert "in use by process" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 import yaml
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 
 STOPS = [3.25, -3.3]
 OFFSETS = [0.3, -0.2, 0.1, 0.25, -0.3, 0.2]  # zeros as they are when a motor was exchanged
@@ -29,7 +30,8 @@ def sent(rig, channel="only"):
 
 
 def arguments(rig, *more, channel="only"):
-    return ["--channel", channel, "--rig", rig.name, *more]
+    interface = ["--interface", "yam_lockstep"] if isinstance(rig, LockstepRig) else []
+    return ["--channel", channel, *interface, "--rig", rig.name, *more]
 
 
 def config(rig, **fields):
@@ -37,7 +39,7 @@ def config(rig, **fields):
         **{
             "name": "left",
             "channel": "only",
-            "interface": "yam_sim",
+            "interface": "yam_lockstep" if isinstance(rig, LockstepRig) else "yam_sim",
             "can_options": {"rig": rig.name},
             "gripper_stops_rad": STOPS,
         }

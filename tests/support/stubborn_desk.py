@@ -9,6 +9,19 @@ from lerobot_robot_yam.damiao.registers import Opcode, Register, decode_request
 from tests.support.desk_bus import SPECS, DeskBus
 
 
+class Impatient:
+    """A clock on which waiting takes no time."""
+
+    def __init__(self):
+        self._now_s = 100.0
+
+    def now(self) -> float:
+        return self._now_s
+
+    def sleep(self, seconds: float) -> None:
+        self._now_s += seconds
+
+
 class StubbornDesk(DeskBus):
     """Motors of an arm. Attributes may be changed between frames.
 
@@ -24,6 +37,7 @@ class StubbornDesk(DeskBus):
 
     def __init__(self):
         super().__init__(SPECS, handle=True)
+        self.clock = Impatient()
         self.fault = dict.fromkeys(self.specs, 0)
         for registers in self.registers.values():
             registers[Register.OT_VALUE], registers[Register.UV_VALUE] = 100.0, 15.0
@@ -45,6 +59,12 @@ class StubbornDesk(DeskBus):
         self._unplugged = (
             request is not None and request.opcode == Opcode.WRITE and request.motor_id == self.unplugged_by
         )
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        found = self._recv_internal(0.0)[0]
+        if found is None:
+            self.clock.sleep(timeout or 0.0)
+        return found
 
     def _answer_register(self, data: bytes) -> None:
         request = decode_request(data)

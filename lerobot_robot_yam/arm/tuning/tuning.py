@@ -4,8 +4,6 @@ It holds for the arm and the end effector that it names, and says by how much th
 `*_95` is half the width of a 95 % confidence interval.
 """
 
-import contextlib
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
@@ -18,6 +16,7 @@ from lerobot_robot_yam.arm.config_checks import PAYLOAD_MOST_KG
 from lerobot_robot_yam.arm.model import EE_BODY, Load
 from lerobot_robot_yam.arm.profile import ArmProfile, Body, GripperProfile
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.system.paths import write_whole
 from lerobot_robot_yam.system.strict_yaml import array_field, parse, read_yaml
 
 _HEAD = "# What yam-tune has found out about one arm; SI units, one entry per joint. See docs/tuning.md.\n"
@@ -108,14 +107,9 @@ def load_tuning(path: str | Path) -> Tuning:
 def save_tuning(path: Path, tuning: Tuning) -> None:
     """Write the file, whole or not at all. Raises ConfigError: it cannot be written."""
     text = yaml.safe_dump(_plain(tuning), sort_keys=False, default_flow_style=None, width=110)
-    aside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        aside.write_text(_HEAD + text, encoding="utf-8")
-        aside.replace(path)
+        write_whole(path, _HEAD + text)
     except OSError as error:
-        with contextlib.suppress(OSError):
-            aside.unlink()
         raise ConfigError(f"{path} cannot be written: {error}") from error
 
 

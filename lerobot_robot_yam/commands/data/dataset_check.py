@@ -7,7 +7,6 @@ yam-dataset-check data/NAME --json > report.json
 The data set is only read. Exit status: 0 healthy; 1 something was found; 2 wrong use, or no data set.
 """
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lerobot_robot_yam.commands.data.dataset_command import bar, say
-from lerobot_robot_yam.commands.lib.arm_command import run_command, table
+from lerobot_robot_yam.commands.lib.arm_command import command_parser, run_command, table
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
@@ -63,9 +62,7 @@ def check(root: Path, pictures: str, arm: str | None, as_json: bool) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-dataset-check`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-dataset-check", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("yam-dataset-check", __doc__)
     parser.add_argument("path", type=user_path, help="directory of the data set (--dataset.root of the recording)")
     parser.add_argument("--pictures", choices=_EVERY_S, default="sampled", help="how many to look at")
     parser.add_argument("--arm", help="profile with the joint limits (default: the widest of all arms)")

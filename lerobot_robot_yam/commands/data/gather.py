@@ -6,10 +6,10 @@ The environment is that of a `lerobot-eval` config, so that what is learnt is wh
 does the task once per seed; failed attempts are dropped. Run it again and it goes on where it stopped.
 """
 
-import argparse
 import sys
 from collections.abc import Sequence
 
+from lerobot_robot_yam.commands.lib.arm_command import command_parser
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.system.paths import user_path
 
@@ -18,9 +18,7 @@ FIRST_SEED = 100_000  # far from those of evaluations, which LeRobot begins at 1
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-gather`."""
-    parser = argparse.ArgumentParser(
-        prog="yam-gather", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("yam-gather", __doc__)
     parser.add_argument("eval_config", type=user_path, help="a config of lerobot-eval")
     parser.add_argument("--root", type=user_path, required=True, help="folder of the data set")
     parser.add_argument("--repo-id", default="local/yam_gathered", help="name of the data set; nothing is uploaded")

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 
 from lerobot_robot_yam.commands.data.dataset_command import add_paths, bar, paths, say
-from lerobot_robot_yam.commands.lib.arm_command import run_command, table
+from lerobot_robot_yam.commands.lib.arm_command import command_parser, run_command, table
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.datasets.layout import INFO, episodes_in
 from lerobot_robot_yam.face.recorder import outcomes
@@ -62,7 +62,9 @@ def _edited(
 
 
 def _show(root: Path, count: int, labels: Mapping[int, Outcome]) -> None:
-    lengths = _lengths(root)
+    from lerobot_robot_yam.face.datasets.check.opened_dataset import open_dataset  # pyarrow: --help does without
+
+    lengths = {episode.number: episode.metadata.get("length", "–") for episode in open_dataset(root).episodes}
     rows = []
     for episode in range(count):
         label = labels.get(episode)
@@ -72,21 +74,6 @@ def _show(root: Path, count: int, labels: Mapping[int, Outcome]) -> None:
     counts = {kind: sum(label.outcome == kind for label in labels.values()) for kind in KINDS}
     named = ", ".join(f"{number} {kind}" for kind, number in counts.items())
     say(f"{root}: {count} episodes: {named}, {count - sum(counts.values())} without a label")
-
-
-def _lengths(root: Path) -> dict[int, int]:
-    """Frames of each episode, as far as the metadata can be read."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    lengths: dict[int, int] = {}
-    for path in (root / "meta" / "episodes").rglob("*.parquet"):
-        try:
-            rows = pq.read_table(path, columns=["episode_index", "length"]).to_pydict()
-        except (OSError, pa.ArrowException):  # of a recording that was killed, or still runs
-            continue
-        lengths |= dict(zip(rows["episode_index"], rows["length"], strict=True))
-    return lengths
 
 
 def label(
@@ -126,9 +113,7 @@ def label(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-label`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-label", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("yam-label", __doc__)
     add_paths(parser, _SUFFIX)
     parser.add_argument("--set", type=_edit, nargs="+", default=[], metavar="EPISODES=LABEL", help="label episodes")
     parser.add_argument("--rest", choices=KINDS, help="label all episodes that have no label")

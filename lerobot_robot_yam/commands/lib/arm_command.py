@@ -6,13 +6,14 @@ import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import can
 
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
 from lerobot_robot_yam.arm.mounting import gripper_id
-from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_arm
+from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, load_arm, load_gripper
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.control.preflight.role import answering_gripper
 from lerobot_robot_yam.damiao.motor_inspection import LISTEN_S, listen
@@ -26,8 +27,13 @@ _INTERRUPTED = 130  # the shell's own status after Ctrl-C
 _PER_ARM = ("channel", "arm", "gripper", "name", "calibration")
 
 
+def command_parser(program: str, text: str | None) -> argparse.ArgumentParser:
+    """Return the parser of a command whose help is `text`, line by line."""
+    return argparse.ArgumentParser(prog=program, description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
+
+
 def add_arm_arguments(parser: argparse.ArgumentParser, several: bool = False, required: bool = True) -> None:
-    """Which arm: channel, interface, hardware. `several`: one or two; `each_arm` tells them apart."""
+    """Add which arm: channel, interface, hardware. `several`: one or two; `each_arm` tells them apart."""
     more: dict[str, Any] = {"nargs": "+"} if several else {}
     parser.add_argument("--channel", required=required, **more, help="CAN channel, such as can_follower_l")
     parser.add_argument("--interface", help="python-can interface (default socketcan, with --rig yam_sim)")
@@ -40,7 +46,7 @@ def add_arm_arguments(parser: argparse.ArgumentParser, several: bool = False, re
 
 
 def each_arm(args: argparse.Namespace) -> list[argparse.Namespace]:
-    """The arguments of each arm, of a command that takes several; one profile may stand for all.
+    """Return the arguments of each arm, of a command that takes several; one profile may stand for all.
 
     Raises:
         ConfigError: more than two arms, or a number of values that fits neither.
@@ -59,7 +65,7 @@ def each_arm(args: argparse.Namespace) -> list[argparse.Namespace]:
 
 
 def seconds(text: str) -> float:
-    """A time on the command line. Raises argparse.ArgumentTypeError: none that passes."""
+    """Parse a time on the command line. Raises argparse.ArgumentTypeError: none that passes."""
     found = float(text)
     if not 0.0 < found < math.inf:  # not a number, too
         raise argparse.ArgumentTypeError(f"give a number of seconds above 0, not {text}")
@@ -67,7 +73,7 @@ def seconds(text: str) -> float:
 
 
 def arm_config(args: argparse.Namespace, **fields: Any) -> ArmConfig:
-    """Configuration of the arm that the arguments describe, and `fields` where the arguments say nothing."""
+    """Return the config of the arm that the arguments describe, with `fields` where the arguments say nothing."""
     interface = args.interface or (VIRTUAL if args.rig else SOCKETCAN)
     if args.gripper is not None:
         fields["gripper"] = args.gripper
@@ -75,30 +81,46 @@ def arm_config(args: argparse.Namespace, **fields: Any) -> ArmConfig:
         name=args.name or args.channel,
         channel=args.channel,
         interface=interface,
-        can_options={"rig": rig_name(args.rig)[0]} if interface == VIRTUAL else {},
+        can_options={"rig": rig_name(args.rig)[0]} if interface == VIRTUAL or args.rig else {},
         arm=args.arm,
         **fields,
     )
 
 
+def with_answering_gripper(args: argparse.Namespace, bus: can.BusABC, **fields: Any) -> ArmConfig:
+    """As `arm_config`, with the gripper that answers on the open bus, unless one was given.
+
+    Raises:
+        BusError: the channel is gone.
+    """
+    if args.gripper is not None:
+        return arm_config(args, **fields)
+    return arm_config(args, **fields, gripper=answering_gripper(bus, args.channel, gripper_id(load_arm(args.arm))))
+
+
 def with_likely_gripper(args: argparse.Namespace, **fields: Any) -> ArmConfig:
-    """As `arm_config`, with the gripper that answers, unless one was given; asks, and energises nothing.
+    """As `arm_config`, with the gripper that answers, unless one was given; say which. Energises nothing.
 
     Raises:
         BusError: the channel cannot be opened, or another program drives the arm.
     """
     config = arm_config(args, **fields)
-    if args.gripper is not None:
-        return config
-    with own_bus(config) as bus:
-        gripper = answering_gripper(bus, config.channel, gripper_id(load_arm(config.arm)))
-    tell(f"{config.name}: taking the gripper to be {gripper} (else give --gripper)")
-    return arm_config(args, **fields, gripper=gripper)
+    if args.gripper is None:
+        with own_bus(config) as bus:
+            config = with_answering_gripper(args, bus, **fields)
+        tell(f"{config.name}: taking the gripper to be {config.gripper} (else give --gripper)")
+    return config
+
+
+def gripper_seeks_stops(config: ArmConfig) -> bool:
+    """Whether the gripper closes and opens fully when the arm is energised, since no file has its stops."""
+    path = config.calibration_path
+    return load_gripper(config.gripper).motor is not None and (path is None or not Path(path).exists())
 
 
 @contextmanager
 def own_bus(config: ArmConfig) -> Iterator[can.BusABC]:
-    """The arm's open channel, while nobody else drives it.
+    """Open the arm's channel, while nobody else drives it.
 
     Raises:
         ChannelInUseError: another process of ours, or another driver on the wire, does.
@@ -131,7 +153,7 @@ def need_terminal(yes: bool) -> None:
 
 
 def ask(question: str) -> str:
-    """One line from the terminal, asked on standard error so that standard output stays clean.
+    """Read one line from the terminal; the question goes to standard error, so that standard output stays clean.
 
     Raises:
         ConfigError: the terminal has gone.
@@ -148,8 +170,14 @@ def agreed(question: str) -> bool:
     return ask(f"{question} [Y/n]").lower() in ("", "y", "yes")
 
 
+def confirm_word(word: str, question: str, left: str = "nothing was energised") -> None:
+    """Go on only if the person types the word. Raises ConfigError: another word; the message says what was left."""
+    if ask(question) != word:
+        raise ConfigError(f"not confirmed; {left}")
+
+
 def tell(text: str, end: str = "\n") -> None:
-    """Words for the person at the terminal."""
+    """Show words to the person at the terminal."""
     sys.stderr.write(text + end)
     sys.stderr.flush()
 
@@ -163,7 +191,7 @@ def tell_landed(landed: bool) -> int:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Columns, right-aligned except the first."""
+    """Return columns, right-aligned except the first."""
     lines = [head, *rows]
     widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
     return "\n".join(

@@ -1,13 +1,4 @@
-"""Figures of how a leader and its follower feel, from their states or from a data set. Pure: no files, no clock.
-
-`likeness` tells how the follower's motion follows the leader's: lag, jerk, and what is left of the difference.
-
-A leader that floats is driven by its motors with τ = k g(q) − a sign(dq) − b dq + r. Fitting k, a and b for each joint
-by least squares tells
-
-- the drag of the motors, a + b |dq|: what a hand has to add to the friction, which no motor feels;
-- the feedback r: what is left, by which the follower pulls at the leader.
-"""
+"""Figures of how a leader and its follower feel, from their states or from a data set. Pure: no files, no clock."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -19,11 +10,11 @@ from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.modes import Mode
 
-_STEP_S = 0.002  # of the common times of two loops
-_LEAST_S = 1.0
+SPEED_RAD_S = 0.5  # at which the drag of the motors is given
+_STEP_S = 0.002  # between common times of two loops
+_LEAST_S = 1.0  # of time in common
 _MOVED_RAD = 0.1  # a joint that a hand has moved less tells no drag
 _MOVES_RAD_S = 0.05
-SPEED_RAD_S = 0.5  # at which the drag is told
 _SMOOTH_S = 0.04  # a mean over this, twice, is differentiated for the jerk: what a hand feels, and a camera sees
 _LAG_MOST_S = 0.15
 _FOLLOWED_RAD = 0.05  # a joint that moves less tells no lag
@@ -44,8 +35,30 @@ class Motion(NamedTuple):
     follower: np.ndarray
 
 
+def motion(leader: np.ndarray, follower: np.ndarray) -> Motion:
+    """Bring records of the states of two arms to common times.
+
+    Raises:
+        ConfigError: they have different joints, or have hardly any time in common.
+    """
+    counts = [int(states["joints"][-1]) for states in (leader, follower)]
+    if counts[0] != counts[1] or not counts[0]:
+        raise ConfigError(f"leader and follower have {counts[0]} and {counts[1]} joints; give a pair of arms")
+    n = counts[0]
+    stamps = [states["motor_stamp_s"][:, :n] for states in (leader, follower)]
+    begin, end = max(own[0].max() for own in stamps), min(own[-1].min() for own in stamps)
+    if not end - begin > _LEAST_S:
+        raise ConfigError(f"the states have less than {_LEAST_S:g} s in common; measure for longer")
+    times = np.arange(begin, end, _STEP_S)
+    columns = [
+        np.stack([np.interp(times, own[:, j], states["q"][:, j]) for j in range(n)], axis=1)
+        for own, states in zip(stamps, (leader, follower), strict=True)
+    ]
+    return Motion([f"joint_{joint + 1}" for joint in range(n)], times - begin, *columns)
+
+
 class Effort(NamedTuple):
-    """Torques of a leader's motors while it floats, see above. NaN where a joint was not moved.
+    """Torques of a leader's motors while it floats. NaN where a joint was not moved.
 
     Attributes:
         dq: (k, n) rad/s.
@@ -65,46 +78,12 @@ class Effort(NamedTuple):
         return self.drag_nm + self.friction_nm
 
 
-class Likeness(NamedTuple):
-    """How n joints follow. NaN where a joint has not moved.
-
-    Attributes:
-        lag_s: (n,) of the best fit.
-        error_rad: (n,) RMS of the difference, lag taken out.
-        jerk_ratio: RMS jerk of the follower over all joints, a share of the leader's.
-        joint_jerk_ratio: (n,) the same of each.
-    """
-
-    lag_s: np.ndarray
-    error_rad: np.ndarray
-    jerk_ratio: float
-    joint_jerk_ratio: np.ndarray
-
-
-def motion(leader: np.ndarray, follower: np.ndarray) -> Motion:
-    """The joints of two arms at common times, from records of their states.
-
-    Raises:
-        ConfigError: they have different joints, or have hardly any time in common.
-    """
-    counts = [int(states["joints"][-1]) for states in (leader, follower)]
-    if counts[0] != counts[1] or not counts[0]:
-        raise ConfigError(f"leader and follower have {counts[0]} and {counts[1]} joints; give a pair of arms")
-    joints = range(counts[0])
-    stamps = [states["motor_stamp_s"][:, joint] for states in (leader, follower) for joint in joints]
-    begin, end = max(column[0] for column in stamps), min(column[-1] for column in stamps)
-    if not end - begin > _LEAST_S:
-        raise ConfigError(f"the states have less than {_LEAST_S:g} s in common; measure for longer")
-    times = np.arange(begin, end, _STEP_S)
-    columns = [
-        np.stack([np.interp(times, states["motor_stamp_s"][:, j], states["q"][:, j]) for j in joints], axis=1)
-        for states in (leader, follower)
-    ]
-    return Motion([f"joint_{joint + 1}" for joint in joints], times - begin, *columns)
-
-
 def effort(leader: np.ndarray, arm: ArmProfile, gripper: GripperProfile) -> Effort:
-    """Of a leader with motors, from records of its states.
+    """Fit what the motors of a floating leader do, from records of its states.
+
+    Its motors drive it with τ = k g(q) − a sign(dq) − b dq + r. Fitting k, a and b for each joint by least squares
+    tells the drag of the motors, a + b |dq|, which a hand has to add to the friction that no motor feels; and the
+    feedback r: what is left, by which the follower pulls at the leader.
 
     Raises:
         ConfigError: the profile has other joints.
@@ -129,21 +108,36 @@ def effort(leader: np.ndarray, arm: ArmProfile, gripper: GripperProfile) -> Effo
 
 
 def periods_s(states: np.ndarray) -> np.ndarray:
-    """Times between ticks of a control loop that follow each other, from records of its states."""
+    """Return the times between ticks of a control loop that follow each other, from records of its states."""
     following = np.diff(states["tick"]) == 1
     return np.diff(states["stamp_s"])[following]
+
+
+class Likeness(NamedTuple):
+    """How n joints of a follower follow a leader's. NaN where a joint has not moved.
+
+    Attributes:
+        lag_s: (n,) of the best fit.
+        error_rad: (n,) RMS of the difference, lag taken out.
+        jerk_ratio: RMS jerk of the follower over all joints, a share of the leader's.
+        joint_jerk_ratio: (n,) the same of each.
+    """
+
+    lag_s: np.ndarray
+    error_rad: np.ndarray
+    jerk_ratio: float
+    joint_jerk_ratio: np.ndarray
 
 
 def likeness(stamps_s: np.ndarray, leader: np.ndarray, follower: np.ndarray) -> Likeness:
     """Compare q of leader and follower (k, n) at the same times (k,), equally spaced, rad."""
     step_s = float(np.median(np.diff(stamps_s)))
-    joints = range(leader.shape[1])
-    lags, errors = zip(*(_lag(step_s, leader[:, joint], follower[:, joint]) for joint in joints), strict=True)
-    led, follows = (np.array([_rms(_jerk(q[:, joint], step_s)) for joint in joints]) for q in (leader, follower))
+    lags, errors = np.array([_lag(step_s, *pair) for pair in zip(leader.T, follower.T, strict=True)]).T
+    led, follows = (np.array([_rms(_jerk(q, step_s)) for q in side.T]) for side in (leader, follower))
     still = np.ptp(leader, axis=0) < _FOLLOWED_RAD
     ratio = np.divide(follows, led, out=np.full(len(led), np.nan), where=~still)
     total = np.nan if still.all() else _rms(follows) / _rms(led)
-    return Likeness(np.where(still, np.nan, lags), np.array(errors), total, ratio)
+    return Likeness(np.where(still, np.nan, lags), errors, total, ratio)
 
 
 def _lag(step_s: float, leader: np.ndarray, follower: np.ndarray) -> tuple[float, float]:

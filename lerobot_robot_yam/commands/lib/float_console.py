@@ -92,7 +92,7 @@ class FloatConsole:
                 self._show(states)
 
     def _state(self, client: ArmClient) -> ArmState:
-        """Also of an arm that has failed: a person is there. Raises StaleStateError: its loop is silent."""
+        """Return its state, also if it has failed: a person is there. Raises StaleStateError: its loop is silent."""
         state = client.published()
         age_s = self._session.clock.now() - state.published_s
         if state.mode is not Mode.OFF and age_s > client.config.max_state_age_s:
@@ -181,7 +181,7 @@ class FloatConsole:
         self._typed = ""
 
     def _type(self, key: str) -> None:
-        """One key of a file's name."""
+        """Take one key of a file's name."""
         assert self._typed is not None
         if key in _ENTER:
             name, self._typed = self._typed, None
@@ -220,7 +220,7 @@ class _Table:
         self._seen: tuple[float, int] | None = None
 
     def show(self, state: ArmState) -> str:
-        """The table as text."""
+        """Return the table as text."""
         hw = self._client.hardware
         weight: list[float] = []
         if self._gravity is not None:
@@ -234,13 +234,9 @@ class _Table:
             rows.append(["gripper", *measured, ""])
         for row, stage, coil in zip(rows, state.temp_mos_c, state.temp_rotor_c, strict=True):
             row += [f"{stage:.0f}", f"{coil:.0f}"]
-        trouble = f"  {state.message}" if state.message else ""
-        name = f"{hw.name} ({hw.config.channel})"
-        return f"{name}: {state.mode.name}{self._period(state)}{trouble}\n{table(_HEAD, rows)}"
-
-    def _period(self, state: ArmState) -> str:
         before, self._seen = self._seen, (state.published_s, state.tick)
-        if before is None or state.tick <= before[1]:
-            return ""
-        period_s = (state.published_s - before[0]) / (state.tick - before[1])
-        return f"  period {period_s * 1e3:.2f} ms" if math.isfinite(period_s) else ""
+        period = ""
+        if before is not None and state.tick > before[1] and math.isfinite(before[0]):
+            period = f"  period {(state.published_s - before[0]) / (state.tick - before[1]) * 1e3:.2f} ms"
+        trouble = f"  {state.message}" if state.message else ""
+        return f"{hw.name} ({hw.config.channel}): {state.mode.name}{period}{trouble}\n{table(_HEAD, rows)}"

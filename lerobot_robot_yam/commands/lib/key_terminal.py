@@ -14,6 +14,7 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.signals import end_session_on_signals
 
 QUIT = ("q", "\x04", "\x1a")  # Ctrl-D and Ctrl-Z, too
+UP, DOWN, RIGHT, LEFT = "\x1b[A", "\x1b[B", "\x1b[C", "\x1b[D"
 _CC = 6  # the characters, among what tcgetattr returns
 _KEY = re.compile(r"\x1b\[[A-D]|[\s\S]")  # an arrow, or one character, Escape too
 _CHUNK = 1024  # bytes
@@ -36,7 +37,7 @@ class KeyTerminal:
         self.gone = False
 
     def keys(self, within_s: float) -> list[str]:
-        """The keys that are typed next, none after `within_s`. An arrow is one key, such as `\\x1b[A`."""
+        """Return the keys that are typed next, none after `within_s`. An arrow is one key, such as `\\x1b[A`."""
         typed = self._read(within_s)
         while typed.endswith(_SPLIT) and (rest := self._read(_SPLIT_S)):
             typed += rest
@@ -54,7 +55,7 @@ class KeyTerminal:
 
 @contextmanager
 def key_terminal() -> Iterator[KeyTerminal]:
-    """The terminal, set to give each key at once. Its mode is given back when the block ends.
+    """Set the terminal to give each key at once. Its mode is given back when the block ends.
 
     SIGTERM and SIGHUP end the block like Ctrl-C.
 

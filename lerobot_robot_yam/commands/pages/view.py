@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING
 
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
-    ask,
+    command_parser,
+    confirm_word,
     need_terminal,
     run_command,
     tell,
@@ -44,9 +45,7 @@ _WORD = "drive"  # is typed before the arms of a window are energised
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-view`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-view", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("yam-view", __doc__)
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default 127.0.0.1: this computer)")
     parser.add_argument("--port", type=int, default=8080, help="port, or the next free one (default 8080)")
     parser.add_argument("--token", action="store_true", help="ask for a token on this computer, too")
@@ -127,8 +126,8 @@ def _desktop(args: argparse.Namespace) -> int:
     )
     for note in plan.notes:
         tell(note)
-    if not args.yes and ask(f"Type {_WORD} to go on:") != _WORD:
-        raise ConfigError("not confirmed; nothing was energised")
+    if not args.yes:
+        confirm_word(_WORD, f"Type {_WORD} to go on:")
     session = ArmSession(plan.configs)
     try:
         session.start()

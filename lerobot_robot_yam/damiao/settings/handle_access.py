@@ -50,6 +50,7 @@ class HandleAccess:
     def __init__(self, bus: can.BusABC, channel: str):
         self.channel = channel
         self._port = BusPort(bus, channel)
+        self.clock = self._port.clock
 
     def firmware(self) -> tuple[int, int, int]:
         """Version of the only handle.
@@ -107,7 +108,7 @@ class HandleAccess:
         if self.report_frequency() == hz:
             return
         self._send(encode_report_frequency(hz))
-        self._port.clock.sleep(_SETTING_S)
+        self.clock.sleep(_SETTING_S)
         found = self.report_frequency()
         if found != hz:
             raise MotorError(
@@ -121,17 +122,17 @@ class HandleAccess:
         Raises:
             MotorError: it moves, or does not read 0 afterwards.
         """
-        deadline, seen = self._port.clock.now() + _STILL_S, [self.report().position_rad]
-        while self._port.clock.now() < deadline:
+        deadline, seen = self.clock.now() + _STILL_S, [self.report().position_rad]
+        while self.clock.now() < deadline:
             seen.append(self.report().position_rad)
-            self._port.clock.sleep(0.01)
+            self.clock.sleep(0.01)
         if max(seen) - min(seen) > _STILL_RAD:
             raise MotorError(
                 f"{self.channel}: the trigger moved by {max(seen) - min(seen):.3f} rad within {_STILL_S} s; its zero "
                 "was left as it is. Let go of it, and try again"
             )
         self._send(encode_zero())
-        self._port.clock.sleep(_SETTING_S)
+        self.clock.sleep(_SETTING_S)
         position = self.report().position_rad
         if not math.isclose(position, 0.0, abs_tol=ZERO_RAD):
             raise MotorError(
@@ -140,8 +141,8 @@ class HandleAccess:
             )
 
     def _frames(self, identifier: int, seconds: float) -> Iterator[bytes]:
-        deadline = self._port.clock.now() + seconds
-        while (remaining := deadline - self._port.clock.now()) > 0.0:
+        deadline = self.clock.now() + seconds
+        while (remaining := deadline - self.clock.now()) > 0.0:
             message = self._port.recv(remaining)
             if message is not None and message.arbitration_id == identifier and is_classic_data(message):
                 yield bytes(message.data)

@@ -119,39 +119,43 @@ def changes(
     return found
 
 
-def put(access: RegisterAccess, motor_id: int, wanted: Mapping[Register, float | int]) -> Contents:
-    """Set registers in RAM; those that hold the value already are not written.
+def put(access: RegisterAccess, wanted: Mapping[int, Contents]) -> dict[int, Contents]:
+    """Set registers of motors in RAM; a register that holds its value already is not written.
+
+    Args:
+        wanted: the values, by motor id.
 
     Returns:
-        What those that were written held before.
+        What the registers that were written held before, by motor id.
 
     Raises:
-        MotorError, BusError: one did not take its value. Those written before were put back, or the message names them.
+        MotorError, BusError: a motor did not take a value. What was written is put back, or the message names it.
     """
-    written: Contents = {}
+    written: dict[int, Contents] = {motor_id: {} for motor_id in wanted}
     try:
-        for register, value in wanted.items():
-            old = access.read(motor_id, register)
-            if old is None:
-                raise MotorError(f"{access.channel}: motor {motor_id} does not tell register {register.name}")
-            if not equal(register, old, value):
-                written[register] = old
-                access.write_and_check(motor_id, register, value)
+        for motor_id, values in wanted.items():
+            for register, value in values.items():
+                old = access.read(motor_id, register)
+                if old is None:
+                    raise MotorError(f"{access.channel}: motor {motor_id} does not tell register {register.name}")
+                if not equal(register, old, value):
+                    written[motor_id][register] = old
+                    access.write_and_check(motor_id, register, value)
     except (MotorError, BusError) as error:
-        raise type(error)(f"{error}; {_put_back(access, motor_id, written)}") from error
+        raise type(error)(f"{error}; {put_back(access, written) or 'nothing was changed'}") from error
     return written
 
 
-def _put_back(access: RegisterAccess, motor_id: int, written: Contents) -> str:
+def put_back(access: RegisterAccess, written: Mapping[int, Contents]) -> str:
+    """Undo `put` as far as the motors answer; return what a message says of what is left, or nothing."""
     left = []
-    for register, value in written.items():
-        try:
-            access.write_and_check(motor_id, register, value)
-        except (MotorError, BusError):
-            left.append(f"{register.name} (was {value:g})")
-    if left:
-        return f"NOT PUT BACK: {', '.join(left)}. Nothing was stored: switch its power off and on, which undoes it"
-    return "nothing was changed"
+    for motor_id, contents in written.items():
+        for register, value in contents.items():
+            try:
+                access.write_and_check(motor_id, register, value)
+            except (MotorError, BusError):
+                left.append(f"{register.name} of motor {motor_id} (was {value:g})")
+    return f"NOT PUT BACK: {', '.join(left)}; switch the power off and on, which undoes it" if left else ""
 
 
 def store(access: RegisterAccess, motor_id: int) -> list[str]:
@@ -194,7 +198,7 @@ def store(access: RegisterAccess, motor_id: int) -> list[str]:
             )
         lost = found
         again |= dict.fromkeys(found)
-        put(access, motor_id, fixed)
+        put(access, {motor_id: fixed})
     return []
 
 

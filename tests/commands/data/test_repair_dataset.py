@@ -67,9 +67,17 @@ def test_nothing_of_a_killed_recording_loads_until_it_is_repaired(killed, tmp_pa
     assert [path.name for path in sorted((tmp_path / "new").iterdir())] == ["data", "meta", "videos"]
 
 
-def test_the_default_output_lies_beside_the_original(copy):
+def test_the_default_output_lies_beside_the_original_with_what_lay_beside_the_data(copy):
+    """But for the label of an episode that is lost."""
+    kept = ("notes/monday.txt", "meta/annotations/grasps.json")
+    for name in kept:
+        (copy / name).parent.mkdir()
+        (copy / name).write_text("kept")
+    outcomes.append(copy, [outcomes.now(3, "discard", "top")])
     assert repair(copy) == 0
-    assert load(copy.with_name("data_repaired")).num_episodes == 3
+    new = copy.with_name("data_repaired")
+    assert load(new).num_episodes == 3
+    assert [(new / name).read_text() for name in kept] == ["kept", "kept"] and not (new / outcomes.OUTCOMES).exists()
 
 
 def test_a_wreck_whose_name_looks_like_an_unfinished_copy_is_left_alone(copy, tmp_path):
@@ -88,7 +96,7 @@ def test_a_whole_data_set_is_healthy(killed, capsys):
 def test_other_forms_of_pictures(form, tmp_path):
     cameras = (*CAMERAS[:1], DEPTH) if form == "depth" else CAMERAS
     dtype = "image" if form == "in the rows" else "video"
-    wreck(create(tmp_path / "whole", cameras, dtype, streaming=form == "depth"), tmp_path / "wreck")
+    wreck(create(tmp_path / "whole", cameras, dtype, streaming=form == "depth"), tmp_path / "wreck", (7, 5))
     assert repair(tmp_path / "wreck") == 0
     assert_same(tmp_path / "wreck_repaired", tmp_path / "whole")
 
@@ -97,16 +105,17 @@ def resumed(root):
     return LeRobotDataset.resume("local/wreck", root=root, streaming_encoding=True, rgb_encoder=CODER)
 
 
-def test_a_repaired_data_set_can_be_resumed_and_killed_again(killed, tmp_path):
-    assert repair(killed[0], f"--output={tmp_path / 'one'}") == 0
-    wreck(resumed(tmp_path / "one"), tmp_path / "wreck", (7, 11), saved=3)
+def test_a_repaired_data_set_can_be_resumed_and_killed_again(tmp_path):
+    wreck(create(tmp_path / "whole", CAMERAS[:1]), tmp_path / "killed", (5, 8))
+    assert repair(tmp_path / "killed", f"--output={tmp_path / 'one'}") == 0
+    wreck(resumed(tmp_path / "one"), tmp_path / "wreck", (7,), saved=2)
     assert repair(tmp_path / "wreck") == 0
     assert_same(tmp_path / "wreck_repaired", tmp_path / "one")
-    assert load(tmp_path / "wreck_repaired").num_episodes == 5
+    assert load(tmp_path / "wreck_repaired").num_episodes == 3
 
 
 def test_metadata_that_were_flushed_without_a_footer(tmp_path):
-    wreck(create(tmp_path / "whole", CAMERAS[:1]), tmp_path / "wreck", (3,) * 12)
+    wreck(create(tmp_path / "whole", ()), tmp_path / "wreck", (3,) * 12)
     (flushed,) = (tmp_path / "wreck" / "meta" / "episodes").rglob("*.parquet")
     with pytest.raises(pa.ArrowInvalid):
         pq.ParquetFile(flushed)
@@ -115,7 +124,7 @@ def test_metadata_that_were_flushed_without_a_footer(tmp_path):
 
 
 def test_killed_while_an_episode_was_being_saved(tmp_path, capsys):
-    data = create(tmp_path / "whole")
+    data = create(tmp_path / "whole", CAMERAS[:1])
     wreck_of_one = tmp_path / "one"
     add_frames(data, 0, 12)
     data.save_episode()
@@ -181,21 +190,6 @@ def test_episodes_whose_videos_were_to_be_encoded_together_are_lost_and_named(ki
     shutil.rmtree(tmp_path / "data" / "videos")
     assert repair(tmp_path / "data") == 1
     assert "lost: episode 2: no video" in capsys.readouterr().out
-
-
-def test_a_label_of_a_lost_episode_goes_with_it(copy):
-    outcomes.append(copy, [outcomes.now(3, "discard", "top")])
-    assert repair(copy) == 0
-    assert not (copy.with_name("data_repaired") / outcomes.OUTCOMES).exists()
-
-
-def test_what_lies_beside_the_data_is_kept(copy):
-    for name in ("notes/monday.txt", "meta/annotations/grasps.json"):
-        (copy / name).parent.mkdir()
-        (copy / name).write_text("kept")
-    assert repair(copy) == 0
-    for name in ("notes/monday.txt", "meta/annotations/grasps.json"):
-        assert (copy.with_name("data_repaired") / name).read_text() == "kept"
 
 
 def interrupt(*arguments, **options):

@@ -29,15 +29,15 @@ def access(desk):
 
 
 def test_values_are_set_and_what_was_there_is_told(desk, access):
-    assert put(access, 3, HOT | LOW) == {Register.OT_VALUE: 100.0, Register.UV_VALUE: 15.0}
-    assert put(access, 3, HOT | LOW) == {}
+    assert put(access, {3: HOT | LOW}) == {3: {Register.OT_VALUE: 100.0, Register.UV_VALUE: 15.0}}
+    assert put(access, {3: HOT | LOW}) == {3: {}}
     assert desk.registers[3][Register.OT_VALUE] == 90.0
 
 
 def test_a_register_that_stays_leaves_the_motor_as_it_was(desk, access):
     desk.stays[3] = {Register.UV_VALUE}
     with pytest.raises(MotorError, match="motor 3 did not take UV_VALUE 14: it still holds 15; nothing was changed"):
-        put(access, 3, HOT | LOW)
+        put(access, {3: HOT | LOW})
     assert desk.registers[3][Register.OT_VALUE] == 100.0
 
 
@@ -50,14 +50,14 @@ def test_a_register_that_cannot_be_put_back_is_named(desk, access):
 
     desk.registers[3] = Latch(desk.registers[3])
     desk.stays[3] = {Register.UV_VALUE}
-    with pytest.raises(MotorError, match=r"NOT PUT BACK: OT_VALUE \(was 100\). Nothing was stored: switch its power"):
-        put(access, 3, HOT | LOW)
+    with pytest.raises(MotorError, match=r"NOT PUT BACK: OT_VALUE of motor 3 \(was 100\); switch the power"):
+        put(access, {3: HOT | LOW})
 
 
 def test_a_register_that_is_not_told_is_not_written(desk, access):
     desk.silent = {3}
     with pytest.raises(MotorError, match="motor 3 does not tell register OT_VALUE; nothing was changed"):
-        put(access, 3, HOT)
+        put(access, {3: HOT})
 
 
 def test_storing_is_quiet_when_nothing_else_changes(desk, access):

@@ -28,8 +28,9 @@ from lerobot_robot_yam.errors import ConfigError, MotorError
 SAFE_COUNTS = 8000
 """TIMEOUT of the maker, 0.4 s; sessions refuse an arm with another."""
 ANSWERS_BEYOND = 16
-"""A motor of an arm answers as its id and this."""
-GRIPPER = "gripper"
+"""A motor of an arm answers as its id plus this."""
+_GRIPPER = "gripper"
+_MARKS = (Register.GR, Register.PMAX, Register.VMAX, Register.TMAX)  # they tell the type of a motor
 _HEAD = [
     *("motor", "id", "answers", "type", "firmware", "state", "rad", "stage °C", "coil °C"),
     *("limits rad, rad/s, Nm", "off at °C", "time-out s", "supply V"),
@@ -38,28 +39,11 @@ _HEAD = [
 
 @dataclass(frozen=True)
 class Found:
-    """One id that answers: every answer, and what the motor holds and reports if it is the only one."""
+    """What answers to one id. Contents and state are known only where one motor answers, not two."""
 
     replies: list[Reply]
     contents: Contents
     state: MotorState | None
-
-    @property
-    def kind(self) -> str:
-        """Motor type, by gear ratio and ranges."""
-        if not self.contents:
-            return "?"
-        held = self.contents.get
-        return MotorPrint(
-            gear_ratio=held(Register.GR),
-            position_max_rad=held(Register.PMAX),
-            velocity_max_rad_s=held(Register.VMAX),
-            torque_max_nm=held(Register.TMAX),
-            serial=None,
-            hardware=None,
-            software=None,
-            sub=None,
-        ).kind
 
 
 class MotorBench:
@@ -76,11 +60,11 @@ class MotorBench:
         self.names = motor_names(config)
 
     def name(self, can_id: int) -> str:
-        """What the profile calls the motor."""
+        """Return what the profile calls the motor."""
         return self.names.get(can_id, f"motor {can_id}")
 
     def ids(self, chosen: Sequence[str] | None) -> list[int]:
-        """CAN ids of motors given by name or id; of all that answer, when none is given.
+        """Return the CAN ids of motors given by name or id; of all that answer, when none is given.
 
         Raises:
             ConfigError: there is no such motor.
@@ -90,20 +74,18 @@ class MotorBench:
             present = [can_id for can_id in self.names if self.access.replies(can_id, Register.ESC_ID)]
             if not present:
                 raise MotorError(nothing_answers(self.channel))
-            missing = [name for can_id, name in self.names.items() if can_id not in present and name != GRIPPER]
+            missing = [name for can_id, name in self.names.items() if can_id not in present and name != _GRIPPER]
             if missing:  # a leader has no gripper
                 tell(f"note: without {', '.join(missing)}: no answer")
             return present
         by_name = {name: can_id for can_id, name in self.names.items()}
-        found = []
         for word in chosen:
             if word not in by_name and not (word.isdecimal() and int(word) <= REGISTER_ID):
                 raise ConfigError(f"no motor {word!r}; give a CAN id, or one of {', '.join(by_name)}")
-            found.append(by_name[word] if word in by_name else int(word))
-        return list(dict.fromkeys(found))
+        return list(dict.fromkeys(by_name[word] if word in by_name else int(word) for word in chosen))
 
     def contents(self, can_id: int) -> Contents:
-        """All registers of a motor. Raises MotorError: it does not answer."""
+        """Read all registers of a motor. Raises MotorError: the motor does not answer."""
         found = read_contents(self.access, can_id)
         if Register.MST_ID not in found:
             raise MotorError(
@@ -112,6 +94,11 @@ class MotorBench:
             )
         return found
 
+    def kind(self, contents: Contents) -> str:
+        """Return the motor type, by gear ratio and ranges."""
+        ratio, position, speed, torque = map(contents.get, _MARKS)
+        return MotorPrint(ratio, position, speed, torque, None, None, None, None).kind if contents else "?"
+
     def require_settable(self, ids: Sequence[int]) -> None:
         """Refuse unless each of these motors is alone with its id, and limp. Raises MotorError: one is not."""
         for can_id in ids:
@@ -119,40 +106,38 @@ class MotorBench:
             require_limp(self.access, can_id, self.name(can_id))
 
     def scan(self, ids: Sequence[int]) -> dict[int, Found]:
-        """Everything about each id that answers."""
+        """Read everything about each id that answers."""
         found = {}
         for can_id in ids:
             replies = self.access.find(can_id)
             if len(replies) == 1:
                 contents = read_contents(self.access, can_id)
                 found[can_id] = Found(replies, contents, read_state(self.access, can_id))
-            elif replies:  # nobody knows which of them says what
+            elif replies:
                 found[can_id] = Found(replies, {}, None)
         return found
 
     def notes(self, found: dict[int, Found]) -> list[str]:
-        """What is wrong with what was found, and the command that helps."""
+        """Say what is wrong with what was found, and which command helps."""
         lines, where = [], self.config.on_command_line
         for can_id, motor in found.items():
-            name, (first, *more) = self.name(can_id), motor.replies
+            name, (first, *more), wanted = self.name(can_id), motor.replies, can_id + ANSWERS_BEYOND
+            set_id = f"yam-motors set-id {where} {can_id}"
             if more:
                 lines.append(
                     f"{len(motor.replies)} motors answer to id {can_id}: unplug all but one, then give that one its "
-                    f"own id (yam-motors set-id {where} {can_id} NEW)"
+                    f"own id ({set_id} NEW)"
                 )
             elif first.identifier != first.value:
                 lines.append(
                     f"{name} answers as 0x{first.identifier:X}, which is not its MST_ID: switch the power off and on"
                 )
-            elif first.value != can_id + ANSWERS_BEYOND:
-                wanted = can_id + ANSWERS_BEYOND
-                lines.append(
-                    f"{name} answers as {first.value}, not {wanted}: yam-motors set-id {where} {can_id} {can_id}"
-                )
+            elif first.value != wanted:
+                lines.append(f"{name} answers as {first.value}, not {wanted}: {set_id} {can_id}")
             if motor.contents.get(Register.TIMEOUT, SAFE_COUNTS) != SAFE_COUNTS:
                 lines.append(f"{name} has another time-out than sessions ask for: yam-motors timeout {where} 0.4")
         missing = [f"{name} (id {can_id})" for can_id, name in self.names.items() if can_id not in found]
-        if GRIPPER not in map(self.name, found) and handle_firmware(self.bus, self.channel) is not None:
+        if _GRIPPER not in map(self.name, found) and handle_firmware(self.bus, self.channel) is not None:
             missing.pop()
             lines.append(f"a teaching handle answers instead of a gripper's motor (yam-handle show {where})")
         if missing:
@@ -160,13 +145,13 @@ class MotorBench:
         return lines
 
     def row(self, can_id: int, motor: Found) -> dict[str, Any]:
-        """What `scan` shows of a motor, for JSON."""
+        """Return what `scan` shows of a motor, for JSON."""
         held, state = motor.contents.get, motor.state
         counts = held(Register.TIMEOUT)
         return {
             "name": self.name(can_id),
             "answers": [reply.identifier for reply in motor.replies],
-            "type": motor.kind,
+            "type": self.kind(motor.contents),
             "firmware": held(Register.SW_VER),
             "sub": held(Register.SUB_VER),
             "serial": held(Register.SN),
@@ -178,41 +163,30 @@ class MotorBench:
         }
 
     def show(self, found: dict[int, Found]) -> str:
-        """The table of `scan`."""
+        """Return the table of `scan`."""
         rows = []
         for can_id, motor in found.items():
-            row, state = self.row(can_id, motor), motor.state
-            rows.append(
-                [
-                    *(row["name"], str(can_id), "+".join(map(str, row["answers"])), row["type"]),
-                    f"{_text(row['firmware'])}.{_text(row['sub'])}",
-                    *([fault_text(state.fault), f"{state.position_rad:+.3f}"] if state else ["no feedback", "?"]),
-                    *([str(state.temp_mos_c), str(state.temp_rotor_c)] if state else ["?", "?"]),
-                    " ".join(map(_text, row["ranges"])),
-                    *(_text(row[key]) for key in ("off_at_c", "timeout_s", "supply_v")),
-                ]
-            )
+            row, state = self.row(can_id, motor), ["no feedback", "?", "?", "?"]
+            if (fed := motor.state) is not None:
+                state = [fault_text(fed.fault), f"{fed.position_rad:+.3f}", str(fed.temp_mos_c), str(fed.temp_rotor_c)]
+            firmware, ranges = f"{_text(row['firmware'])}.{_text(row['sub'])}", " ".join(map(_text, row["ranges"]))
+            first = [row["name"], str(can_id), "+".join(map(str, row["answers"])), row["type"], firmware]
+            rows.append([*first, *state, ranges, *(_text(row[key]) for key in ("off_at_c", "timeout_s", "supply_v"))])
         return table(_HEAD, rows)
 
 
 def motor_names(config: ArmConfig) -> dict[int, str]:
-    """Names of an arm's motors by CAN id. Raises ConfigError: there is no such arm."""
+    """Return the names of an arm's motors by CAN id. Raises ConfigError: there is no such arm."""
     arm = load_arm(config.arm)
-    return {motor.can_id: motor.name for motor in arm.motors} | {gripper_id(arm): GRIPPER}
+    return {motor.can_id: motor.name for motor in arm.motors} | {gripper_id(arm): _GRIPPER}
 
 
 def nothing_answers(channel: str) -> str:
-    """Why a whole channel may be silent."""
+    """Say why a whole channel may be silent."""
     return (
         f"nothing answers on channel {channel}; check motor power and the emergency stop, the CAN cable and the "
         "bit-rate (classic CAN, 1 Mbit/s)"
     )
-
-
-def tell_notes(lines: Sequence[str]) -> None:
-    """Show the notes of a scan."""
-    for line in lines:
-        tell(f"note: {line}")
 
 
 def _text(value: float | None) -> str:

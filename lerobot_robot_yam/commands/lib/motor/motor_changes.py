@@ -1,4 +1,4 @@
-"""What yam-motors changes: registers, dumps written back, time-outs. All motors of a command, or none of them."""
+"""What yam-motors changes: registers, time-outs and ids. All motors of a command are changed, or none of them."""
 
 import argparse
 import contextlib
@@ -6,17 +6,18 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 
-from lerobot_robot_yam.commands.lib.arm_command import ask, table, tell
-from lerobot_robot_yam.commands.lib.motor.motor_bench import SAFE_COUNTS, MotorBench
-from lerobot_robot_yam.commands.lib.motor.motor_dump import differences, kept_until_stored, load_dump, shown
+from lerobot_robot_yam.commands.lib.arm_command import confirm_word, table, tell
+from lerobot_robot_yam.commands.lib.motor.motor_bench import ANSWERS_BEYOND, SAFE_COUNTS, MotorBench
+from lerobot_robot_yam.commands.lib.motor.motor_dump import kept_until_stored, load_dump, shown
+from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
 from lerobot_robot_yam.damiao.registers import Register
-from lerobot_robot_yam.damiao.settings.motor_memory import Contents, changes, put, store
+from lerobot_robot_yam.damiao.settings.motor_memory import Contents, changes, put, put_back, store
 from lerobot_robot_yam.damiao.settings.register_ranges import check_value
-from lerobot_robot_yam.damiao.tables import TIMEOUT_COUNT_S
-from lerobot_robot_yam.errors import BusError, ConfigError, MotorError, YamError
+from lerobot_robot_yam.damiao.tables import REGISTER_ID, TIMEOUT_COUNT_S
+from lerobot_robot_yam.errors import ConfigError, MotorError, YamError
 from lerobot_robot_yam.system.signals import finished_first
 
-WRITING = "registers are being written"
+_WRITING = "registers are being written"
 _NEVER = "never"
 _LEAST_S, _MOST_S = 0.05, 10.0  # a loop sends every 4 ms, but now and then late; beyond, an arm holds on for too long
 _ELSEWHERE = {
@@ -26,24 +27,27 @@ _ELSEWHERE = {
     Register.CAN_BR: "it is left alone: at another bit-rate the motor is not heard any more",
 }
 _SCALES = frozenset({Register.PMAX, Register.VMAX, Register.TMAX, Register.CTRL_MODE})
+_ANSWERS_MOST = 0xFF
+_ATTEMPTS = 3  # to give a motor its new id
 
 
-def confirm(args: argparse.Namespace, bench: MotorBench, ids: Sequence[int], word: str, question: str) -> None:
+def _confirm(args: argparse.Namespace, bench: MotorBench, ids: Sequence[int], word: str, question: str) -> None:
     """Go on only if the word is typed, or with --yes.
 
     Raises:
         ConfigError: another word is typed.
         MotorError: one of these motors has been energised, or joined by another, while the question waited.
     """
-    if args.yes:
-        return
-    if ask(f"Type {word} to {question}:") != word:
-        raise ConfigError("not confirmed; nothing was changed")
-    bench.require_settable(ids)
+    if not args.yes:
+        confirm_word(word, f"Type {word} to {question}:", "nothing was changed")
+        bench.require_settable(ids)
+
+
+# registers
 
 
 def write_registers(args: argparse.Namespace, bench: MotorBench, settings: Contents) -> int:
-    """`yam-motors write`: the same settings for each of the chosen motors."""
+    """Do `yam-motors write`: the same settings for each of the chosen motors."""
     if not args.motor:
         raise ConfigError("name the motors to write to (--motor joint_3)")
     for register, value in settings.items():
@@ -54,17 +58,17 @@ def write_registers(args: argparse.Namespace, bench: MotorBench, settings: Conte
         tell("HAZARD: these registers say what commands mean. Sessions refuse a motor in which they are not the type's")
     ids = bench.ids(args.motor)
     bench.require_settable(ids)
-    return apply(args, bench, {can_id: settings for can_id in ids}, "write", store_too=args.store)
+    return apply(args, bench, dict.fromkeys(ids, settings), "write", store_too=args.store)
 
 
 def store_motors(args: argparse.Namespace, bench: MotorBench) -> int:
-    """`yam-motors store`: what RAM holds, to flash."""
+    """Do `yam-motors store`: what RAM holds, to flash."""
     ids = bench.ids(args.motor)
     bench.require_settable(ids)
     named = ", ".join(map(bench.name, ids))
-    confirm(args, bench, ids, "store", f"store what {named} hold; flash bears a limited number of writes")
+    _confirm(args, bench, ids, "store", f"store what {named} hold; flash bears a limited number of writes")
     kept = {can_id: bench.contents(can_id) for can_id in ids}
-    with finished_first(WRITING):
+    with finished_first(_WRITING):
         with kept_until_stored(bench.channel, kept):
             _store_each(bench, dict.fromkeys(ids, {}))
         tell(f"stored, and read back: {named}")
@@ -72,23 +76,23 @@ def store_motors(args: argparse.Namespace, bench: MotorBench) -> int:
 
 
 def restore_arm(args: argparse.Namespace, bench: MotorBench) -> int:
-    """`yam-motors restore`: write back and store what differs from a file."""
+    """Do `yam-motors restore`: write back and store what differs from a file."""
     stored = load_dump(args.file)
     held = {can_id: bench.contents(can_id) for can_id in stored}
     wanted: dict[int, Contents] = {}
     for can_id, contents in stored.items():
-        differing = changes(contents, held[can_id])
+        differing, name = changes(contents, held[can_id]), bench.name(can_id)
         if Register.GR in differing:
             raise MotorError(
-                f"{bench.channel}: {bench.name(can_id)} (id {can_id}) is a motor of another type than in {args.file}; "
+                f"{bench.channel}: {name} (id {can_id}) is a motor of another type than in {args.file}; "
                 "nothing was changed"
             )
         for register, (value, now) in differing.items():
             if now is None and register.writable:
-                raise MotorError(f"{bench.channel}: {bench.name(can_id)} does not tell register {register.name}")
+                raise MotorError(f"{bench.channel}: {name} does not tell register {register.name}")
             if not register.writable or (register in _ELSEWHERE and register is not Register.TIMEOUT):
-                where = _ELSEWHERE.get(register, "it is read-only")
-                tell(f"note: {bench.name(can_id)}: {register.name} differs and stays as it is: {where}")
+                why = _ELSEWHERE.get(register, "it is read-only")
+                tell(f"note: {name}: {register.name} differs and stays as it is: {why}")
                 continue
             check_value(register, value)
             if register is Register.TIMEOUT:
@@ -98,23 +102,22 @@ def restore_arm(args: argparse.Namespace, bench: MotorBench) -> int:
     return apply(args, bench, wanted, "restore", store_too=True)
 
 
-def show_timeout(args: argparse.Namespace, bench: MotorBench) -> int:
-    """`yam-motors timeout` without a time."""
-    rows = []
-    for can_id in bench.ids(args.motor):
-        counts = bench.contents(can_id).get(Register.TIMEOUT, math.nan)
-        seconds = f"{counts * TIMEOUT_COUNT_S:g}" if counts else _NEVER
-        rows.append([bench.name(can_id), f"{counts:g}", seconds])
-    sys.stdout.write(table(["motor", "counts of 50 µs", "seconds"], rows) + "\n")
-    return 0
+# time-outs
 
 
-def set_timeout(args: argparse.Namespace, bench: MotorBench, seconds: float) -> int:
-    """`yam-motors timeout SECONDS`: in RAM and flash, read back."""
-    _check_seconds(seconds)
+def timeout(args: argparse.Namespace, bench: MotorBench) -> int:
+    """Do `yam-motors timeout`: show it, or set it in RAM and flash."""
+    if args.seconds is None:
+        rows = []
+        for can_id in bench.ids(args.motor):
+            counts = bench.contents(can_id).get(Register.TIMEOUT, math.nan)
+            rows.append([bench.name(can_id), f"{counts:g}", f"{counts * TIMEOUT_COUNT_S:g}" if counts else _NEVER])
+        sys.stdout.write(table(["motor", "counts of 50 µs", "seconds"], rows) + "\n")
+        return 0
+    _check_seconds(args.seconds)
     ids = bench.ids(args.motor)
     bench.require_settable(ids)
-    counts = round(seconds / TIMEOUT_COUNT_S)
+    counts = round(args.seconds / TIMEOUT_COUNT_S)
     if counts != SAFE_COUNTS:
         tell(f"note: sessions refuse an arm whose time-out is not {SAFE_COUNTS * TIMEOUT_COUNT_S:g} s")
     status = apply(args, bench, {can_id: {Register.TIMEOUT: counts} for can_id in ids}, "timeout", store_too=True)
@@ -130,6 +133,9 @@ def _check_seconds(seconds: float) -> None:
         )
 
 
+# writing and storing
+
+
 def apply(
     args: argparse.Namespace, bench: MotorBench, wanted: Mapping[int, Contents], word: str, *, store_too: bool
 ) -> int:
@@ -141,19 +147,15 @@ def apply(
             message names them.
     """
     held = {can_id: bench.contents(can_id) for can_id in wanted}
-    new = {
-        can_id: {r: value for r, (value, _) in changes(values, held[can_id]).items()}
-        for can_id, values in wanted.items()
-    }
-    new = {can_id: values for can_id, values in new.items() if values}
+    new: dict[int, Contents] = {}
+    rows = []
+    for can_id, values in wanted.items():
+        for register, (value, old) in changes(values, held[can_id]).items():
+            new.setdefault(can_id, {})[register] = value
+            rows.append([bench.name(can_id), register.name, str(shown(register, old)), str(shown(register, value))])
     if not new:
         tell("the motors hold that already; nothing was written")
         return 0
-    rows = [
-        [bench.name(can_id), r.name, str(shown(r, held[can_id][r])) if r in held[can_id] else "?", str(shown(r, value))]
-        for can_id, values in new.items()
-        for r, value in values.items()
-    ]
     tell(table(["motor", "register", "from", "to"], rows))
     if any(values.get(Register.TIMEOUT) == 0 for values in new.values()):
         word = _NEVER
@@ -162,36 +164,28 @@ def apply(
             "fails: an arm that pushes goes on pushing."
         )
     question = "write this" + (" and store it" if store_too else " to RAM, until the power is switched off")
-    confirm(args, bench, list(new), word, question)
+    _confirm(args, bench, list(new), word, question)
     before = {can_id: held[can_id] for can_id in new}
-    kept = kept_until_stored(bench.channel, before) if store_too else contextlib.nullcontext()
-    with finished_first(WRITING):
-        with kept:
-            written: dict[int, Contents] = {}
-            try:
-                for can_id, values in new.items():
-                    written[can_id] = put(bench.access, can_id, values)
-            except (MotorError, BusError) as error:
-                raise type(error)(f"{error}{_put_back(bench, written)}") from error
+    with finished_first(_WRITING):
+        with kept_until_stored(bench.channel, before) if store_too else contextlib.nullcontext():
+            written = put(bench.access, new)
             if store_too:
                 _store_each(bench, written)
-        differing = differences(bench.names, new, {can_id: bench.contents(can_id) for can_id in new})
-        if differing:
-            raise MotorError(f"{bench.channel}: read back, but not as written: {differing}")
         tell("written, " + ("stored " if store_too else "") + "and read back")
     return 0
 
 
 def _store_each(bench: MotorBench, written: Mapping[int, Contents]) -> None:
-    """Store motor by motor; `written` is what each held before, to put back where it does not come to that."""
+    """Store motor by motor; `written` is what each held before, which the rest gets back where a store fails."""
     done: dict[int, list[str]] = {}
     for can_id in written:
         try:
             done[can_id] = store(bench.access, can_id)
         except YamError as error:
             rest = {other: old for other, old in written.items() if other not in (*done, can_id)}
-            stored = f". Stored before that: {', '.join(map(bench.name, done))}" if done else ""
-            raise MotorError(f"{error}{stored}{_put_back(bench, rest)}") from error
+            stored = f" Stored before that: {', '.join(map(bench.name, done))}." if done else ""
+            left = put_back(bench.access, rest) or "The other motors are as before"
+            raise MotorError(f"{error}.{stored} {left}") from error
     for can_id, again in done.items():  # not before all are stored: the terminal may have gone
         if again:
             tell(
@@ -200,13 +194,70 @@ def _store_each(bench: MotorBench, written: Mapping[int, Contents]) -> None:
             )
 
 
-def _put_back(bench: MotorBench, written: Mapping[int, Contents]) -> str:
-    left = []
-    for can_id, old in written.items():
-        try:
-            put(bench.access, can_id, old)
-        except YamError:
-            left.append(bench.name(can_id))
-    if left:
-        return f". NOT PUT BACK: {', '.join(left)}; switch the power off and on, which undoes what was not stored"
-    return ". The other motors are as before" if written else ""
+# ids
+
+
+def set_id(args: argparse.Namespace, bench: MotorBench) -> int:
+    """Do `yam-motors set-id`: the only motor with the old id listens on the new one and answers as told, stored."""
+    old, new = args.old, args.new
+    answers = new + ANSWERS_BEYOND if args.answers is None else args.answers
+    if not 0 <= old < REGISTER_ID:
+        raise ConfigError(f"{old} is no CAN id of a motor")
+    if new not in MOTOR_IDS:
+        raise ConfigError(f"id {new} cannot be used: feedback tells ids 1 to 15 apart")
+    if answers and not MOTOR_IDS[-1] < answers <= _ANSWERS_MOST:
+        raise ConfigError(f"a motor cannot answer as {answers}: ids 1 to 15 are for commands; give 0, or 16 to 255")
+    bench.require_settable([old])
+    held = bench.contents(old)
+    answered = int(held[Register.MST_ID])
+    if (old, answered) == (new, answers):
+        tell("the motor has these ids already; nothing was written")
+        return 0
+    for can_id in MOTOR_IDS:
+        found = [] if can_id == old else bench.access.find(can_id)
+        if found and can_id == new:
+            raise MotorError(f"{bench.channel}: another motor has id {new} already; nothing was changed")
+        if answers and any(reply.value == answers for reply in found):
+            raise MotorError(f"{bench.channel}: motor {can_id} answers as {answers} already; nothing was changed")
+    question = f"give motor {old} (answers as {answered}) id {new}, answering as {answers}"
+    _confirm(args, bench, [old], "set-id", question)
+    with finished_first(_WRITING):
+        with kept_until_stored(bench.channel, {old: held}):
+            _move(bench, old, new, answered, answers)
+            again = store(bench.access, new)
+            _require_ids(bench, new, answers)
+        for name in again:
+            tell(f"note: storing put {name} back; it was written and stored again")
+        tell(f"motor {old} is now motor {new} and answers as {answers}; stored and read back")
+        tell("Switch the arm's power off and on, and run yam-motors scan: it shows whether the motor has kept it")
+    return 0
+
+
+def _move(bench: MotorBench, old: int, new: int, answered: int, answers: int) -> None:
+    """Change both ids in RAM, or neither.
+
+    Raises:
+        MotorError: the motor did not take them; the message says under which ids it is now.
+    """
+    access = bench.access
+    try:
+        access.write_and_check(old, Register.MST_ID, answers)
+        for _ in range(_ATTEMPTS):
+            if old == new or access.find(new):
+                break
+            access.write(old, Register.ESC_ID, new)
+        _require_ids(bench, new, answers)
+    except MotorError as error:
+        if old != new and access.find(new):
+            access.write(new, Register.ESC_ID, old)
+        access.write(old, Register.MST_ID, answered)
+        back = [int(reply.value) for reply in access.find(old)]
+        said = "it has its old ids again" if back == [answered] else "its ids are UNCLEAR"
+        raise MotorError(f"{error}; {said}, nothing was stored: switch its power off and on") from error
+
+
+def _require_ids(bench: MotorBench, new: int, answers: int) -> None:
+    found = bench.access.find(new)
+    held = [int(reply.value) for reply in found]
+    if held != [answers] or bench.access.read(new, Register.ESC_ID) != new:
+        raise MotorError(f"{bench.channel}: motor {new} answers {len(found)} times, as {held or 'nothing'}")

@@ -1,21 +1,18 @@
-"""One motor by the arrow keys. It is the only action of yam-motors that energises anything.
+"""One motor by the arrow keys: the only action of yam-motors that energises anything.
 
 While it runs the motor has a watchdog: if this program is killed, the motor lets go after its time-out.
 """
 
 import argparse
 import math
+from dataclasses import dataclass
 
 from lerobot_robot_yam.arm.joint_map import resolve_turn
-from lerobot_robot_yam.arm.mounting import gripper_id
-from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.commands.lib.arm_command import arm_config, ask, tell
-from lerobot_robot_yam.commands.lib.key_terminal import QUIT, KeyTerminal, key_terminal
+from lerobot_robot_yam.commands.lib.arm_command import confirm_word, tell, with_answering_gripper
+from lerobot_robot_yam.commands.lib.key_terminal import DOWN, LEFT, QUIT, RIGHT, UP, KeyTerminal, key_terminal
 from lerobot_robot_yam.commands.lib.motor.motor_bench import SAFE_COUNTS, MotorBench
-from lerobot_robot_yam.commands.lib.motor.motor_knob import HELP, Knob
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
-from lerobot_robot_yam.control.preflight.role import answering_gripper
 from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit, ranges_of, unpack_feedback
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.motor_memory import MotorState, read_state
@@ -24,17 +21,84 @@ from lerobot_robot_yam.errors import ConfigError, MotorError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.signals import undisturbed
 
+HELP = "left/right: target   up/down: step   k/K: kp   d/D: kd   space: stay here   q: let down and quit"
+SPEED_RAD_S = 0.5  # of the set-point
+_STEPS = (0.01, 0.02, 0.05, 0.1, 0.2)  # of the target, rad
+_GAIN_FACTOR = 1.25
+_KP_RANGE, _KD_RANGE = (1.0, 100.0), (0.1, 5.0)
+_TORQUE_SHARE = 0.3  # of the motor's torque: the most that the position error asks for
 _PERIOD_S = 0.01
 _LONGEST_S = 0.03  # of a period that the set-point makes up for
 _SHOWN_S = 0.1
 _SILENT_S = 0.2
 _AT_REST_RAD = 0.15
-_TORQUE_SHARE = 0.3  # of the motor's torque that the console asks for at most
 _LET_DOWN_S, _LET_DOWN_KD, _DISABLES = 1.5, 5.0, 3
 
 
+@dataclass
+class Knob:
+    """Target of one motor, in motor coordinates; the keys turn it.
+
+    tau = kp (q* − q) − kd dq. The set-point q* goes to the target at a limited speed, and stays so near to q that
+    kp |q* − q| is within the torque limit.
+
+    Args:
+        kind: motor type.
+        start_rad: where it is; the target stays within `range_rad` of it.
+        torque_nm: the most that the position error may ask for.
+    """
+
+    kind: str
+    start_rad: float
+    range_rad: float
+    torque_nm: float
+    kp: float = 10.0
+    kd: float = 1.0
+
+    def __post_init__(self) -> None:
+        self.setpoint_rad = self.target = self.start_rad
+        self._step = 2
+
+    @property
+    def step(self) -> float:
+        """What an arrow key adds, rad."""
+        return _STEPS[self._step]
+
+    def press(self, key: str) -> None:
+        """Take one key; keys that are not in `HELP` do nothing."""
+        if key in (LEFT, RIGHT):
+            self._aim(self.target + (self.step if key == RIGHT else -self.step))
+        elif key in (UP, DOWN):
+            self._step = min(max(self._step + (1 if key == UP else -1), 0), len(_STEPS) - 1)
+        elif key == " ":
+            self.stay()
+        elif key in ("k", "K"):
+            self.kp = _turned(self.kp, key == "K", _KP_RANGE)
+        elif key in ("d", "D"):
+            self.kd = _turned(self.kd, key == "D", _KD_RANGE)
+
+    def stay(self) -> None:
+        """Go nowhere from here."""
+        self._aim(self.setpoint_rad)
+
+    def command(self, q: float, elapsed_s: float) -> bytes:
+        """Return the next command's 8 bytes. `q`: where the motor is, rad; `elapsed_s`: since the last command."""
+        way = SPEED_RAD_S * elapsed_s
+        lead = self.torque_nm / self.kp
+        moved = min(max(self.target, self.setpoint_rad - way), self.setpoint_rad + way)
+        self.setpoint_rad = min(max(moved, q - lead), q + lead)
+        return encode_mit(self.kind, self.setpoint_rad, 0.0, self.kp, self.kd, 0.0)
+
+    def _aim(self, target: float) -> None:
+        self.target = min(max(target, self.start_rad - self.range_rad), self.start_rad + self.range_rad)
+
+
+def _turned(gain: float, up: bool, ends: tuple[float, float]) -> float:
+    return min(max(gain * _GAIN_FACTOR if up else gain / _GAIN_FACTOR, ends[0]), ends[1])
+
+
 def console(args: argparse.Namespace, bench: MotorBench) -> int:
-    """`yam-motors console`."""
+    """Do `yam-motors console`."""
     if not args.motor or len(args.motor) != 1:
         raise ConfigError("name one motor (--motor joint_6)")
     if not 0.0 < args.range <= math.pi:
@@ -44,63 +108,55 @@ def console(args: argparse.Namespace, bench: MotorBench) -> int:
     refuse_stopped(name, EmergencyStop())
     others = [other for other in bench.names if other != can_id and bench.access.replies(other, Register.ESC_ID)]
     bench.require_settable([can_id, *others])
-    _require_watchdog(bench, can_id)
-    kind = bench.scan([can_id])[can_id].kind
+    contents = bench.contents(can_id)
+    _require_watchdog(bench, name, contents.get(Register.TIMEOUT))
+    kind = bench.kind(contents)
     most_nm = _TORQUE_SHARE * motor_type(kind).torque_max_nm  # an unknown type is refused
-    _confirm(args, bench, can_id)
+    _confirm(args, bench, name)
     refuse_stopped(name, EmergencyStop())  # again: the person may have taken their time
     bench.require_settable([can_id, *others])
     state = read_state(bench.access, can_id)
     if state is None:
         raise MotorError(f"{bench.channel}: {name} gives no feedback; nothing was energised")
-    knob = Knob(kind, state.position_rad, args.range, most_nm)
-    _turn(_Motor(bench, can_id, kind), knob)
-    tell(f"\n{name} is limp")
-    return 0
-
-
-def _require_watchdog(bench: MotorBench, can_id: int) -> None:
-    """Refuse a motor that goes on for longer than an arm's motors do when this program dies. Raises MotorError."""
-    counts = bench.access.read(can_id, Register.TIMEOUT)
-    if counts is None or not 0 < counts <= SAFE_COUNTS:
-        lasts = f"for {counts * TIMEOUT_COUNT_S:g} s" if counts else "for ever"
-        raise MotorError(
-            f"{bench.channel}: {bench.name(can_id)} goes on {lasts} if this program dies; set its time-out first "
-            f"(yam-motors timeout {bench.config.on_command_line} 0.4)"
-        )
-
-
-def _turn(motor: "_Motor", knob: Knob) -> None:
-    """Energise the motor, turn it by the keys, and let it down however that ends."""
+    motor = _Motor(bench, can_id, kind, int(contents[Register.MST_ID]))
     with key_terminal() as terminal:
         try:
             motor.enable()
             tell(HELP)
-            _follow_keys(motor, knob, terminal)
+            _follow_keys(motor, Knob(kind, state.position_rad, args.range, most_nm), terminal)
         finally:
             with undisturbed("the joint is being let down"):
                 motor.let_down()
+    tell(f"\n{name} is limp")
+    return 0
 
 
-def _confirm(args: argparse.Namespace, bench: MotorBench, can_id: int) -> None:
+def _require_watchdog(bench: MotorBench, name: str, counts: float | None) -> None:
+    """Refuse a motor that goes on for longer than an arm's motors do when this program dies. Raises MotorError."""
+    if counts is None or not 0 < counts <= SAFE_COUNTS:
+        lasts = f"for {counts * TIMEOUT_COUNT_S:g} s" if counts else "for ever"
+        raise MotorError(
+            f"{bench.channel}: {name} goes on {lasts} if this program dies; set its time-out first "
+            f"(yam-motors timeout {bench.config.on_command_line} 0.4)"
+        )
+
+
+def _confirm(args: argparse.Namespace, bench: MotorBench, name: str) -> None:
     """Say what will be energised and whether the arm hangs in the air, and ask."""
-    name, off = bench.name(can_id), _off_rest(args, bench)
     tell(
         f"HAZARD: this energises {name} alone; every other motor of the arm stays limp. When it ends, or is killed, "
         f"{name} goes limp, too. Keep hands off, and the switch of the supply within reach."
     )
     word = "enable"
-    if off:
+    if off := _off_rest(args, bench):
         word = "in the air"
         tell(f"THE ARM HANGS IN THE AIR OR IS HELD UP: {off}. It falls when it is let go: support it all the time.")
-    if ask(f"Type {word} to energise {name}:") != word:
-        raise ConfigError("not confirmed; nothing was energised")
+    confirm_word(word, f"Type {word} to energise {name}:")
 
 
 def _off_rest(args: argparse.Namespace, bench: MotorBench) -> str:
-    """Which joints are not where the arm lies by itself; empty when it lies."""
-    gripper = answering_gripper(bench.bus, bench.channel, gripper_id(load_arm(bench.config.arm)))
-    hardware = ResolvedArm(arm_config(args, gripper=gripper))
+    """Say which joints are not where the arm lies by itself; empty when it lies."""
+    hardware = ResolvedArm(with_answering_gripper(args, bench.bus))
     off = []
     for index, spec in enumerate(hardware.motors[: hardware.joints]):
         state = read_state(bench.access, spec.can_id)
@@ -120,32 +176,32 @@ def _off_rest(args: argparse.Namespace, bench: MotorBench) -> str:
 
 
 class _Motor:
-    """The motor that is energised."""
+    """The motor that is energised.
 
-    def __init__(self, bench: MotorBench, can_id: int, kind: str):
-        self.bench, self.can_id = bench, can_id
+    Args:
+        bench: its bus.
+        can_id, kind: of the motor.
+        answers: identifier of its feedback.
+    """
+
+    def __init__(self, bench: MotorBench, can_id: int, kind: str, answers: int):
+        self._access, self._id, self._kind, self._answers = bench.access, can_id, kind, answers
         self.where = f"{bench.channel}: {bench.name(can_id)}"
         self.clock = bench.access.port.clock
-        self._kind, self._ranges = kind, ranges_of(kind)
-        self._master = int(bench.access.find(can_id)[0].value)
 
     def enable(self) -> None:
-        """Raises MotorError: it does not take the mode."""
-        self.bench.access.write_and_check(self.can_id, Register.CTRL_MODE, ControlMode.MIT)
-        self.bench.access.special(self.can_id, SpecialCommand.ENABLE)
+        """Energise it. Raises MotorError: it does not take the mode."""
+        self._access.write_and_check(self._id, Register.CTRL_MODE, ControlMode.MIT)
+        self._access.special(self._id, SpecialCommand.ENABLE)
 
     def exchange(self, data: bytes) -> MotorState | None:
-        """Send a command; its answer, None without one."""
-        answer = self.bench.access.exchange(self.can_id, self._master, self.can_id, data, _PERIOD_S)
-        return None if answer is None else MotorState(*unpack_feedback(self._ranges, answer)[1:])
+        """Send a command; return its answer, None without one."""
+        answer = self._access.exchange(self._id, self._answers, self._id, data, _PERIOD_S)
+        return None if answer is None else MotorState(*unpack_feedback(ranges_of(self._kind), answer)[1:])
 
     def let_down(self) -> None:
-        """Damp it for a while, and switch it off.
-
-        Raises:
-            MotorError: it is still energised.
-        """
-        access, damping = self.bench.access, encode_mit(self._kind, 0.0, 0.0, 0.0, _LET_DOWN_KD, 0.0)
+        """Damp it for a while, and switch it off. Raises MotorError: it is still energised."""
+        damping = encode_mit(self._kind, 0.0, 0.0, 0.0, _LET_DOWN_KD, 0.0)
         deadline = self.clock.now() + _LET_DOWN_S
         while self.clock.now() < deadline:
             state = self.exchange(damping)
@@ -153,8 +209,8 @@ class _Motor:
                 break
             self.clock.sleep(_PERIOD_S)
         for _ in range(_DISABLES):
-            access.special(self.can_id, SpecialCommand.DISABLE)
-            state = read_state(access, self.can_id)
+            self._access.special(self._id, SpecialCommand.DISABLE)
+            state = read_state(self._access, self._id)
             if state is not None and state.fault != Fault.NORMAL:
                 return
         raise MotorError(f"{self.where} MAY STILL BE ENERGISED: support the arm, and switch its power off")
@@ -181,9 +237,9 @@ def _follow_keys(motor: _Motor, knob: Knob, terminal: KeyTerminal) -> None:
         last_s, sent_s = sent_s, motor.clock.now()  # keys that come fast make the loop fast
         state = motor.exchange(knob.command(q, min(sent_s - last_s, _LONGEST_S)))
         now = motor.clock.now()
-        if state is None and now - heard_s > _SILENT_S:
-            raise MotorError(f"{motor.where} has fallen silent; its time-out lets it go")
         if state is None:
+            if now - heard_s > _SILENT_S:
+                raise MotorError(f"{motor.where} has fallen silent; its time-out lets it go")
             continue
         q, heard_s = state.position_rad, now
         if state.fault != Fault.NORMAL:

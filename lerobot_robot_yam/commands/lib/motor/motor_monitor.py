@@ -8,6 +8,7 @@ import argparse
 import json
 import sys
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import can
@@ -32,108 +33,97 @@ _COMMANDED = {offset + can_id: can_id for can_id in MOTOR_IDS for offset in _OFF
 
 
 def monitor_session(args: argparse.Namespace) -> int:
-    """`yam-motors monitor`."""
-    config, traffic = arm_config(args), Traffic()
+    """Do `yam-motors monitor`."""
+    config = arm_config(args)
     names = motor_names(config)
     bus = open_bus(config)
     try:
-        traffic.listen(bus, config.channel, args.seconds)
+        heard = Traffic(_frames(bus, config.channel, args.seconds))
     finally:
         bus.shutdown()
-    if not traffic.frames:
+    if not heard.frames:
         raise MotorError(
             f"nothing was heard on channel {config.channel} within {args.seconds:g} s: no session drives it, or its "
             "link is down"
         )
-    figures = {can_id: heard.figures() for can_id, heard in sorted(traffic.motors.items())}
-    load = round(traffic.load(args.seconds), 3)
+    load = round(heard.frames * FRAME_TIME_S / args.seconds, 3)  # as if all frames were of the longest kind
     if args.json:
-        others = {f"0x{identifier:X}": count for identifier, count in traffic.others.items()}
-        facts = {"channel": config.channel, "load": load, "error_frames": traffic.error_frames, "others": others}
-        sys.stdout.write(json.dumps({**facts, "motors": {str(i): row for i, row in figures.items()}}) + "\n")
+        others = {f"0x{identifier:X}": count for identifier, count in heard.others.items()}
+        facts = {"channel": config.channel, "load": load, "error_frames": heard.error_frames, "others": others}
+        sys.stdout.write(json.dumps({**facts, "motors": heard.figures()}) + "\n")
         return 0
-    rows = [[names.get(i, f"motor {i}"), *map(_text, row.values())] for i, row in figures.items()]
+    rows = [
+        [names.get(i, f"motor {i}"), *("–" if value is None else f"{value:g}" for value in row.values())]
+        for i, row in heard.figures().items()
+    ]
     sys.stdout.write(table(_HEAD, rows) + "\n")
-    tell(f"the wire was busy for {load:.0%} of the time; {traffic.error_frames} error frames")
+    tell(f"the wire was busy for {load:.0%} of the time; {heard.error_frames} error frames")
     return 0
 
 
-def _text(value: float | None) -> str:
-    return "–" if value is None else f"{value:g}"
+def _frames(bus: can.BusABC, channel: str, seconds: float) -> Iterator[can.Message]:
+    """Receive what comes within a time. Raises BusError: the channel is gone."""
+    port = BusPort(bus, channel)
+    deadline = port.clock.now() + seconds
+    while (remaining := deadline - port.clock.now()) > 0.0:
+        message = port.recv(remaining)
+        if message is not None:
+            yield message
 
 
 @dataclass
-class Heard:
-    """Of one motor: commands, those that were answered, the time to each answer and between commands, in s."""
+class _Heard:
+    """What was heard of one motor: times of its commands, and the time to each answer, s."""
 
-    commands: int = 0
-    lost: int = 0
+    commands_s: list[float] = field(default_factory=list)
     latency_s: list[float] = field(default_factory=list)
-    period_s: list[float] = field(default_factory=list)
-    _asked_s: float | None = None
-    _open: bool = False
-
-    def command(self, at_s: float) -> None:
-        """One was sent."""
-        if self._asked_s is not None:
-            self.period_s.append(at_s - self._asked_s)
-        self.lost += self._open
-        self.commands += 1
-        self._asked_s, self._open = at_s, True
-
-    def answer(self, at_s: float) -> None:
-        """One came."""
-        if self._open and self._asked_s is not None:
-            self.latency_s.append(at_s - self._asked_s)
-        self._open = False
-
-    def figures(self) -> dict[str, float | None]:
-        """Commands, lost answers, and p50, p99 and maximum in ms; None where nothing was heard to tell them."""
-        found: dict[str, float | None] = {"commands": self.commands, "lost": self.lost}
-        for name, seconds in (("latency_ms", self.latency_s), ("period_ms", self.period_s)):
-            values = (np.percentile(seconds, (50, 99, 100)) * 1e3).round(3).tolist() if seconds else [None] * 3
-            found |= {f"{name}_{q}": value for q, value in zip(("p50", "p99", "max"), values, strict=True)}
-        return found
+    lost: int = 0
+    waits: bool = False
 
 
 class Traffic:
     """Everything that is heard on a bus.
 
+    Args:
+        messages: as they come, with their own time stamps.
+
     Attributes:
-        motors: by CAN id, those that were commanded or have answered.
-        others: other identifiers with their counts.
+        others: identifiers that are no motor's, with their counts.
         error_frames: of the controller.
         frames: all data frames.
     """
 
-    def __init__(self) -> None:
-        self.motors: dict[int, Heard] = {}
+    def __init__(self, messages: Iterable[can.Message]):
+        self._motors: dict[int, _Heard] = {}
         self.others: Counter[int] = Counter()
         self.error_frames = self.frames = 0
+        for message in messages:
+            if is_classic_data(message):
+                self.frames += 1
+                self._count(message.arbitration_id, message.timestamp)
+            else:
+                self.error_frames += message.is_error_frame
 
-    def listen(self, bus: can.BusABC, channel: str, seconds: float) -> None:
-        """Take what comes within a time. Raises BusError: the channel is gone."""
-        port = BusPort(bus, channel)
-        deadline = port.clock.now() + seconds
-        while (remaining := deadline - port.clock.now()) > 0.0:
-            message = port.recv(remaining)
-            if message is not None:
-                self.take(message)
-
-    def take(self, message: can.Message) -> None:
-        """One frame, by its own time stamp."""
-        if not is_classic_data(message):
-            self.error_frames += message.is_error_frame
-            return
-        self.frames += 1
-        identifier, at_s = message.arbitration_id, message.timestamp
+    def _count(self, identifier: int, at_s: float) -> None:
         if identifier in _COMMANDED:
-            self.motors.setdefault(_COMMANDED[identifier], Heard()).command(at_s)
+            motor = self._motors.setdefault(_COMMANDED[identifier], _Heard())
+            motor.lost += motor.waits
+            motor.commands_s.append(at_s)
+            motor.waits = True
         elif identifier - ANSWERS_BEYOND in MOTOR_IDS:
-            self.motors.setdefault(identifier - ANSWERS_BEYOND, Heard()).answer(at_s)
+            motor = self._motors.setdefault(identifier - ANSWERS_BEYOND, _Heard())
+            if motor.waits:
+                motor.latency_s.append(at_s - motor.commands_s[-1])
+            motor.waits = False
         else:
             self.others[identifier] += 1
 
-    def load(self, seconds: float) -> float:
-        """Share of the wire that was busy, with frames of the longest kind."""
-        return self.frames * FRAME_TIME_S / seconds
+    def figures(self) -> dict[int, dict[str, float | None]]:
+        """By CAN id: commands, lost answers, and p50, p99 and maximum in ms; None where nothing tells them."""
+        found: dict[int, dict[str, float | None]] = {}
+        for can_id, motor in sorted(self._motors.items()):
+            found[can_id] = {"commands": len(motor.commands_s), "lost": motor.lost}
+            for name, times_s in (("latency_ms", motor.latency_s), ("period_ms", np.diff(motor.commands_s))):
+                values = (np.percentile(times_s, (50, 99, 100)) * 1e3).round(3).tolist() if len(times_s) else [None] * 3
+                found[can_id] |= {f"{name}_{q}": value for q, value in zip(("p50", "p99", "max"), values, strict=True)}
+        return found

@@ -8,41 +8,26 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.commands.lib.arm_command import table
 from lerobot_robot_yam.commands.lib.plot_file import plot_file
 from lerobot_robot_yam.commands.lib.tune.tune_fit import Fit
-from lerobot_robot_yam.commands.lib.tune.tune_motion import Holds
 
-_HEAD = (
-    "joint",
-    "weight / profile's",
-    "missed Nm",
-    "left Nm",
-    "Coulomb Nm",
-    "viscous Nm s/rad",
-    "hold mrad: before",
-    "after",
-    "friction may hold",
-)
+_HEAD = [
+    *("joint", "weight / profile's", "missed Nm", "left Nm", "Coulomb Nm", "viscous Nm s/rad"),
+    *("hold mrad: before", "after", "friction may hold"),
+]
 
 
-def report(hardware: ResolvedArm, found: Fit, before: Holds, after: Holds) -> str:
-    """What was found, with 95 % intervals, and how the arm held before and after, without the hold integral.
+def report(hardware: ResolvedArm, found: Fit, before: np.ndarray, after: np.ndarray) -> str:
+    """Write what was found, with 95 % intervals, and how the arm held before and after, without the hold integral.
 
     missed, left: rms of the weight that the profile and the tuning do not tell.
     """
     tuned, rows = found.tuning, []
-    may_rub = _friction_rad(hardware, found)
+    holds = [1e3 * rad for rad in (_worst(before), _worst(after), _friction_rad(hardware, found))]
     for j, name in enumerate(hardware.joint_names):
         factor = _with(tuned.gravity_factor[j], tuned.gravity_factor_95[j], 3) if tuned.gravity_factor_95[j] else "–"
-        rows.append(
-            [
-                name,
-                factor,
-                f"{_rms(found.missed_nm)[j]:.3f}",
-                f"{_rms(found.rest_nm)[j]:.3f}",
-                _with(tuned.coulomb_nm[j], tuned.coulomb_nm_95[j], 3),
-                _with(tuned.viscous_nm_s[j], tuned.viscous_nm_s_95[j], 3),
-                *(f"{1e3 * value:.1f}" for value in (_worst(before)[j], _worst(after)[j], may_rub[j])),
-            ]
-        )
+        missed, left = (f"{np.sqrt(np.nanmean(torque[:, j] ** 2)):.3f}" for torque in (found.missed_nm, found.rest_nm))
+        rubs = _with(tuned.coulomb_nm[j], tuned.coulomb_nm_95[j], 3)
+        drags = _with(tuned.viscous_nm_s[j], tuned.viscous_nm_s_95[j], 3)
+        rows.append([name, factor, missed, left, rubs, drags, *(f"{mrad[j]:.1f}" for mrad in holds)])
     lines = [table(_HEAD, rows)]
     load = tuned.payload
     if load.mass_kg:
@@ -51,7 +36,7 @@ def report(hardware: ResolvedArm, found: Fit, before: Holds, after: Holds) -> st
     return "\n".join(lines)
 
 
-def save_plot(path: Path, hardware: ResolvedArm, found: Fit, before: Holds, after: Holds) -> None:
+def save_plot(path: Path, hardware: ResolvedArm, found: Fit, before: np.ndarray, after: np.ndarray) -> None:
     """Save a picture: what the weight misses before and after, friction over speed, and hold errors.
 
     Raises:
@@ -74,8 +59,8 @@ def save_plot(path: Path, hardware: ResolvedArm, found: Fit, before: Holds, afte
             axes.set(xlabel="dq, rad/s", ylabel="friction, Nm" if joint == 0 else "")
         figure.axes[0].legend(fontsize=8)
         axes = figure.add_subplot(grid[2, :])
-        may_rub = _friction_rad(hardware, found)
-        bars = [(_worst(before), "profile"), (_worst(after), "tuned"), (may_rub, "friction may hold")]
+        rubs = _friction_rad(hardware, found)
+        bars = [(_worst(before), "profile"), (_worst(after), "tuned"), (rubs, "friction may hold")]
         for place, (values, label) in enumerate(bars):
             axes.bar(np.arange(n) + 0.25 * (place - 1), 1e3 * values, 0.22, label=label)
         axes.set_xticks(range(n), hardware.joint_names)
@@ -83,22 +68,16 @@ def save_plot(path: Path, hardware: ResolvedArm, found: Fit, before: Holds, afte
         axes.legend(fontsize=8)
 
 
-def _worst(holds: Holds) -> np.ndarray:
-    """(n,) rad, the largest distance from the set-point."""
-    largest: np.ndarray = np.abs(holds.error_rad).max(axis=0)
+def _worst(errors_rad: np.ndarray) -> np.ndarray:
+    """Return (n,) rad, the largest distance from the set-point."""
+    largest: np.ndarray = np.abs(errors_rad).max(axis=0)
     return largest
 
 
 def _friction_rad(hardware: ResolvedArm, found: Fit) -> np.ndarray:
-    """(n,) rad by which Coulomb friction can hold a joint off its set-point."""
+    """Return (n,) rad by which Coulomb friction can hold a joint off its set-point."""
     off: np.ndarray = found.tuning.coulomb_nm / np.maximum(hardware.kp[: hardware.joints], 1e-9)
     return off
-
-
-def _rms(values: np.ndarray) -> np.ndarray:
-    """(n,) of (k, n) with NaN."""
-    root: np.ndarray = np.sqrt(np.nanmean(values**2, axis=0))
-    return root
 
 
 def _with(value: float, half: float, places: int) -> str:

@@ -9,15 +9,20 @@ import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench
-from lerobot_robot_yam.commands.lib.motor.motor_changes import apply, store_motors
+from lerobot_robot_yam.commands.lib.motor.motor_changes import apply, set_id, store_motors
 from lerobot_robot_yam.commands.lib.motor.motor_dump import load_dump
-from lerobot_robot_yam.commands.lib.motor.motor_ids import set_id
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import BusError, MotorError
 from tests.support.stubborn_desk import StubbornDesk
 
 YES = Namespace(yes=True)
+
+
+def ids(old, new, answers, yes=True):
+    return Namespace(yes=yes, old=old, new=new, answers=answers)
+
+
 HOT = {Register.OT_VALUE: 90.0}
 
 
@@ -51,7 +56,7 @@ def held(desk, register=Register.OT_VALUE):
 
 def test_one_motor_that_refuses_leaves_all_as_they_were(desk, bench):
     desk.stays[5] = {Register.OT_VALUE}
-    with pytest.raises(MotorError, match="motor 5 did not take OT_VALUE.*The other motors are as before.*desk-5.yaml"):
+    with pytest.raises(MotorError, match="5 did not take OT_VALUE.*; nothing was changed. The registers .*/desk-"):
         apply(YES, bench, dict.fromkeys(range(1, 8), HOT), "write", store_too=True)
     assert held(desk) == [100.0] * 7 and desk.stored == []
 
@@ -70,7 +75,7 @@ def test_ctrl_c_waits_for_the_end_and_the_end_is_told(desk, bench, capsys):
     assert held(desk) == [90.0] * 7 and "written, stored and read back" in capsys.readouterr().err
     desk.interrupts = True
     with pytest.raises(KeyboardInterrupt):
-        set_id(YES, bench, 7, 7, 30)
+        set_id(ids(7, 7, 30), bench)
     assert "motor 7 is now motor 7 and answers as 30; stored and read back" in capsys.readouterr().err
 
 
@@ -90,22 +95,22 @@ def test_a_terminal_that_is_closed_meanwhile_stops_nothing_half_way(desk, bench,
     assert set(desk.stored) == set(range(1, 8))
 
 
-def test_what_is_kept_of_one_motor_is_not_taken_for_another_with_its_id(desk, bench, tmp_path):
+def test_what_was_there_is_kept_until_it_has_gone_well(desk, bench, tmp_path):
+    home = tmp_path / "yam-motors"
     desk.unconfirmed = {3}
-    for serial, file in ((1, "desk-3.yaml"), (2, "desk-3-no2.yaml"), (3, "desk-3-no3.yaml"), (2, "desk-3-no2.yaml")):
-        desk.registers[3] |= {Register.SN: serial, Register.OT_VALUE: 100.0}
-        with pytest.raises(MotorError, match=file):
-            apply(YES, bench, {3: HOT}, "write", store_too=True)
-        assert load_dump(tmp_path / "yam-motors" / file)[3][Register.SN] == serial
+    with pytest.raises(MotorError) as failed:
+        apply(YES, bench, {2: HOT, 3: HOT}, "write", store_too=True)
+    (kept,) = home.iterdir()
+    assert str(kept) in str(failed.value)
+    assert [held[Register.OT_VALUE] for held in load_dump(kept).values()] == [100.0, 100.0]
     desk.unconfirmed = set()
-    desk.registers[3][Register.OT_VALUE] = 100.0
-    apply(YES, bench, {3: HOT}, "write", store_too=True)
-    assert sorted(path.name for path in (tmp_path / "yam-motors").iterdir()) == ["desk-3-no3.yaml", "desk-3.yaml"]
+    apply(YES, bench, {1: HOT, 3: {Register.OT_VALUE: 95.0}}, "write", store_too=True)
+    assert [*home.iterdir()] == [kept]
 
 
 def test_an_adapter_that_goes_leaves_the_person_knowing_which_motors_were_changed(desk, bench):
     desk.unplugged_by = 3
-    with pytest.raises(BusError, match=r"NOT PUT BACK: OT_VALUE \(was 100\).*NOT PUT BACK: joint_1, joint_2; switch"):
+    with pytest.raises(BusError, match=r"NOT PUT BACK: OT_VALUE of motor 1 \(was 100\), .* motor 3 .*; switch"):
         apply(YES, bench, dict.fromkeys(range(1, 8), HOT), "write", store_too=False)
     assert held(desk) == [90.0] * 3 + [100.0] * 4
 
@@ -113,7 +118,7 @@ def test_an_adapter_that_goes_leaves_the_person_knowing_which_motors_were_change
 def test_a_motor_that_keeps_its_id_keeps_all_of_them(desk, bench):
     desk.stays[7] = {Register.ESC_ID}
     with pytest.raises(MotorError, match="motor 9 answers 0 times, as nothing; it has its old ids again, nothing was"):
-        set_id(YES, bench, 7, 9, 25)
+        set_id(ids(7, 9, 25), bench)
     assert held(desk, Register.MST_ID) == [17, 18, 19, 20, 21, 22, 23] and desk.stored == []
 
 
@@ -122,7 +127,7 @@ def test_a_motor_that_is_energised_while_the_question_waits_is_left_alone(desk, 
     for word, change in (
         ("write", lambda: apply(asks, bench, {3: HOT}, "write", store_too=True)),
         ("store", lambda: store_motors(asks, bench)),
-        ("set-id", lambda: set_id(asks, bench, 3, 9, 25)),
+        ("set-id", lambda: set_id(ids(3, 9, 25, yes=False), bench)),
     ):
         desk.fault[3] = Fault.DISABLED
         energised_meanwhile(word)

@@ -10,9 +10,8 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.arm.tuning.gravity_terms import GravityTerms
-from lerobot_robot_yam.commands.lib.tune.tune_fit import fit, torque_steps
-from lerobot_robot_yam.commands.lib.tune.tune_motion import expected
-from lerobot_robot_yam.commands.lib.tune.tune_plan import MARGIN_M, Route, plan
+from lerobot_robot_yam.commands.lib.tune.tune_fit import fit
+from lerobot_robot_yam.commands.lib.tune.tune_motion import MARGIN_M, Route, expected, torque_steps
 from lerobot_robot_yam.errors import ConfigError
 from tests.support.deviating import deviation, scene, true_gravity
 
@@ -27,9 +26,9 @@ def hardware():
 
 @pytest.fixture(scope="module")
 def poses(hardware):
-    route = Route(hardware, WorkspaceConfig(floor_z_m=MARGIN_M, collision_margin_m=MARGIN_M))
     terms = GravityTerms(hardware.arm, hardware.gripper)
-    return plan(hardware, terms, route, hardware.rest_q, torque_steps(hardware), 6)
+    workspace = WorkspaceConfig(floor_z_m=MARGIN_M, collision_margin_m=MARGIN_M)
+    return Route(hardware, terms, workspace).plan(hardware.rest_q, 6)
 
 
 @pytest.fixture
