@@ -22,7 +22,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from soak.schedule import KINDS, make_schedule
+from soak.injected_faults import RANDOM
+from soak.schedule import make_schedule
 from tqdm import tqdm
 
 logger = logging.getLogger("soak")
@@ -36,7 +37,7 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--minutes", type=float, default=5.0, help="how long to teleoperate")
     parser.add_argument("--seed", type=int, default=1, help="of the schedule")
     parser.add_argument("--pace", type=float, default=1.0, help="so many times as many faults")
-    parser.add_argument("--kinds", nargs="+", choices=list(KINDS), help="only these faults")
+    parser.add_argument("--kinds", nargs="+", choices=list(RANDOM), help="only these faults")
     parser.add_argument(
         "--coupled", action="store_true", help="leaders lead at loop rate, behind a gate, with force feedback"
     )
@@ -119,7 +120,7 @@ def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     robot, leader = make_devices(rig.name, folder, args.coupled)
     begin_s = time.monotonic()
     judge = Judge({"rig": rig.name, "arms": robot.jobs() | leader.jobs()}, begin_s)
-    schedule = make_schedule(args.minutes * 60.0, args.seed, args.pace, args.kinds or list(KINDS))
+    schedule = make_schedule(args.minutes * 60.0, args.seed, args.pace, args.kinds or list(RANDOM))
     injector: Injector | None = None
     left_over = 0
     try:

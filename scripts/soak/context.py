@@ -7,28 +7,18 @@ from typing import Any
 
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.state.faults import FAULT_TROUBLE, Trouble
+from soak.injected_faults import RANDOM
 
 WATCHDOG_S = 0.4  # a motor without a command for so long switches itself off
 _WATCHDOG_SLACK_S = 0.03  # between the rig's simulated time and the clock
-_CUTS = frozenset({"cable_out_briefly", "cable_out", "link_down", "bus_off", "adapter_gone", "motor_silent"})
 _DEATHS = frozenset({"kill_control", "stop_control"})
-# What lies is told from what is so, and only by this name; two arms on one channel by both.
-_EXPLAINS: dict[str, frozenset[Trouble]] = {
-    "reading_glitch": frozenset({Trouble.IMPLAUSIBLE}),  # several of them one after the other
-    "reading_lies": frozenset({Trouble.IMPLAUSIBLE}),
-    "garbled": frozenset({Trouble.IMPLAUSIBLE}),
-    # Its motors are limp, and say so in the name of ours.
-    "second_arm": frozenset({Trouble.IMPLAUSIBLE, Trouble.DUPLICATE_ID, FAULT_TROUBLE[Fault.DISABLED]}),
-}
 # A destroyed answer makes those that follow count for older ones, until a loss is told from a delay. Held back as well,
 # they are older than a silence may be.
 _SILENCING = frozenset({"held_back", "garbled"})
 _SILENCES = (Trouble.BUS_SILENT, Trouble.MOTOR_SILENT)
-TROUBLING = _CUTS | _DEATHS | {"motor_fault", "motor_hot"}
 _AFTER_S = 3.0  # so long after its end something may still be the cause of trouble
 _COOLS_S = 120.0  # a motor that was heated without torque is hot for so long, for whoever connects its arm
 _HEAT = frozenset({Trouble.HOT, Trouble.MOS_TOO_HOT, Trouble.ROTOR_TOO_HOT})
-_COMMUNICATION_LOST = 0xD
 
 
 @dataclass
@@ -123,7 +113,7 @@ class Context:
         arm.enabled.discard(motor)
         if kind == "motor_fault":
             arm.faulty[motor] = at_s
-            if event["fault"] == _COMMUNICATION_LOST and not self._cut_off(channel, motor, at_s):
+            if event["fault"] == Fault.COMMUNICATION_LOST and not self._cut_off(channel, motor, at_s):
                 return [(at_s, channel, motor)]
         return []
 
@@ -138,7 +128,7 @@ class Context:
             # A shorter one is enough if it began as its arm was switched off: the motor has not heard of it.
             unheard = not self.arms[channel].enabled and at_s - cause.start_s < WATCHDOG_S + _WATCHDOG_SLACK_S
             least_s = 0.0 if unheard else WATCHDOG_S - _WATCHDOG_SLACK_S
-            if concerned and cause.kind in _CUTS and min(at_s, end_s) - cause.start_s > least_s:
+            if concerned and RANDOM[cause.kind].cuts and min(at_s, end_s) - cause.start_s > least_s:
                 return True
         return False
 
@@ -157,7 +147,7 @@ class Context:
         acting = {cause.kind for cause in arm.causes if cause.start_s <= at_s <= cause.end_s + _AFTER_S + for_s}
         if trouble in _SILENCES and acting >= _SILENCING:
             return True
-        return any(kind in TROUBLING or trouble in _EXPLAINS.get(kind, ()) for kind in acting)
+        return any(trouble in RANDOM[kind].troubles for kind in acting)
 
     def undisturbed(self, channel: str, since_s: float, until_s: float, kinds: frozenset[str]) -> bool:
         """Whether every motor of the arm had torque all the time, and nothing of `kinds` was going on."""

@@ -18,7 +18,7 @@ from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader
 from soak.arm import newest_record
 from soak.checks import GRIPPER, mode_of, trouble_of
-from soak.schedule import CHANNELS, FOLLOWERS, LEADERS
+from soak.injected_faults import CHANNELS, FOLLOWERS, LEADERS
 
 _TORQUE_LIMIT_NM = [20.0, 24.0, 20.0, 7.0, 7.0, 7.0]  # per joint; below the motors' own, so that the clip acts
 _HUNG_S = 0.3  # age of a state from which on its control process is taken to hang, s

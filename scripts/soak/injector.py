@@ -11,39 +11,21 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from soak.arm import newest_record
-from soak.schedule import CHANNELS, LOSS_RATE, Injection
+from soak.injected_faults import CHANNELS, RANDOM
+from soak.schedule import Injection
 
 logger = logging.getLogger("soak")
 
 _POLL_S = 0.01
 _SEEN_S = 0.05  # a loop sees the release of an emergency stop at its next tick, however late that is
 _GAP_S = 0.2  # at least, between two that were kept waiting
+_LOSS_RATE = 0.01  # share of all frames to and from all motors that get lost, all the time
 _SIGNALS = {"kill_control": signal.SIGKILL, "stop_control": signal.SIGSTOP}
 _FOR_CALLER = frozenset({"caller_stall", "far_action"})
-_CHANNEL_FAULTS = {
-    "second_arm": "second_arm",
-    "cable_out_briefly": "cable_out",
-    "cable_out": "cable_out",
-    "link_down": "link_down",
-    "bus_off": "bus_off",
-    "adapter_gone": "adapter_gone",
-    "handle_silent": "handle_silent",
-}
-# The rig's name of a fault that takes the injection's value, and the value that undoes it.
-_VALUES: dict[str, tuple[str, Any]] = {
-    "reading_glitch": ("reading", False),
-    "reading_lies": ("reading", False),
-    "garbled": ("corrupt_rate", 0.0),
-    "slow_adapter": ("latency_s", 0.0),
-    "held_back": ("hold_back", False),
-}
-_DETAILS = {"garbled": {"all_bytes": True}}
-_HOT = {"rate_c_per_s": 0.1, "from_c": 96.0}
 
 
 class Injector(threading.Thread):
@@ -74,11 +56,11 @@ class Injector(threading.Thread):
         self.lossy()
 
     def lossy(self) -> None:
-        """`LOSS_RATE` of all frames get lost, either way, from now on."""
+        """`_LOSS_RATE` of all frames get lost, either way, from now on."""
         with self._lock:
             for channel in CHANNELS:
-                self._rig.fault(channel, None, "loss_rate", LOSS_RATE)
-                self._rig.fault(channel, None, "command_loss_rate", LOSS_RATE)
+                self._rig.fault(channel, None, "loss_rate", _LOSS_RATE)
+                self._rig.fault(channel, None, "command_loss_rate", _LOSS_RATE)
 
     def begin(self, now_s: float) -> None:
         """The schedule's time 0 is now."""
@@ -164,18 +146,10 @@ class Injector(threading.Thread):
 
     def _apply(self, injection: Injection, pid: int) -> None:
         rig, channel, kind = self._rig, injection.channel, injection.kind
-        if kind == "motor_fault":
-            rig.fault(channel, injection.motor, "nibble", injection.value)
-        elif kind == "lost_replies":
-            rig.fault(channel, injection.motor, "drop_next", injection.value)
-        elif kind == "motor_silent":
-            rig.fault(channel, injection.motor, "silent", True)
-        elif kind == "motor_hot":
-            rig.fault(channel, injection.motor, "temperature_ramp", _HOT)
-        elif kind in _CHANNEL_FAULTS:
-            rig.fault(channel, None, _CHANNEL_FAULTS[kind], True)
-        elif kind in _VALUES:
-            rig.fault(channel, injection.motor or None, _VALUES[kind][0], injection.value, **_DETAILS.get(kind, {}))
+        row = RANDOM[kind]
+        if row.rig:
+            value = True if injection.value is None else injection.value
+            rig.fault(channel, injection.motor or None, row.rig, value, **row.details)
         elif kind == "emergency_stop":
             EmergencyStop().latch("soak")
         elif kind == "push":
@@ -187,18 +161,12 @@ class Injector(threading.Thread):
             raise ValueError(kind)
 
     def _undo(self, injection: Injection) -> None:
-        rig, channel, kind = self._rig, injection.channel, injection.kind
-        if kind == "motor_silent":
-            rig.fault(channel, injection.motor, "silent", False)
-        elif kind == "motor_hot":
-            rig.fault(channel, injection.motor, "temperature_ramp", False)
-        elif kind in _CHANNEL_FAULTS:
-            rig.fault(channel, None, _CHANNEL_FAULTS[kind], False)
-        elif kind in _VALUES:
-            rig.fault(channel, injection.motor or None, *_VALUES[kind])
-        elif kind == "emergency_stop":
+        row = RANDOM[injection.kind]
+        if row.rig:
+            self._rig.fault(injection.channel, injection.motor or None, row.rig, row.usual)
+        elif injection.kind == "emergency_stop":
             EmergencyStop().release()
-        rig.log("undone", injection=injection.number)
+        self._rig.log("undone", injection=injection.number)
 
     def _control_pid(self, channel: str) -> int:
         """The control process that drives a channel, not its stand-by; 0 when it has ended or never ran."""

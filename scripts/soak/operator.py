@@ -12,8 +12,9 @@ from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from soak.devices import Device
+from soak.injected_faults import LEADERS
 from soak.injector import Injector
-from soak.schedule import BACK_S, LEADERS, hand_path, lift_and_return
+from soak.schedule import BACK_S, hand_path, lift_and_return
 
 logger = logging.getLogger("soak")
 

@@ -13,7 +13,7 @@ from lerobot_robot_yam.state.faults import STALE_OVERSHOOT_RAD_S, stale_overshoo
 from soak.arm import Arm
 from soak.checks import GRIPPER, READY, Finding, mode_of
 from soak.context import Context
-from soak.schedule import LEADERS
+from soak.injected_faults import LEADERS
 from soak.seeds import judge_seed
 
 _SETTLE_S = 1.0  # an arm that was pushed, struck something, lost or got back a motor, moves by itself for so long

@@ -10,56 +10,30 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from lerobot_robot_yam.state.faults import RESPONSES, Response, Trouble, stale_overshoot_rad_s
+from lerobot_robot_yam.state.faults import FAULT_TROUBLE, RESPONSES, Response, Trouble, stale_overshoot_rad_s
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from scripts import recorders
+from scripts.soak.injected_faults import ELSEWHERE, LEADER, LEFT, MATRIX, MOTOR, RIGHT
 from tests.support.asked import KNOWN_S, beyond_nm, look_at
-from tests.support.injected import FAULTS, LEADER, LEFT, MOTOR, RIGHT
 from tests.support.landed import MOST_M, moved_after_cut_m
+from tests.support.paths import ROOT
 from tests.support.rigged import isolation_of, pause, session_on, sim_config, track
 
 AWAY = np.array([0.1, 0.9, 0.9, -0.3, 0.1, 0.1])
 CLIP_NM = [14.0, 14.0, 14.0, 5.0, 5.0, 5.0]  # half of what the motors can do: their own saturation must not judge
 SLACK_S = {"lockstep": 0.01, "process": 0.4}  # two ticks; on a live rig the machine's
-CASES = [pytest.param(fault, phase, id=f"{name}-{phase}") for name, fault in FAULTS.items() for phase in fault.phases]
-IN_LOCKSTEP = {
-    "over-current-track",
-    "comm-loss-bring_up",
-    "motor-silent-hold",
-    "cable-out-track",
-    "adapter-gone-land",
-    "burst-lost-track",
-    "wrong-id-bring_up",
-    "duplicate-id-track",
-    "leap-track",
-    "foreign-driver-hold",
-    "handle-silent-hold",
-    "hot-track",
-}
+CASES = [pytest.param(fault, phase, id=f"{name}-{phase}") for name, fault in MATRIX.items() for phase in fault.phases]
+IN_LOCKSTEP = [
+    pytest.param(row, row.lockstep, id=f"{name}-{row.lockstep}") for name, row in MATRIX.items() if row.lockstep
+]
 
 
 def test_the_matrix_is_wide_enough():
-    assert len(CASES) >= 60 and {case.id for case in CASES} >= IN_LOCKSTEP
-    elsewhere = {  # test_{stand_by,session,two_arms,estop,landing,floating}, teleop, cli/test_interrupted_recording
-        Trouble.CONTROL_DEAD,
-        Trouble.CONTROL_HUNG,
-        Trouble.STAND_BY_DEAD,
-        Trouble.CALLER_DEAD,
-        Trouble.CALLER_STALE,
-        Trouble.EMERGENCY_STOP,
-        Trouble.EFFORT,
-        Trouble.OBSTRUCTED,
-        Trouble.CAMERA_DEAD,
-        Trouble.INTERNAL_ERROR,
-        Trouble.LOOP_SLOW,
-        Trouble.GRIPPER,
-        Trouble.WEIGHT,
-        Trouble.RUNAWAY,
-        Trouble.LEADER_LOST,
-        Trouble.FOLLOWER_LOST,
-    }
-    assert {fault.trouble for fault in FAULTS.values()} | elsewhere == set(RESPONSES)
+    assert len(CASES) >= 60 and len(IN_LOCKSTEP) >= 12
+    assert len(IN_LOCKSTEP) == sum(bool(fault.lockstep) for fault in MATRIX.values())
+    assert {fault.trouble for fault in MATRIX.values()} | set(ELSEWHERE) == set(RESPONSES)
+    assert [path for path in ELSEWHERE.values() if not (ROOT / path).is_file()] == []
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +97,7 @@ def test_fault(live, fault, phase):
     check(live, fault, phase)
 
 
-@pytest.mark.parametrize("fault, phase", [case for case in CASES if case.id in IN_LOCKSTEP])
+@pytest.mark.parametrize("fault, phase", IN_LOCKSTEP)
 def test_fault_in_lockstep(lockstep, fault, phase):
     check(lockstep, fault, phase)
 
@@ -131,7 +105,7 @@ def test_fault_in_lockstep(lockstep, fault, phase):
 @pytest.mark.long
 @pytest.mark.alone
 def test_fault_in_real_time(live):
-    check(live, FAULTS["motor-silent"], "track")
+    check(live, MATRIX["motor-silent"], "track")
 
 
 def check(rig, fault, phase):
@@ -196,7 +170,7 @@ def check_bring_up(rig, fault):
     else:
         with pytest.raises(YamError, match=f"(?s){fault.refused}") as refusal:
             session.start()
-        assert fault.names in str(refusal.value)
+        assert fault.named in str(refusal.value)
         rig.clear_faults(fault.channel)
         pause(rig, 0.05)
         assert not enabled(rig, fault.channel)
@@ -234,7 +208,7 @@ def check_in_session(rig, session, fault, peer):
         try:
             port.observe()
         except YamError as error:
-            assert fault.names in str(error), str(error)
+            assert fault.named in str(error), str(error)
             return True
         return False
 
@@ -257,7 +231,7 @@ def check_in_session(rig, session, fault, peer):
         clock.sleep(0.2)
         lost = set(rig.state()["arms"][fault.channel]["motors"]) - enabled(rig, fault.channel)
         assert lost <= {MOTOR}  # a silent one lets go by itself, sooner or later
-        assert lost or (expected not in NIBBLES and expected is not Trouble.DISABLED)
+        assert lost or expected not in FAULT_TROUBLE.values()
         others = [0, 1, 3, 4, 5]  # hold on while joint 3 may sag
         after = rig.state()["arms"][fault.channel]["q"]
         assert np.abs(np.subtract(after, before))[others].max() < 0.25
@@ -275,17 +249,6 @@ def check_in_session(rig, session, fault, peer):
     elif rule.arm is not Response.LAND:
         with pytest.raises(YamError, match="connect again"):
             session.rearm()
-
-
-NIBBLES = {
-    Trouble.OVER_VOLTAGE,
-    Trouble.UNDER_VOLTAGE,
-    Trouble.OVER_CURRENT,
-    Trouble.MOS_TOO_HOT,
-    Trouble.ROTOR_TOO_HOT,
-    Trouble.COMMUNICATION_LOST,
-    Trouble.OVERLOAD,
-}
 
 
 def check_landing(rig, session, fault, channels):

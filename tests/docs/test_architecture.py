@@ -23,6 +23,7 @@ from tests.support.rigged import arm_on
 
 PAGE = "docs/architecture.md"
 LISTS = ("A gripper", "An arm", "An option of an arm", "A console command", "A fault", "A task of the rig")
+MOST_FILES = {"A gripper": 11, "A console command": 8, "A fault": 8}
 FOLLOWER = "follower_left"
 TOY = ROOT / "tests" / "support" / "profiles" / "toy_gripper.yaml"
 REACH = [0.3, 0.8, 0.9, -0.2, 0.3, -0.4]
@@ -54,6 +55,11 @@ def test_each_file_of_a_list_exists(heading):
     rows = re.findall(r"^\| (`.*?) \|", section(PAGE, heading), re.MULTILINE)
     named = [path for row in rows for path in re.findall(r"`([^`]+)`", row)]
     assert len(rows) >= 5 and not [path for path in named if not exists(path)]
+
+
+@pytest.mark.parametrize(("heading", "most"), MOST_FILES.items())
+def test_adding_takes_few_files(heading, most):
+    assert len(re.findall(r"^\| `", section(PAGE, heading), re.MULTILINE)) <= most
 
 
 def test_the_look_for_files_can_fail():

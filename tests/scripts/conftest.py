@@ -13,6 +13,7 @@ def soak(monkeypatch):
     import soak.checks
     import soak.context
     import soak.coupled
+    import soak.injected_faults
     import soak.obedience
     import soak.schedule
     import soak.seeds

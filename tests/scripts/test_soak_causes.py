@@ -134,4 +134,4 @@ def test_the_schedule_depends_on_the_seed_only(soak):
     assert [(i.at_s, i.kind, i.value) for i in long if i.at_s < 300.0] == [(i.at_s, i.kind, i.value) for i in short]
     faults = [i.at_s for i in long if i.kind == "motor_fault"]
     assert np.allclose(np.diff(faults), 30.0, atol=0.01)
-    assert {i.kind for i in make(3600.0, 1)} == set(soak.schedule.KINDS)
+    assert {i.kind for i in make(3600.0, 1)} == set(soak.injected_faults.RANDOM)

@@ -89,9 +89,5 @@ class Adapter:
         self._given_s = arrived_s[-1]
         return arrived_s
 
-    def repair(self, latency_s: float) -> None:
-        """Keep nothing back from now on; frames under way arrive."""
-        self.latency_s, self.hold = latency_s, None
-
     def _look_ahead(self) -> None:
         self.due_s = self._sent[0][0] if self._sent else math.inf

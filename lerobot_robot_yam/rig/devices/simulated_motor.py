@@ -68,6 +68,7 @@ class SimMotor:
         self.fault: int = Fault.DISABLED
         self.faults = LinkFaults()
         self.sticky_fault = False  # CLEAR does not help
+        self.unpowered = False
         self.bias_nm = 0.0  # see `set_bias`
         self.reading: FalseReading | None = None  # its false measurements
         self.twin: SimMotor | None = None  # see `plug_in_twin`
@@ -81,7 +82,6 @@ class SimMotor:
         self._registers = factory_registers(row, serial)
         self.flash = Flash(self._registers)
         self._written: int | None = None  # the register that was written last
-        self._unpowered = False
         self._registers_changed()
 
     @property
@@ -227,19 +227,6 @@ class SimMotor:
         row = replace(self._row, can_id=self.can_id)
         self.twin = SimMotor(row, self.zero_rad, shaft, self.world, log, serial)
 
-    def repair(self) -> None:
-        """Undo every injected fault; registers, and the fault code that the motor is in, stay."""
-        if self._unpowered:
-            self.power(True)
-        self.faults = LinkFaults()
-        self.flash.way = "all"
-        self.reading = self.twin = None
-        self.sticky_fault = False
-        self.thermometer.held = self.thermometer.ramp = None
-        self.set_bias(0.0)
-        self.drive.jam(False)
-        self.drive.rub(0.0)
-
     def fail(self, fault: int) -> None:
         """Enter a fault: torque off."""
         self._limp()
@@ -265,12 +252,12 @@ class SimMotor:
 
     def power(self, on: bool) -> None:
         """Switch its power: off, it is limp and silent; on again, it has the registers that its flash holds."""
-        if on and self._unpowered:
+        if on and self.unpowered:
             self._registers = dict(self.flash.held)
             self._registers_changed()
         self.disable()
         self.fault = Fault.DISABLED
-        self.faults.silent = self._unpowered = not on
+        self.faults.silent = self.unpowered = not on
 
     def _store(self, data: bytes) -> Frame | None:
         self._registers = self.flash.store(self._registers, self._written)

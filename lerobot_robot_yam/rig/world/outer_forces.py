@@ -125,19 +125,15 @@ class Ballast:
 
     def carry(self, payload_kg: float) -> None:
         """Put a point mass at the tool, 0 to take it away."""
-        self._payload_kg = payload_kg
-        self._apply()
+        if payload_kg != self._payload_kg:
+            self._payload_kg = payload_kg
+            self._apply()
 
     def hold(self, hand_kg: float, fist_m: float) -> None:
         """Fix a hand of that radius of gyration to the tool, 0 kg to take it away."""
         if hand_kg != self.hand_kg:
             self.hand_kg, self._fist_m = hand_kg, fist_m
             self._apply()
-
-    def repair(self) -> None:
-        """Take the payload away; a hand stays."""
-        if self._payload_kg:
-            self.carry(0.0)
 
     def _apply(self) -> None:
         model = self._model

@@ -8,7 +8,7 @@ from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.simulation.fault_kinds import KINDS
+from lerobot_robot_yam.rig.simulation.fault_operations import KINDS
 from tests.support.rig_desk import Desk
 
 WRIST = 6

@@ -1,0 +1,261 @@
+"""The one table of faults that the tests and the soak cause: how, in which modes, and which trouble comes of it.
+
+`MATRIX` is what tests/control/test_fault_matrix.py causes, `ELSEWHERE` what other tests cause, and `RANDOM` what the
+soak causes by chance. A trouble of `state.faults` is in `MATRIX` or in `ELSEWHERE`.
+"""
+
+import math
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from lerobot_robot_yam.arm.profile_files import load_arm
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
+from lerobot_robot_yam.state.faults import FAULT_TROUBLE, Trouble
+
+FOLLOWERS = LEFT, RIGHT = ("follower_left", "follower_right")
+LEADERS = LEADER, _ = ("leader_left", "leader_right")
+CHANNELS = FOLLOWERS + LEADERS
+MOTOR = "joint_3"
+_ALWAYS, _MOVING = ("bring_up", "hold", "track", "land"), ("hold", "track", "land")
+_HOT = {"rate_c_per_s": 0.1, "from_c": 96.0}
+
+
+@dataclass(frozen=True)
+class Injected:
+    """A fault of the rig that makes one trouble.
+
+    Attributes:
+        kind, value, details: as `RigOperations.fault` takes them.
+        phases: what the arm does when it is caused.
+        lockstep: that one of the phases which every run of the tests checks; the long tier checks all.
+        refused: pattern of what a start says of it; None: it is no obstacle.
+        channel: whose arm.
+        motor: the motor concerned; None: the whole channel.
+        names: what an error names; by default the motor or the channel.
+    """
+
+    trouble: Trouble
+    kind: str
+    value: Any = True
+    phases: tuple[str, ...] = _ALWAYS
+    lockstep: str = ""
+    refused: str | None = ""
+    channel: str = LEFT
+    motor: str | None = MOTOR
+    names: str = ""
+    details: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def named(self) -> str:
+        """What an error names."""
+        return self.names or self.motor or self.channel
+
+    def inject(self, rig: RigOperations) -> None:
+        """Cause it."""
+        rig.fault(self.channel, self.motor, self.kind, self.value, **self.details)
+
+
+_CODES_IN_LOCKSTEP = {Fault.OVER_CURRENT: "track", Fault.COMMUNICATION_LOST: "bring_up"}
+_CODES = {  # every fault code of a motor
+    code.name.lower().replace("_", "-"): Injected(
+        FAULT_TROUBLE[code],
+        "nibble",
+        int(code),
+        lockstep=_CODES_IN_LOCKSTEP.get(code, ""),
+        refused=f"cannot enable.*0x{code:X}",
+        details={"sticky": True},
+    )
+    for code in map(Fault, FAULT_TROUBLE)
+    if code is not Fault.DISABLED
+}
+MATRIX = _CODES | {
+    "disabled": Injected(Trouble.DISABLED, "nibble", 0, _MOVING),
+    "motor-silent": Injected(Trouble.MOTOR_SILENT, "silent", lockstep="hold", refused="no answer from 1 of 7"),
+    "cable-out": Injected(Trouble.BUS_SILENT, "cable_out", lockstep="track", refused="no answer from 7", motor=None),
+    "bus-off": Injected(Trouble.BUS_OFF, "bus_off", refused="buffer space|no answer", motor=None),
+    "link-down": Injected(Trouble.LINK_DOWN, "link_down", refused="Network is down", motor=None),
+    "adapter-gone": Injected(
+        Trouble.ADAPTER_GONE, "adapter_gone", lockstep="land", refused="no such device", motor=None
+    ),
+    "reply-lost": Injected(Trouble.REPLY_LOST, "drop_next", 1, _MOVING),
+    "burst-lost": Injected(Trouble.REPLIES_LOST, "drop_next", 12, _MOVING, "track"),
+    "wrong-id": Injected(Trouble.WRONG_ID, "wrong_id", 0x42, ("bring_up", "track"), "bring_up", "0x42"),
+    "duplicate-id": Injected(
+        Trouble.DUPLICATE_ID, "duplicate", True, ("bring_up", "hold", "track"), "track", "more than one answer"
+    ),
+    "second-arm": Injected(
+        Trouble.DUPLICATE_ID,
+        "second_arm",
+        phases=("bring_up", "hold", "track"),
+        refused="more than one answer",
+        motor=None,
+        names=MOTOR,
+    ),
+    "leap": Injected(Trouble.IMPLAUSIBLE, "reading", {"position_rad": 2.0}, _MOVING, "track"),
+    "turn": Injected(Trouble.IMPLAUSIBLE, "reading", {"position_rad": -2 * math.pi}, _MOVING),
+    # An answer with another motor's number in it counts as a missing one.
+    "garbled": Injected(Trouble.IMPLAUSIBLE, "corrupt_rate", 0.3, _MOVING),
+    "foreign-driver": Injected(
+        Trouble.FOREIGN_DRIVER,
+        "foreign",
+        {"id": 3, "rate_hz": 100.0},
+        ("bring_up", "hold"),
+        "hold",
+        "already being driven",
+        motor=None,
+    ),
+    "handle-silent": Injected(
+        Trouble.ENCODER_SILENT,
+        "handle_silent",
+        True,
+        ("bring_up", "hold", "land"),
+        "hold",
+        "handle",
+        channel=LEADER,
+        motor=None,
+    ),
+    "warm": Injected(Trouble.WARM, "temperature_ramp", _HOT | {"from_c": 88.0}, ("bring_up", "track"), refused=None),
+    "hot": Injected(Trouble.HOT, "temperature_ramp", _HOT, ("hold", "track"), "track"),
+}
+ELSEWHERE = {  # trouble → the test that causes it
+    Trouble.CONTROL_DEAD: "tests/control/process/test_stand_by.py",
+    Trouble.CONTROL_HUNG: "tests/control/process/test_stand_by.py",
+    Trouble.STAND_BY_DEAD: "tests/control/process/test_stand_by.py",
+    Trouble.CALLER_DEAD: "tests/session/test_arm_session.py",
+    Trouble.CALLER_STALE: "tests/control/test_two_arms.py",
+    Trouble.EMERGENCY_STOP: "tests/control/test_floating.py",
+    Trouble.EFFORT: "tests/control/test_two_arms.py",
+    Trouble.OBSTRUCTED: "tests/control/test_landing.py",
+    Trouble.CAMERA_DEAD: "tests/cli/test_interrupted_recording.py",
+    Trouble.INTERNAL_ERROR: "tests/session/test_arm_session.py",
+    Trouble.LOOP_SLOW: "tests/session/test_step_runner.py",
+    Trouble.GRIPPER: "tests/control/gripper/test_gripper_stops.py",
+    Trouble.WEIGHT: "tests/control/test_floating.py",
+    Trouble.RUNAWAY: "tests/control/test_floating.py",
+    Trouble.LEADER_LOST: "tests/control/teleop/test_lost_leader.py",
+    Trouble.FOLLOWER_LOST: "tests/control/teleop/test_lead.py",
+}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of the soak's random faults.
+
+    Attributes:
+        gap_s: mean seconds between two.
+        draw: channel, motor, value and seconds of the next one: the fields of `schedule.Injection`.
+        rig: kind of the rig's fault; empty: something else goes wrong, which the `Injector` knows.
+        usual: the value that ends a fault of the rig.
+        details: of the rig's fault.
+        explains_all: it can be the cause of any trouble; else only of those that `MATRIX` gives for the same fault.
+        also: further troubles that it explains.
+        cuts: it keeps commands from motors.
+    """
+
+    gap_s: float
+    draw: Callable[[random.Random], dict[str, Any]]
+    rig: str = ""
+    usual: Any = False
+    details: dict[str, Any] = field(default_factory=dict)
+    explains_all: bool = False
+    also: frozenset[Trouble] = frozenset()
+    cuts: bool = False
+
+    @property
+    def troubles(self) -> frozenset[Trouble]:
+        """The troubles that it can be the cause of."""
+        if self.explains_all or self.cuts:
+            return frozenset(Trouble)
+        return self.also | {row.trouble for row in MATRIX.values() if row.kind == self.rig}
+
+
+_JOINTS = load_arm("yam").joint_count
+_BEYOND_RAD = 0.8  # what no motor can turn by within the four answers after which it is not believed any more
+_PUSHED = ("link2", "link3", "link4", "gripper")
+
+
+def _on_motor(rng: random.Random, value: Any = None, seconds: float = 0.0) -> dict[str, Any]:
+    channel = rng.choice(CHANNELS)
+    names = [f"joint_{joint + 1}" for joint in range(_JOINTS)] + ["gripper"] * (channel in FOLLOWERS)
+    return {"channel": channel, "motor": rng.choice(names), "value": value, "seconds": seconds}
+
+
+def _on_channel(low_s: float, high_s: float) -> Callable[[random.Random], dict[str, Any]]:
+    return lambda rng: {"channel": rng.choice(CHANNELS), "seconds": rng.uniform(low_s, high_s)}
+
+
+def _offset(rng: random.Random, low: float, high: float) -> float:
+    return round(rng.choice((-1.0, 1.0)) * rng.uniform(low, high), 3)
+
+
+def _push(rng: random.Random) -> dict[str, Any]:
+    force = [round(rng.uniform(-40.0, 40.0), 1) for _ in range(3)]
+    place = {"channel": rng.choice(FOLLOWERS), "motor": rng.choice(_PUSHED)}
+    return place | {"value": force, "seconds": rng.uniform(0.1, 0.5)}
+
+
+def _glitch(rng: random.Random) -> dict[str, Any]:
+    """Fewer answers than make a fault, wrong by more than a joint can have moved between them."""
+    value = {"position_rad": _offset(rng, _BEYOND_RAD, 13.0), "answers": rng.randint(1, 3)}
+    if rng.random() < 0.5:
+        value |= {"velocity_rad_s": _offset(rng, 0.0, 30.0), "torque_nm": _offset(rng, 0.0, 30.0)}
+    return _on_motor(rng, value)
+
+
+def _lie(rng: random.Random) -> dict[str, Any]:
+    turn = rng.choice((0.0, 0.0, 2 * math.pi))  # a turn that was miscounted, or anything
+    value = {"position_rad": math.copysign(turn, rng.uniform(-1, 1)) if turn else _offset(rng, _BEYOND_RAD, 9.0)}
+    return _on_motor(rng, value, rng.uniform(0.1, 1.0))
+
+
+def _garbled(rng: random.Random) -> dict[str, Any]:
+    return _on_channel(0.2, 1.0)(rng) | {"value": round(rng.uniform(0.1, 0.5), 2)}
+
+
+def _slow_adapter(rng: random.Random) -> dict[str, Any]:
+    return _on_channel(0.5, 3.0)(rng) | {"value": round(rng.uniform(0.002, 0.02), 4)}
+
+
+def _held_back(rng: random.Random) -> dict[str, Any]:
+    value = {"seconds": round(rng.uniform(0.02, 0.08), 3), "every_s": round(rng.uniform(0.2, 0.5), 3)}
+    return _on_channel(0.5, 3.0)(rng) | {"value": value}
+
+
+def _hot(rng: random.Random) -> dict[str, Any]:
+    return {"channel": rng.choice(CHANNELS), "motor": "joint_2", "value": _HOT, "seconds": 2.0}
+
+
+_CODE = sorted(map(int, FAULT_TROUBLE))  # every way in which a motor switches itself off
+_TWO_ARMS = frozenset({Trouble.IMPLAUSIBLE, Trouble.DISABLED})  # the second one's motors are limp, and say so for ours
+EVEN = "motor_fault"
+"""The kind that comes at even intervals."""
+RANDOM = {
+    EVEN: Kind(30.0, lambda rng: _on_motor(rng, rng.choice(_CODE)), "nibble", explains_all=True),
+    # No silence (0.1 s), even of ticks that take three times as long as they should.
+    "lost_replies": Kind(2.0, lambda rng: _on_motor(rng, rng.randint(1, 8)), "drop_next"),
+    "motor_silent": Kind(75.0, lambda rng: _on_motor(rng, seconds=rng.uniform(0.03, 1.5)), "silent", cuts=True),
+    "reading_glitch": Kind(4.0, _glitch, "reading"),
+    "reading_lies": Kind(60.0, _lie, "reading"),
+    "garbled": Kind(90.0, _garbled, "corrupt_rate", 0.0, {"all_bytes": True}),
+    "second_arm": Kind(150.0, _on_channel(0.2, 1.5), "second_arm", also=_TWO_ARMS),
+    "slow_adapter": Kind(60.0, _slow_adapter, "latency_s", 0.0),
+    "held_back": Kind(40.0, _held_back, "hold_back"),
+    "motor_hot": Kind(240.0, _hot, "temperature_ramp", explains_all=True),
+    "cable_out_briefly": Kind(50.0, _on_channel(0.01, 0.28), "cable_out", cuts=True),
+    "cable_out": Kind(200.0, _on_channel(0.5, 2.0), "cable_out", cuts=True),
+    "link_down": Kind(150.0, _on_channel(0.02, 0.28), "link_down", cuts=True),
+    "bus_off": Kind(300.0, _on_channel(0.02, 0.28), "bus_off", cuts=True),
+    "adapter_gone": Kind(300.0, _on_channel(0.1, 1.0), "adapter_gone", cuts=True),
+    "handle_silent": Kind(
+        40.0, lambda rng: {"channel": rng.choice(LEADERS), "seconds": rng.uniform(0.1, 2.0)}, "handle_silent"
+    ),
+    "caller_stall": Kind(20.0, lambda rng: {"seconds": rng.uniform(0.1, 3.0)}),
+    "kill_control": Kind(120.0, lambda rng: {"channel": rng.choice(CHANNELS)}, explains_all=True),
+    "stop_control": Kind(150.0, lambda rng: {"channel": rng.choice(CHANNELS)}, explains_all=True),
+    "emergency_stop": Kind(60.0, lambda rng: {"seconds": rng.uniform(0.2, 3.0)}),
+    "push": Kind(12.0, _push),
+    "far_action": Kind(6.0, lambda rng: {"value": round(rng.uniform(-8.0, 8.0), 2)}),
+}
