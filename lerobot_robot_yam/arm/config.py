@@ -13,6 +13,7 @@ from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig
 from lerobot_robot_yam.arm.leaders.passive_config import PassiveConfig
 from lerobot_robot_yam.arm.option import from_plain, option
+from lerobot_robot_yam.arm.profile_files import GRIPPERS, USUAL_GRIPPER
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.runtime_files import rig_name
 
@@ -39,9 +40,8 @@ class ArmConfig:
         "profile: yam, yam_pro, yam_ultra, yam_ultra_2, big_yam, or the path of a YAML file of that form", "yam"
     )
     gripper: str = option(
-        "end effector: linear_4310, crank_4310, linear_3507, flexible_4310, yam_teaching_handle, no_gripper, or "
-        "the path of a YAML file of that form",
-        "linear_4310",
+        f"end effector: {', '.join(GRIPPERS)}, or the path of a YAML file of that form",
+        USUAL_GRIPPER,
     )
     start: Literal["hold", "float"] = option(
         "what the arm does once it is energised: hold (followers), or float against gravity (leaders)", "hold"

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.strict_yaml import array_field
 
@@ -199,14 +200,29 @@ class ArmProfile:
         """Number of arm joints, 0 for the arm-less arm."""
         return len(self.motors)
 
-    def rest_q(self, gripper: str) -> np.ndarray:
-        """(n,) rad: where cutting torque moves nothing, with `gripper` on; ConfigError when unknown."""
-        if gripper not in self.rest_q_rad:
+    def rest_q(self, gripper: "GripperProfile") -> np.ndarray:
+        """(n,) rad: where cutting torque moves nothing, with `gripper` on, by this profile or else by the gripper's.
+
+        Raises:
+            ConfigError: neither says it, or the gripper's does not fit this arm's joints.
+        """
+        if not self.joint_count:
+            return np.zeros(0)
+        if gripper.name in self.rest_q_rad:
+            return self.rest_q_rad[gripper.name]
+        rest = (gripper.rest_q_rad or {}).get(self.name)
+        if rest is None:
             raise ConfigError(
-                f"arm '{self.name}' has no rest pose for gripper '{gripper}' (it has {sorted(self.rest_q_rad)}); "
-                "add rest_q_rad to the profile or an override"
+                f"arm '{self.name}' has no rest pose for gripper '{gripper.name}' (it has {sorted(self.rest_q_rad)}); "
+                f"add rest_q_rad.{self.name} to the gripper's profile, or rest_q_rad.{gripper.name} to the arm's"
             )
-        return self.rest_q_rad[gripper]
+        low, high = self.joint_limits_rad.T
+        if rest.shape != low.shape or ((rest < low - RANGE_TOLERANCE_RAD) | (rest > high + RANGE_TOLERANCE_RAD)).any():
+            limits = f"{low.tolist()} … {high.tolist()}"
+            raise ConfigError(
+                f"gripper '{gripper.name}': rest_q_rad.{self.name} {rest.tolist()} is not within the joints' {limits}"
+            )
+        return rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,6 +230,8 @@ class GripperProfile:
     """An end effector. Without a motor, `motor`, `calibration` and `limiter` are None.
 
     finger_range_m: [closed, open] of both finger joints. handle_encoder: a teaching handle sits on the bus.
+    rest_q_rad: per arm, the pose in which cutting torque moves nothing with this end effector on; an arm's own row for
+        the end effector goes first.
     """
 
     name: str
@@ -223,6 +241,7 @@ class GripperProfile:
     calibration: Calibration | None = None
     limiter: Limiter | None = None
     finger_range_m: np.ndarray | None = array_field(2, default=None)
+    rest_q_rad: dict[str, np.ndarray] | None = array_field(-1, default=None)
 
     @property
     def finger_joints(self) -> tuple[str, ...]:

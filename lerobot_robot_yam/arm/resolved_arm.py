@@ -128,7 +128,7 @@ class ResolvedArm:
 
     def _rest_q(self, given: list[float] | None) -> np.ndarray:
         if given is None or not self.joints:
-            return self.arm.rest_q(self.gripper.name) if self.joints else np.zeros(0)
+            return self.arm.rest_q(self.gripper)
         rest, (low, high) = np.array(given), self.arm.joint_limits_rad.T
         if not ((rest >= low) & (rest <= high)).all():
             limits = f"{low.tolist()} … {high.tolist()}"

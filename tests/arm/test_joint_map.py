@@ -129,7 +129,7 @@ def fields(rig, arm):
 @pytest.mark.parametrize("arm", ["yam", "big_yam"])  # big_yam: joint 2 runs the other way
 def test_the_shipped_driver_finds_the_turn_of_every_motor_and_moves_from_there(tmp_path, arm):
     turns = np.array([1, -1, 1, -1, 1, -1])
-    start = load_arm(arm).rest_q("no_gripper") + [0.4, 0, 0, 0, 0.3, -0.5]
+    start = load_arm(arm).rest_q_rad["no_gripper"] + [0.4, 0, 0, 0, 0.3, -0.5]
     rig = LockstepRig(scene(tmp_path, arm, turns * TURN, start))
     with contextlib.closing(rig), YamArm(**fields(rig, arm)) as left:
         assert np.abs(left.observe().q - rig.state()["arms"]["only"]["q"]).max() < 0.01
@@ -148,7 +148,7 @@ def test_the_shipped_driver_finds_the_turn_of_every_motor_and_moves_from_there(t
     ],
 )
 def test_the_shipped_driver_energises_nothing_on_an_unclear_turn(tmp_path, offset, message):
-    rest = load_arm("yam").rest_q("no_gripper")
+    rest = load_arm("yam").rest_q_rad["no_gripper"]
     with contextlib.closing(LockstepRig(scene(tmp_path, "yam", [offset, 0, 0, 0, 0, 0], rest))) as rig:
         with pytest.raises(MotorError, match=message):
             YamArm(**fields(rig, "yam")).connect()

@@ -153,7 +153,7 @@ def document(body):
 def test_cutting_torque_at_the_rest_pose_moves_nothing(arm, gripper):
     model = in_scene(arm, gripper, Physics())
     data = mujoco.MjData(model)
-    data.qpos[:6] = load_arm(arm).rest_q(gripper)
+    data.qpos[:6] = load_arm(arm).rest_q(load_gripper(gripper))
     data.qpos[0] = 0.7  # joint 1 keeps any value
     mujoco.mj_forward(model, data)
     start = np.concatenate([data.xpos, data.xipos, data.site_xpos])

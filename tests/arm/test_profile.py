@@ -9,6 +9,9 @@ from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS, NO_ARM, load_arm
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
+from tests.support.paths import ROOT
+
+TOY = ROOT / "tests" / "support" / "profiles" / "toy_gripper.yaml"
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -24,8 +27,7 @@ def test_arm_is_complete_and_consistent_with_its_motors(name):
         assert arm.kp[i] <= row.kp_max and arm.kd[i] <= row.kd_max
         assert arm.speed_limit_rad_s[i] < row.velocity_max_rad_s
     assert (arm.joint_limits_rad[:, 0] < arm.joint_limits_rad[:, 1]).all()
-    assert set(arm.rest_q_rad) == set(GRIPPERS)
-    for rest in arm.rest_q_rad.values():
+    for rest in (arm.rest_q(load_gripper(gripper)) for gripper in GRIPPERS):
         assert (arm.joint_limits_rad[:, 0] <= rest).all() and (rest <= arm.joint_limits_rad[:, 1]).all()
 
 
@@ -128,6 +130,14 @@ def test_own_profile_by_path(tmp_path):
         load_arm(str(path))
 
 
-def test_rest_pose_of_an_unknown_gripper_is_an_error():
-    with pytest.raises(ConfigError, match="my_gripper"):
-        load_arm("yam").rest_q("my_gripper")
+def test_a_rest_pose_is_the_arms_own_or_else_the_grippers():
+    toy = load_gripper(TOY)
+    assert load_arm("yam").rest_q(toy).tolist() == [0.0, 0.0, 0.0, -0.166, 0.0, 0.0]
+    own = {"rest_q_rad": {"toy_gripper": [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]}}
+    assert load_arm("yam", own).rest_q(toy)[0] == 0.1
+    assert load_arm(NO_ARM).rest_q(toy).shape == (0,)
+    with pytest.raises(ConfigError, match="no rest pose for gripper 'toy_gripper'.*add rest_q_rad.big_yam to the grip"):
+        load_arm("big_yam").rest_q(toy)
+    for rest in ([0.0] * 5, [9.0] + [0.0] * 5):
+        with pytest.raises(ConfigError, match="gripper 'toy_gripper': rest_q_rad.yam .* is not within"):
+            load_arm("yam").rest_q(load_gripper(TOY, {"rest_q_rad": {"yam": rest}}))

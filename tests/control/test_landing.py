@@ -7,7 +7,7 @@ import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.kinematics import YamKinematics
-from lerobot_robot_yam.arm.profile_files import load_arm
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.landing.landing import Landing
 from lerobot_robot_yam.control.landing.landing_move import LANDING_SPEED_RAD_S, Phase, Seen
@@ -31,7 +31,7 @@ def random_poses(n, seed, arm="yam", gripper="linear_4310"):
     profile = load_arm(arm)
     sites = [YamKinematics(arm, gripper, site) for site in ("tcp_site", "grasp_site")]
     low, high = profile.joint_limits_rad.T
-    rest = profile.rest_q(gripper)
+    rest = profile.rest_q(load_gripper(gripper))
     poses = []
     while len(poses) < n:
         q = rng.uniform(low, high)

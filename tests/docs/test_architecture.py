@@ -2,16 +2,13 @@
 
 import contextlib
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.arm import profile_files
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.model import build_model
-from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.arm.profile_files import load_gripper
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.state.modes import Mode
 from tests import test_layers
@@ -23,7 +20,7 @@ from tests.support.rigged import arm_on
 
 PAGE = "docs/architecture.md"
 LISTS = ("A gripper", "An arm", "An option of an arm", "A console command", "A fault", "A task of the rig")
-MOST_FILES = {"A gripper": 11, "A console command": 8, "A fault": 8}
+MOST_FILES = {"A gripper": 6, "A console command": 8, "A fault": 8}
 FOLLOWER = "follower_left"
 TOY = ROOT / "tests" / "support" / "profiles" / "toy_gripper.yaml"
 REACH = [0.3, 0.8, 0.9, -0.2, 0.3, -0.4]
@@ -66,33 +63,18 @@ def test_the_look_for_files_can_fail():
     assert not exists("arm/nothing.py") and not exists("arm/nothing/NAME.yaml") and exists("commands/NAME.py")
 
 
-@pytest.fixture
-def arm(tmp_path):
-    """Path of a YAM's profile with a row for the toy gripper in `rest_q_rad`."""
-    text = Path(profile_files.__file__).with_name("profiles").joinpath("arms", "yam.yaml").read_text()
-    assert text.count("rest_q_rad:\n") == 1
-    path = tmp_path / "yam_with_a_toy.yaml"
-    path.write_text(text.replace("rest_q_rad:\n", "rest_q_rad:\n  toy_gripper: [0.0, 0.0, 0.0, -0.166, 0.0, 0.0]\n"))
-    return str(path)
-
-
-def test_the_row_of_the_rest_pose_is_asked_for():
-    with pytest.raises(ConfigError, match="no rest pose for gripper 'toy_gripper'.*add rest_q_rad"):
-        load_arm("yam").rest_q(load_gripper(TOY).name)
-
-
-def test_a_gripper_from_two_files_has_a_model_with_its_weight(arm):
+def test_a_gripper_from_one_file_has_a_model_with_its_weight():
     assert load_gripper(TOY).stroke_rad == 3.0
-    model = build_model(arm, str(TOY))
+    model = build_model("yam", str(TOY))
     assert [model.joint(i).name for i in range(model.njnt)] == [f"joint{n}" for n in range(1, 9)]
-    torque = GravityModel(arm, str(TOY)).torque(np.array(REACH))
-    bare = GravityModel(arm, "no_gripper").torque(np.array(REACH))
+    torque = GravityModel("yam", str(TOY)).torque(np.array(REACH))
+    bare = GravityModel("yam", "no_gripper").torque(np.array(REACH))
     assert np.isfinite(torque).all() and abs(torque[1] - bare[1]) > 0.5  # Nm: half a kilogram at the arm's end
 
 
-def test_a_gripper_from_two_files_comes_up_holds_and_lands(arm):
+def test_a_gripper_from_one_file_comes_up_holds_and_lands():
     """It also finds its stops, which nobody has told it."""
-    hardware = {"arm": arm, "gripper": str(TOY)}
+    hardware = {"gripper": str(TOY)}
     with (
         contextlib.closing(LockstepRig(arms=[FOLLOWER], **hardware)) as rig,
         arm_on(rig, FOLLOWER, gripper_stops_rad=None, **hardware) as driven,

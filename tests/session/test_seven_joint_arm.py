@@ -156,7 +156,7 @@ def test_a_landing_that_is_barred_goes_round_with_the_joints_that_the_profile_na
         rig.fault(FOLLOWER, "joint_2", "stuck", False)
         arm.clock.sleep(15.0)
         assert port.mode() is Mode.OFF
-        assert np.abs(rig.state()["arms"][FOLLOWER]["q"] - load_arm(ARM).rest_q("linear_4310")).max() < 0.1
+        assert np.abs(rig.state()["arms"][FOLLOWER]["q"] - load_arm(ARM).rest_q_rad["linear_4310"]).max() < 0.1
 
 
 def test_a_leader_with_a_handle_floats(rig):

@@ -235,7 +235,7 @@ def _distances_at_rest(parts: ArmParts, index: int, arm: GuardedArm, pairs: Sequ
     rows = []
     for opening in (0.0, 1.0):
         parts.open_grippers([opening] * len(parts.names))
-        _place_one(parts, index, arm.arm.rest_q(arm.gripper.name))
+        _place_one(parts, index, arm.arm.rest_q(arm.gripper))
         rows.append([parts.distance(pair.first, pair.second) for pair in pairs])
     return np.min(rows, axis=0)
 

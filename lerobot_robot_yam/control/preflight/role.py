@@ -6,6 +6,7 @@ It tells swapped cables from dead motors without any binding. Asks only; energis
 import can
 
 from lerobot_robot_yam.arm.profile import GripperProfile
+from lerobot_robot_yam.arm.profile_files import GRIPPERS, USUAL_GRIPPER, load_gripper
 from lerobot_robot_yam.control.preflight.fingerprint import gear_ratio
 from lerobot_robot_yam.damiao.handle_check import handle_firmware
 from lerobot_robot_yam.damiao.tables import motor_type
@@ -49,7 +50,7 @@ def answering_gripper(bus: can.BusABC, channel: str, gripper_id: int) -> str:
 
 
 def likely_gripper(handle: bool, gear: float | None) -> str:
-    """Name of a gripper profile that fits; motors of one type do not tell their grippers apart.
+    """Name of the first gripper whose motor has that gear; motors of one type do not tell their grippers apart.
 
     Args:
         handle: whether a teaching handle answers.
@@ -59,7 +60,9 @@ def likely_gripper(handle: bool, gear: float | None) -> str:
         return "yam_teaching_handle"
     if gear is None:
         return "no_gripper"
-    return "linear_3507" if gear == motor_type("DM3507").gear_ratio else "linear_4310"
+    motors = {name: load_gripper(name).motor for name in GRIPPERS}
+    fitting = (name for name, motor in motors.items() if motor and motor_type(motor.type).gear_ratio == gear)
+    return next(fitting, USUAL_GRIPPER)
 
 
 def _answering(bus: can.BusABC, channel: str, gripper_id: int) -> tuple[bool, float | None]:

@@ -42,7 +42,7 @@ class World:
         self._addresses = {row.channel: self._look_up(row.channel) for row in scene.arms}
         for row in scene.arms:
             arm, gripper = self.profiles[row.channel]
-            self.set_pose(row.channel, arm.rest_q(gripper.name) if row.q_rad is None else row.q_rad)
+            self.set_pose(row.channel, arm.rest_q(gripper) if row.q_rad is None else row.q_rad)
         mujoco.mj_forward(self.model, self.data)
         self.slips = self.steps = 0
         self.look_seed = scene.options.seed

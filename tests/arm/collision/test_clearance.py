@@ -40,7 +40,7 @@ def random_poses(arms, count, seed=0):
 def test_every_arm_rests_without_a_conflict_and_may_fold_and_unfold(arm, gripper):
     one = guarded(arm=arm, gripper=gripper, collision_margin_m=MARGIN, floor_z_m=-0.005)
     clearance = Clearance([one])
-    rest = one.arm.rest_q(gripper)
+    rest = one.arm.rest_q(one.gripper)
     assert all(d >= pair.limit_m for pair, d in zip(clearance.pairs, all_distances(clearance, rest), strict=True))
     way = [rest + share * (np.array([0.3, 1.2, 1.2, rest[3], 0.5, 0.5]) - rest) for share in np.linspace(0, 1, 40)]
     for start, end in (*zip(way, way[1:], strict=False), *zip(way[::-1], way[-2::-1], strict=False)):
