@@ -100,6 +100,7 @@ def test_a_tilted_arm_lands_at_its_configured_rest_pose(tmp_path):
     assert took_s < 10.0
 
 
+@pytest.mark.long
 def test_a_tilted_leader_floats_if_it_is_told_and_is_refused_if_not(tmp_path):
     leader = {"role": "leader", "gripper": "yam_teaching_handle"}
     with arm_at(tmp_path, TILTS["wall"], **leader, base_tilt_rad=TILTS["wall"]) as (rig, session):

@@ -17,6 +17,7 @@ from lerobot_robot_yam.state.records import STATE_DTYPE
 from tests.face.devices.test_pairing import follower, leader
 from tests.support.coupled import FOLLOWER, LEADER, POSE
 from tests.support.seeded_sets import FPS, write
+from tests.support.tiers import spread
 
 IDLE_KD = [0.1, 0.1, 0.1, 0.3, 0.05, 0.05]  # Nm s/rad, of the profile: the damping of a leader that floats
 FRICTION_NM = 0.1
@@ -78,7 +79,7 @@ def test_a_coupled_pair_is_measured(tmp_path, capsys):
 
 def test_drag_and_feedback_are_told_apart():
     arm, gripper = resolve_profiles("yam", "yam_teaching_handle")
-    times, q = sweep(10.0, 0.004)
+    times, q = sweep(10.0, 0.02)
     dq = np.gradient(q, times, axis=0)
     pull = np.where((times > 6.0) & (times < 6.5), 1.0, 0.0)[:, None]
     states = np.zeros(len(times), STATE_DTYPE)
@@ -95,7 +96,7 @@ def test_drag_and_feedback_are_told_apart():
     assert np.isnan(effort(states, arm, gripper).backdrive_nm).all()
 
 
-@pytest.mark.parametrize("unit", ["radians", "degrees"])
+@pytest.mark.parametrize("unit", spread(["radians", "degrees"], 1))
 def test_a_recording_tells_lag_and_error(tmp_path, capsys, unit):
     _, path = sweep(10.0, 1 / FPS)
     path[:, 4] = 0.1  # this joint stands still

@@ -84,6 +84,7 @@ def misses(path, true):
     return np.abs(found - weight), np.maximum(SHARE * np.abs(weight), STEPS * torque_steps(hardware))
 
 
+@pytest.mark.long
 def test_an_arm_is_tuned(made, tmp_path, capsys):
     rig, true = made(deviation(0))
     begin = rig.now()

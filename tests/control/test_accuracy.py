@@ -28,6 +28,7 @@ def hold_errors(kind, gripper, poses, friction):
     return np.array(errors)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gripper", ["linear_4310"])
 def test_without_friction_the_arm_holds_within_3_mrad(gripper):
     assert hold_errors("lockstep", gripper, random_poses(2, seed=3, gripper=gripper), friction=0.0).max() <= 0.003

@@ -76,6 +76,7 @@ def test_coulomb_friction_that_is_fed_forward_is_made_up_for():
     assert lags[True].max() < 0.7 * lags[False].max(), lags
 
 
+@pytest.mark.long
 def test_what_starts_quickly_is_hardly_quicker_than_its_set_point():
     """All joints at once, so that each throws the others about; what is fed forward holds them to their ways."""
     with rig_of("lockstep", arms=[CHANNEL]) as rig:

@@ -88,6 +88,7 @@ def test_what_passes_and_floats_away_all_the_same_is_slowed_down_and_held(rig, s
     assert not energised(rig, LEADER)
 
 
+@pytest.mark.long
 def test_what_runs_away_can_be_rearmed_once_it_is_balanced(rig, started):
     session = started(LEADER)
     rig.push(LEADER, "gripper", [0.0, 0.0, 12.0], 3.0)  # somebody lifts it, and lets go in full swing
@@ -214,6 +215,7 @@ def test_a_quick_move_of_a_hand_is_no_runaway():
     assert speed.runs_away is None
 
 
+@pytest.mark.long
 def test_a_floating_speed_of_ones_own(rig, started):
     recorders.watch_start(rig, LEADER)
     session = started(LEADER, payload_mass_kg=0.3, float_speed_rad_s=1.0)

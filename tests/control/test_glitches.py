@@ -190,6 +190,7 @@ def test_a_joint_that_is_pushed_from_where_it_was_sent_is_believed_again(rig, he
     assert abs(there - POSE[1]) > 0.2
 
 
+@pytest.mark.long
 def test_a_gripper_that_goes_on_lying_is_not_believed_again(rig, held):
     """It would leap to where its set-point seems to be, with more torque than its clip."""
     rig.fault(CHANNEL, "gripper", "reading", {"position_rad": -0.99})
@@ -208,6 +209,7 @@ def test_a_gripper_that_goes_on_lying_is_not_believed_again(rig, held):
     assert np.abs(truth["dq"][:, 6]).max() < 12.0
 
 
+@pytest.mark.long
 def test_nothing_is_believed_again_while_a_second_arm_answers_too(rig, held):
     """Whose answer comes first, nobody knows; the gripper would leap to where the other one's is."""
     rig.fault(CHANNEL, "gripper", "reading", {"position_rad": 3.0})

@@ -170,7 +170,8 @@ def test_a_wrist_that_is_not_believed_on_its_way_down_does_not_fall(rig):
     assert moved <= MOST_M
 
 
-@pytest.mark.parametrize("forces", spread([([[30.0, 33.0, 22.0]],), ([[30.0, 33.0, 22.0], [-30.0, -33.0, 22.0]],)], 0))
+@pytest.mark.long
+@pytest.mark.parametrize("forces", [([[30.0, 33.0, 22.0]],), ([[30.0, 33.0, 22.0], [-30.0, -33.0, 22.0]],)])
 def test_a_limp_arm_that_is_pushed_does_not_come_free(rig, forces, caplog, capfd):
     """Its set-point is nothing that it could spring to, and stays, or a landing would begin anew with each push."""
     caplog.set_level("INFO")
@@ -188,9 +189,8 @@ def test_a_limp_arm_that_is_pushed_does_not_come_free(rig, forces, caplog, capfd
 
 
 # From 1.1 the wrist may slip off by itself before it is brought down.
-@pytest.mark.parametrize(
-    "shoulder, barred", spread([(0.5, True), (0.8, True), (0.95, True), (1.0, True), (1.1, False)], 1)
-)
+@pytest.mark.long
+@pytest.mark.parametrize("shoulder, barred", [(0.5, True), (0.8, True), (0.95, True), (1.0, True), (1.1, False)])
 def test_an_arm_lands_whose_wrist_is_hooked_behind_its_own_shoulder(rig, shoulder, barred, caplog, capfd):
     """The straight way down is barred by the arm itself: it goes round."""
     with arm_on(rig, CHANNEL) as arm:
@@ -204,16 +204,14 @@ def test_an_arm_lands_whose_wrist_is_hooked_behind_its_own_shoulder(rig, shoulde
     assert "cannot land" not in said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "motor, kind, value",
-    spread(
-        [
-            (f"joint_{number}", kind, value)
-            for number in range(1, 7)
-            for kind, value in (("nibble", int(Fault.OVER_CURRENT)), ("silent", True))
-        ],
-        4,
-    ),
+    [
+        (f"joint_{number}", kind, value)
+        for number in range(1, 7)
+        for kind, value in (("nibble", int(Fault.OVER_CURRENT)), ("silent", True))
+    ],
 )
 def test_an_arm_lands_with_a_motor_out(rig, motor, kind, value):
     """A limp wrist stands in the way of the fold, an arm with a limp shoulder lies on the table: it sinks there."""

@@ -36,6 +36,7 @@ def running(rig):
         leave(rig, session)
 
 
+@pytest.mark.long
 def test_an_arm_that_is_pushed_beyond_a_limit_is_pushed_back_and_the_session_goes_on(rig, running, tmp_path):
     # The rig's own stops are where the profile's limits are; so this arm is told of a nearer limit.
     packaged = load_arm("yam")
@@ -63,7 +64,8 @@ def test_an_arm_that_is_pushed_beyond_a_limit_is_pushed_back_and_the_session_goe
     assert state.q[0] - 1.0 < min(0.05, farthest)
 
 
-@pytest.mark.parametrize("seed", spread([0, 4], 1))
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [0, 4])
 def test_targets_that_jump_at_odd_times_do_not_drive_an_arm_into_its_stops(rig, running, seed):
     """From rest, where two joints lie on their stops: struck at full speed, these throw the wrist.
 
@@ -169,6 +171,7 @@ def test_a_joint_that_comes_free_does_not_spring_to_where_its_set_point_has_gone
     assert after == "hold" or abs(state.q[0] - far[0]) < 0.02
 
 
+@pytest.mark.long
 def test_a_wrist_that_hooks_onto_its_own_arm_does_not_throw_it(rig, running):
     session = running(sim_config(rig, LEFT))
     goal = [0.3, 0.8, 0.9, -0.2, 0.0, 0.1]

@@ -108,8 +108,6 @@ def drive():
             ("yam_ultra", {}, "square", 1.5, 30),
         ],
         1,
-        5,
-        6,
     ),
 )
 def test_targets_that_jump_drive_no_joint_beyond_its_speed(drive, arm, fields, kind, flips_hz, fps):
@@ -124,7 +122,8 @@ def test_targets_that_claim_a_speed_drive_no_joint_beyond_its_speed(drive):
     assert 0.95 < fastest.max() < MOST, fastest
 
 
-@pytest.mark.parametrize(("fps", "most_ms"), spread([(30, 39.0), (60, 22.0)], 0))
+@pytest.mark.long
+@pytest.mark.parametrize(("fps", "most_ms"), [(30, 39.0), (60, 22.0)])
 def test_a_wave_is_followed_no_later_than_before(drive, fps, most_ms):
     """One caller period and 4 ms: joints 1 to 3, which are stiff. The wrist's friction makes it 10 ms more."""
     driven = drive("yam")

@@ -12,7 +12,6 @@ from lerobot_robot_yam.state.records import Limited
 from scripts import recorders
 from tests.control.test_fault_matrix import AWAY, LEFT, RIGHT, SLACK_S, wait_for
 from tests.support.rigged import either_rig, isolation_of, leave, session_on, sim_config, track
-from tests.support.tiers import spread
 
 rig = either_rig(LEFT, RIGHT)
 
@@ -143,7 +142,8 @@ class Ticks:
         interface.on_wait = on_wait_and_look
 
 
-@pytest.mark.parametrize("latency_s", spread([0.0, 0.04], 1))
+@pytest.mark.long
+@pytest.mark.parametrize("latency_s", [0.0, 0.04])
 def test_an_arm_that_switches_off_on_a_bad_wire_keeps_the_other_one_waiting_for_no_long(rig, latency_s):
     """A stand-by takes a loop for hung that has not ticked for 0.14 s, and motors let go after 0.4 s without commands.
 

@@ -48,7 +48,7 @@ def land(rig, session, at_most_s=AT_MOST_S):
 @pytest.mark.parametrize(
     "pose, fields, load_kg",
     [
-        pytest.param(MID, {"payload_mass_kg": 1.0}, 0.0, id=f"1 kg {ABSENT}"),
+        pytest.param(MID, {"payload_mass_kg": 1.0}, 0.0, id=f"1 kg {ABSENT}", marks=pytest.mark.long),
         pytest.param(HIGH, {"payload_mass_kg": 2.0}, 0.0, id=f"2 kg {ABSENT}", marks=pytest.mark.long),
         pytest.param(BACK, {"payload_mass_kg": 3.0}, 0.0, id=f"3 kg {ABSENT}", marks=pytest.mark.long),
         pytest.param(HIGH, {"gravity_factor": [1.5] * 6}, 0.0, id="factor 1.5"),

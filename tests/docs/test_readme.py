@@ -75,6 +75,7 @@ def test_any_python_can_program_opens_a_channel_of_the_rig(monkeypatch):
     assert answer is not None and answer.data[0] & 0x0F == 1
 
 
+@pytest.mark.long
 def test_the_doctor_speaks_of_arms_that_are_not_there(tmp_path):
     (command,) = set(re.findall(r"^yam-doctor --config_path=.*", (ROOT / "docs/real-arms.md").read_text(), re.M))
     done = run(command, ROOT)

@@ -54,6 +54,7 @@ def test_it_is_an_environment(lockstep):
         assert (reward, terminated, truncated, info) == (0.0, False, False, {"is_success": False})
 
 
+@pytest.mark.long
 def test_the_operators_attempt_succeeds_and_its_actions_do_again(lockstep):
     states, actions, last = attempt(lockstep, seed=5)
     assert last.success
@@ -132,6 +133,7 @@ def two_arms(tmp_path):
     return BiYamFollowerConfig(calibration_dir=tmp_path, **arms)
 
 
+@pytest.mark.long
 def test_two_arms_have_two_places(tmp_path):
     config = YamEnvConfig(robot=two_arms(tmp_path), lockstep=True, task="handover")
     assert config.features["action"].shape == (14,)
@@ -144,6 +146,7 @@ def test_two_arms_have_two_places(tmp_path):
         env.close()
 
 
+@pytest.mark.long
 def test_a_reset_between_two_tool_poses_begins_a_new_path(tmp_path):
     """The same pose can be had turned round and bent over backward: the arm stays as the reset has put it."""
     options = {"action_space": "ee", "command_timeout_s": 5.0, "cameras": {}}
@@ -164,6 +167,7 @@ def test_a_reset_between_two_tool_poses_begins_a_new_path(tmp_path):
         env.close()
 
 
+@pytest.mark.long
 def test_a_finished_environment_freezes_until_a_new_rollout(tmp_path):
     config = YamEnvConfig(robot=robot(tmp_path, cameras={}), lockstep=True, time_limit_s=0.1)
     (vector,) = config.create_envs(1)["yam"].values()

@@ -43,6 +43,7 @@ def test_the_live_rig_is_paced_and_a_callable_may_judge(tmp_path):
         assert not any(motor["enabled"] for motor in motors.values())
 
 
+@pytest.mark.long
 def test_an_operator_lays_out_and_judges(tmp_path, monkeypatch):
     terminal, stdin = pty.openpty()
     with running_rig(arms=["follower_left"]) as rig, os.fdopen(stdin) as keyboard:

@@ -155,6 +155,7 @@ def test_torch_is_for_cpus_only_if_torchvision_is(monkeypatch, vision, pins):
     assert install.cpu_build(".") == pins
 
 
+@pytest.mark.long
 def test_what_cannot_be_installed_is_said_in_full(index, clone):
     done = run(clone, "true")
     assert done.returncode != 0 and not (clone / ".venv" / "installed").exists()

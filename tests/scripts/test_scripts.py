@@ -119,6 +119,7 @@ def test_recording_ends_with_the_place_of_the_data_their_quality_and_three_comma
     assert looks[2].startswith("lerobot-replay --config_path=") and lines[-1].split()[-1] == "--dataset.episode=0"
 
 
+@pytest.mark.long
 def test_a_terminal_stays_one_and_all_is_shown_on_demand(tmp_path, record_sim):
     command, environment = record_sim
     terminal = Terminal(tmp_path, *command, cwd=tmp_path, env=environment)

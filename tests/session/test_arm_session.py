@@ -90,6 +90,7 @@ def test_an_arm_comes_up_tracks_and_lands(rig, isolation, caplog):
         assert any("period p50" in record.message for record in caplog.records)
 
 
+@pytest.mark.long
 def test_set_point_steps_stay_within_speed_limit_times_tick(rig, isolation):
     with arm_of(rig, isolation, speed_limit_rad_s=1.0) as arm:
         for _ in range(20):
@@ -122,6 +123,7 @@ def test_who_looks_just_before_a_new_state_gets_the_new_one(rig, isolation):
     assert newer > tries / 2
 
 
+@pytest.mark.long
 @in_a_process
 def test_who_looks_after_a_lost_reply_gets_the_next_one(rig, isolation):
     newer, tries = 0, 12

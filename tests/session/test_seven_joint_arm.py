@@ -134,6 +134,7 @@ def test_it_comes_up_holds_tracks_and_lands(rig):
         assert abs(true["q"][0] - rig.state()["arms"][FOLLOWER]["q"][0]) < 0.05  # the base stays turned
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("named", [True, False])
 def test_a_landing_that_is_barred_goes_round_with_the_joints_that_the_profile_names(rig, tmp_path, caplog, named):
     """The shoulder is jammed for a while. Without names there is no way round: it holds, and tries again."""
@@ -187,6 +188,7 @@ def test_its_motors_are_recognised(rig):
     assert "follower" in found.role(gripper_id(arm))
 
 
+@pytest.mark.long
 def test_gravity_is_carried(rig):
     """Of the whole arm: what the motors exert while they hold is what the model says."""
     with arm_on(rig, FOLLOWER, hold_integral=False, **GAINS) as arm:

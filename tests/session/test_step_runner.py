@@ -17,7 +17,6 @@ from lerobot_robot_yam.state.faults import HUNG_S, STALE_OVERSHOOT_RAD_S, stale_
 from lerobot_robot_yam.state.modes import Mode
 from scripts import recorders
 from tests.support.rigged import sim_config, track
-from tests.support.tiers import spread
 
 CHANNELS = ("follower_left", "follower_right")
 GOAL = np.array([0.3, 0.8, 0.9, -0.2, 0.0, 0.1])
@@ -59,6 +58,7 @@ def test_the_same_bits_every_time(rig):
     assert np.abs(first[-1, :, :6] - GOAL).max() < 0.02
 
 
+@pytest.mark.long
 def test_no_reply_is_lost_on_an_adapter_that_takes_half_a_millisecond_each_way():
     rig = LockstepRig(arms=CHANNELS, latency_s=0.0005)
     try:
@@ -169,7 +169,8 @@ def test_answers_to_commands_are_none_to_what_follows_them(rig):
         controller.bring_up.abandon()
 
 
-@pytest.mark.parametrize("rate_hz", spread([499.0, 0.0], 0))
+@pytest.mark.long
+@pytest.mark.parametrize("rate_hz", [499.0, 0.0])
 def test_at_rates_that_the_wire_does_not_allow_it_ticks_as_often_as_wire_and_laws_do(rig, rate_hz, monkeypatch):
     command = Actuation.compute_command
 

@@ -17,6 +17,7 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from scripts import recorders
 from tests.support.rigged import either_rig, isolation_of, session_on, sim_config, track
+from tests.support.tiers import spread
 
 AWAY = [0.2, 1.0, 1.0, -0.3, 0.1, 0.1]
 
@@ -208,7 +209,7 @@ def test_it_is_latched_without_a_descriptor_left(stop):
     assert not EmergencyStop().latched
 
 
-@pytest.mark.parametrize("begin", ["asked to land", "the session ends"])
+@pytest.mark.parametrize("begin", spread(["asked to land", "the session ends"], 0))
 def test_a_landing_is_interrupted_and_goes_on_after_the_release(rig, stop, begin):
     session = session_on(rig, sim_config(rig, "follower_left"))
     session.start()

@@ -114,6 +114,7 @@ def test_another_projects_leaders_over_ours_are_noticed(theirs, tmp_path):
     assert "pip uninstall lerobot_robot_yam lerobot_teleoperator_yam" in error and "from its clone" in error
 
 
+@pytest.mark.long
 def test_our_remaining_files_notice_another_projects_package_over_ours(tmp_path):
     """LeRobot imports nothing else of us then: it is up to the leaders, and to the doctor."""
     theirs = {"__init__.py": "from . import config_yam_follower", "config_yam_follower.py": ""}
@@ -126,6 +127,7 @@ def test_our_remaining_files_notice_another_projects_package_over_ours(tmp_path)
     assert "lerobot_robot_yam is not the YAM driver's" in doctor.stdout, doctor.stderr
 
 
+@pytest.mark.long
 def test_a_newer_lerobot_is_spoken_of_once(tmp_path):
     write_metadata(tmp_path, "lerobot", "0.7.0")
     done = run(tmp_path, "import lerobot_robot_yam, lerobot.robots.config, lerobot.cameras.configs")

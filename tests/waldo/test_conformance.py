@@ -49,7 +49,7 @@ def failed(lines):
     "options",
     [
         pytest.param(["--only", "static,dry"], id="static,dry"),
-        pytest.param(["--contract", "C", "--only", "live", "--sections", "boot"], id="boot"),
+        pytest.param(["--contract", "C", "--only", "live", "--sections", "boot"], id="boot", marks=pytest.mark.long),
         pytest.param([], id="all", marks=pytest.mark.long),
     ],
 )

@@ -17,6 +17,7 @@ from lerobot_robot_yam.waldo.controller.controller_process import operator_acts
 from lerobot_robot_yam.waldo.controller.plant import RealArm
 from scripts import recorders
 from tests.support.rigged import lockstep_rig
+from tests.support.tiers import spread
 from tests.support.waldo_desk import waldo_desk
 
 ARM = "follower_left"
@@ -93,7 +94,7 @@ def test_taking_over_holds_the_measured_pose_whatever_the_simulator_showed(rig, 
     assert not status["simulator_active"] and status["executing_index"] == -1 and desk.ask("queue") == []
 
 
-@pytest.mark.parametrize("stop, seconds", [("estop", 5.0), ("stop", 2.0), pytest.param("estop", 60.0, marks=LONG)])
+@pytest.mark.parametrize("stop, seconds", spread([("estop", 5.0), ("stop", 2.0), ("estop", 60.0)], 0))
 def test_a_stop_is_quick_and_then_the_arm_is_held(rig, desk, stop, seconds):
     desk.drive()
     desk.run(0.5)
@@ -178,6 +179,7 @@ def test_a_cable_that_comes_off_stops_the_move_and_resume_waits_for_frames(rig, 
     assert np.abs(true_q(rig) - held).max() < np.radians(0.3) and desk.ask("status")["enabled"]
 
 
+@pytest.mark.long
 def test_an_arm_gets_up_from_where_it_rests_a_little_outside_its_limits(rig, desk):
     rig.set_pose(ARM, [0.0, -0.004, -0.003, -0.1666, 0.0, 0.0], 0.5)
     desk.drive()
@@ -192,6 +194,7 @@ def test_an_arm_gets_up_from_where_it_rests_a_little_outside_its_limits(rig, des
     np.testing.assert_allclose(np.degrees(true_q(rig)), [0, 60, 60, -29, 0, 0], atol=1.5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("way", [[60, 60, -60, 0, 0, 0], *(pytest.param(way, marks=LONG) for way in LONGER)])
 def test_a_line_is_straight_on_the_rig(rig, desk, way):
     desk.drive()
@@ -233,6 +236,7 @@ def test_a_hand_moves_the_arm_while_it_floats_and_it_holds_there(rig, desk):
     assert desk.real.published().mode is Mode.HOLD
 
 
+@pytest.mark.long
 def test_what_is_gripped_is_seen_and_pressed_with_no_more_than_the_force_limit(rig, desk):
     desk.drive()
     desk.ask("select_tool", tool_name="linear_4310")

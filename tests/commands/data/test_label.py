@@ -98,6 +98,7 @@ def test_the_episodes_behind_one_that_is_left_out_keep_their_labels(data):
     assert copy[len(copy) - 1]["action"].equal(load(data)[sum(LENGTHS) - 1]["action"])
 
 
+@pytest.mark.long
 def test_without_a_discarded_episode_the_copy_has_all_and_is_not_labelled_again(data, tmp_path, capsys):
     assert main([str(data), "--rest", "failure", "--apply", "--output", str(tmp_path / "all")]) == 0
     copy = load(tmp_path / "all")

@@ -17,6 +17,7 @@ from lerobot.datasets import LeRobotDataset
 from lerobot_robot_yam.commands.data.repair_dataset import main
 from lerobot_robot_yam.face.recorder import outcomes
 from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR
+from tests.support.tiers import spread
 from tests.support.wrecks import (
     CAMERAS,
     CODER,
@@ -67,6 +68,7 @@ def test_nothing_of_a_killed_recording_loads_until_it_is_repaired(killed, tmp_pa
     assert [path.name for path in sorted((tmp_path / "new").iterdir())] == ["data", "meta", "videos"]
 
 
+@pytest.mark.long
 def test_the_default_output_lies_beside_the_original_with_what_lay_beside_the_data(copy):
     """But for the label of an episode that is lost."""
     kept = ("notes/monday.txt", "meta/annotations/grasps.json")
@@ -80,6 +82,7 @@ def test_the_default_output_lies_beside_the_original_with_what_lay_beside_the_da
     assert [(new / name).read_text() for name in kept] == ["kept", "kept"] and not (new / outcomes.OUTCOMES).exists()
 
 
+@pytest.mark.long
 def test_a_wreck_whose_name_looks_like_an_unfinished_copy_is_left_alone(copy, tmp_path):
     assert repair(copy.rename(tmp_path / "new.partial"), f"--output={tmp_path / 'new'}") == 0
     assert load(tmp_path / "new").num_episodes == 3
@@ -92,7 +95,7 @@ def test_a_whole_data_set_is_healthy(killed, capsys):
     assert not killed[1].with_name("whole_repaired").exists()
 
 
-@pytest.mark.parametrize("form", ["images first", "in the rows", "depth"])
+@pytest.mark.parametrize("form", spread(["images first", "in the rows", "depth"], 1))
 def test_other_forms_of_pictures(form, tmp_path):
     cameras = (*CAMERAS[:1], DEPTH) if form == "depth" else CAMERAS
     dtype = "image" if form == "in the rows" else "video"
@@ -160,6 +163,7 @@ def test_rows_of_an_interrupted_save_are_left_out(tmp_path, monkeypatch, capsys)
     assert repaired[6]["frame_index"] == 0 and len(repaired.hf_dataset) == 14
 
 
+@pytest.mark.long
 def test_rows_of_an_interrupted_save_are_left_out_of_a_killed_recording_too(tmp_path, monkeypatch, capsys):
     """As long as the next episode, they would be given its pictures, and that one those of the last."""
     data = create(tmp_path / "data", CAMERAS[:1])

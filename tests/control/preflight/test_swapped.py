@@ -43,6 +43,7 @@ def test_swapped_followers_are_named_and_not_driven(tmp_path):
         assert not enabled(rig)
 
 
+@pytest.mark.long
 def test_a_binding_that_is_not_there_is_refused_before_anything_is_energised(rig, tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     session = ArmSession([sim_config(rig, "follower_left", identity_path="~/left.json")])

@@ -8,6 +8,7 @@ from lerobot_robot_yam.arm.collision.workspace import KeepOut, WorkspaceConfig
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
+from tests.support.tiers import spread
 
 DT = 0.004
 SPEED, ACCELERATION, END = 1.5, 30.0, 5.0
@@ -110,7 +111,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("speed", [SPEED, 3.0])
+@pytest.mark.parametrize("speed", spread([SPEED, 3.0], 1))
 @pytest.mark.parametrize("case", CASES)
 def test_an_approach_ends_at_the_limit_smoothly_and_can_be_taken_back(case, speed):
     options, targets, names = CASES[case]
@@ -255,7 +256,7 @@ def test_random_targets_all_over_the_joint_range_never_lead_through_anything(spe
     assert blocked > 200
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])  # without a limit of the guard's own, 1 … 13 mrad beyond
+@pytest.mark.parametrize("seed", spread([1, 2, 3], 0))  # without a limit of the guard's own, 1 … 13 mrad beyond
 def test_joint_limits_hold_while_the_guard_brakes(seed):
     rig = random_rig()
     low, high = rig.arms[0].arm.joint_limits_rad.T

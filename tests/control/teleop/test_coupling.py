@@ -27,6 +27,7 @@ def steps(speeds):
     return np.abs(speeds[10:] - speeds[:-10]).max()
 
 
+@pytest.mark.long
 def test_it_follows_with_little_lag_and_jerk(rig, pair):
     session, caller = pair
     assert session[FOLLOWER].newest().coupled
@@ -115,6 +116,7 @@ def test_another_action_ends_it_in_the_same_tick(rig, pair):
     assert np.abs(truth).max() < 1.7 and np.abs(truth[:8] - speed).max() < 0.3  # 30 rad/s² for 8 ms
 
 
+@pytest.mark.long
 def test_the_other_limits_hold(rig):
     session, caller = started(rig, {"max_relative_target": 0.003})
     sweep(rig, 6.0)
@@ -168,6 +170,7 @@ def test_a_leader_with_a_lost_motor_moves_nothing(rig, pair):
     assert np.abs(at - POSE).max() < 0.4
 
 
+@pytest.mark.long
 def test_without_its_handle_the_arm_goes_on_and_the_gripper_stays(rig, pair, caplog):
     session, caller = pair
     rig.trigger(LEADER, 0.6)

@@ -76,6 +76,7 @@ def test_engaging_from_any_pose_is_gentle(rig, poses):
     session.discard()
 
 
+@pytest.mark.long
 def test_a_firm_hand_that_trembled_is_still_again(rig):
     session, caller = started(rig, bilateral=0.2)
     rng = np.random.default_rng(0)

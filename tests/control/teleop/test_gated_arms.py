@@ -107,6 +107,7 @@ def test_after_an_emergency_stop_both_are_led_home(rig, started):
     assert np.abs(pose(rig, LEADER)).max() < 0.1 and np.abs(pose(rig, FOLLOWER)).max() < 0.05
 
 
+@pytest.mark.long
 def test_nothing_moves_before_somebody_passes_the_action_on(rig, started):
     session, arms = started(gate="auto")
     for _ in range(60):
@@ -141,6 +142,7 @@ def test_a_button_engages_and_releases_and_the_follower_stays(rig, started):
     assert np.abs(pose(rig, FOLLOWER) - at).max() < 0.02
 
 
+@pytest.mark.long
 def test_fine_mode_scales_and_recentres(rig, started):
     session, arms = started(gate="always", fine_button="bottom", fine_scale=0.25)
     rig.hand(LEADER, [1.5], [LIFTED])

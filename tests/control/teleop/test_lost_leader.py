@@ -41,7 +41,7 @@ LOST = {
 }
 
 
-@pytest.mark.parametrize("how", spread(LOST, 0, 2))
+@pytest.mark.parametrize("how", spread(LOST, 2))
 def test_a_follower_whose_leader_is_lost_brakes_smoothly_and_waits(rig, led, how):
     rule = RESPONSES[Trouble.LEADER_LOST]
     assert rule.arm is Response.HOLD_UNTIL_TARGET

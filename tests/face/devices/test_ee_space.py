@@ -215,6 +215,7 @@ def test_bad_actions_reach_no_arm(follower, change):
     assert numbers_of(follower.get_observation()) == pytest.approx(numbers_of(observation), abs=0.01)
 
 
+@pytest.mark.long
 def test_followers_hold_while_a_leader_is_led_whatever_lerobot_repeats(follower):
     """Inverse kinematics answers the same pose with joints that differ in their last bits."""
     lunge, *_ = reach(follower, READY, 2.0)

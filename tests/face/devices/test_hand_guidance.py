@@ -97,6 +97,7 @@ def test_it_floats_and_the_action_is_where_it_was_led_without_a_fight(led):
     np.testing.assert_allclose(rig.state()["arms"][ARMS[0]]["q"], arm["q"], atol=0.02)  # never limp
 
 
+@pytest.mark.long
 def test_a_replay_of_what_was_recorded_ends_where_the_hand_was(led):
     rig, guide, follower, actions = led
     rig.release(ARMS[0])
@@ -161,6 +162,7 @@ def test_without_actions_it_holds_until_the_next_one(floating):
     assert mode(follower) is Mode.FLOAT
 
 
+@pytest.mark.long
 def test_an_arm_that_is_pulled_at_floats_again_once_it_is_let_go(floating):
     rig, guide, follower, _ = floating
     follower.clock.sleep(0.7)

@@ -77,7 +77,7 @@ def resumed_recording(tmp_path, robot, recorded):
     return lerobot_record.main, {"dataset": data, "teleop": teleop, "resume": True}
 
 
-@pytest.mark.parametrize(("robot", "recorded"), spread(BOTH, 0, 1, 2))
+@pytest.mark.parametrize(("robot", "recorded"), spread(BOTH, 0, 1))
 @pytest.mark.parametrize("command", [replay, rollout, resumed_rollout, resumed_recording])
 def test_a_stock_command(tmp_path, monkeypatch, command, robot, recorded):
     space, degrees = MEANINGS[robot]

@@ -136,6 +136,7 @@ def test_a_seed_has_the_same_pictures_again_and_another_seed_others():
     assert np.array_equal(lift_pictures((3,), randomise_look=1.0)[0], first)  # in another rig
 
 
+@pytest.mark.long
 def test_without_the_option_seeds_change_no_look():
     first, second = lift_pictures((3, 4))
     assert np.array_equal(first, second)

@@ -73,6 +73,7 @@ def test_it_is_done_from_wherever_things_are(task):
     assert sum(won.values()) >= 24, won
 
 
+@pytest.mark.long
 def test_one_arm_is_enough_where_one_is_used():
     world, script = ready("lift_and_place", arms=["follower_left"])
     assert attempted(world, script, seed=2)["success"]
@@ -102,6 +103,7 @@ def test_a_cube_out_of_reach_is_left_alone_and_the_arms_wait_again():
         assert q == pytest.approx(script.setup.home_rad(side), abs=0.03)
 
 
+@pytest.mark.long
 def test_switching_off_interrupts_it():
     world, script = ready("lift_and_place")
     begun = world.now()

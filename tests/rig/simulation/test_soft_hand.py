@@ -8,7 +8,6 @@ import pytest
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from tests.support.rigged import arm_on, either_rig, rig_of
-from tests.support.tiers import spread
 
 LEADER, FOLLOWER = "leader_left", "follower_left"
 RAISED = [0.2, 1.0, 0.9, -0.3, 0.1, 0.2]
@@ -28,7 +27,8 @@ def tool(rig, channel=LEADER):
     return np.array(rig.state()["arms"][channel]["tcp_site"]["pos"])
 
 
-@pytest.mark.parametrize("stiffness", spread([300.0, 2000.0], 1))
+@pytest.mark.long
+@pytest.mark.parametrize("stiffness", [300.0, 2000.0])
 def test_a_soft_hand_is_a_spring(floating, stiffness):
     rig, arm = floating
     rig.hand(LEADER, [0.1], [RAISED], stiffness_n_m=stiffness, mass_kg=1.0, damping_ratio=1.0)
@@ -107,6 +107,7 @@ def test_a_lift_and_a_return_tell_of_their_ends(rig):
     assert kinds == ["hand_arrived", "hand_arrived"]
 
 
+@pytest.mark.long
 def test_a_soft_hand_leads_a_floating_follower_and_presses_it_onto_the_table():
     with rig_of("lockstep", arms=[FOLLOWER]) as rig, arm_on(rig, FOLLOWER) as arm:
         arm.move_to(RAISED, 1.0)
@@ -125,6 +126,7 @@ def test_a_soft_hand_leads_a_floating_follower_and_presses_it_onto_the_table():
         rig.release(FOLLOWER)
 
 
+@pytest.mark.long
 def test_a_soft_hand_gives_way_unless_it_is_told_not_to():
     with rig_of("lockstep", arms=[FOLLOWER]) as rig, arm_on(rig, FOLLOWER) as arm:
         arm.move_to(RAISED, 1.0)  # and holds there

@@ -11,6 +11,7 @@ from lerobot_robot_yam.viewer.data.replay_desk import ReplayDesk
 from tests.support import seeded_sets as seeds
 from tests.support.paths import ROOT
 from tests.support.rigged import sim_config
+from tests.support.tiers import spread
 from tests.viewer.conftest import ARM
 
 ROWS = 80
@@ -92,7 +93,7 @@ def test_a_pause_rests_on_the_way_until_it_goes_on(station, sent, controlling):
     station.run(lambda: controlling.was_told("replayed"))
 
 
-@pytest.mark.parametrize("end", ["button", "slider", "emergency stop", "lost browser"])
+@pytest.mark.parametrize("end", spread(["button", "slider", "emergency stop", "lost browser"], 2, 3))
 def test_what_ends_a_replay_ends_it_for_good(station, sent, controlling, end):
     sent.send(controlling, 1.0)
     station.run(lambda: sent.replayed.share > 0.3)

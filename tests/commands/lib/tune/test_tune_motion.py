@@ -10,6 +10,7 @@ from lerobot_robot_yam.arm.tuning.gravity_terms import GravityTerms
 from lerobot_robot_yam.commands.lib.tune.tune_motion import MARGIN_M, WAIT_S, Route, way_s
 from lerobot_robot_yam.commands.tune import LEGS
 from lerobot_robot_yam.errors import ConfigError
+from tests.support.tiers import spread
 
 MOST_S = 100.0
 SAFE = WorkspaceConfig(floor_z_m=MARGIN_M, collision_margin_m=MARGIN_M)
@@ -21,7 +22,7 @@ def route_of(workspace=SAFE, **fields):
     return hardware, Route(hardware, terms, workspace)
 
 
-@pytest.mark.parametrize("arm, gripper", [("yam", "linear_4310"), ("big_yam", "crank_4310")])
+@pytest.mark.parametrize("arm, gripper", spread([("yam", "linear_4310"), ("big_yam", "crank_4310")], 0))
 def test_each_way_is_short_and_clear(arm, gripper):
     hardware, route = route_of(arm=arm, gripper=gripper)
     poses = route.plan(hardware.rest_q, LEGS)

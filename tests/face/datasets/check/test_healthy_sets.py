@@ -5,6 +5,7 @@ import pytest
 
 from tests.support import seeded_sets as seeds
 from tests.support.seeded_sets import FRAMES, JOINTS, RIGHT, found
+from tests.support.tiers import spread
 
 
 def resting(motions):
@@ -29,7 +30,7 @@ def waiting(motions):
         state[:, JOINTS] = action[np.maximum(np.arange(FRAMES) - 2, 0)][:, JOINTS]
 
 
-@pytest.mark.parametrize("habit", [None, resting, pausing, waiting])
+@pytest.mark.parametrize("habit", spread([None, resting, pausing, waiting], 0, 2))
 def test_nothing_is_found_in_a_healthy_data_set(habit, tmp_path):
     motions = [seeds.motion(episode) for episode in range(2)]
     if habit:
