@@ -47,10 +47,10 @@ def is_file(path):
 
 
 def test_the_index_has_one_line_for_each_page():
-    listed = [path for path, _ in links(INDEX) if path != README]
-    assert sorted(listed) == sorted([*ROOT.glob("docs/[!R]*.md"), ROOT / "docs/training-proof/report.md"])
+    listed = {path for path, _ in links(INDEX) if path != README}
+    assert listed == {*ROOT.glob("docs/[!R]*.md"), ROOT / "docs/training-proof/report.md"}
     rows = [line for line in INDEX.read_text().splitlines() if line.startswith("| [")]
-    assert len(rows) == len(listed) and all(len(row) <= LONGEST_LINE for row in rows)
+    assert len({row.split(" | ")[0] for row in rows}) == len(rows) and all(len(row) <= LONGEST_LINE for row in rows)
 
 
 @everywhere

@@ -41,7 +41,7 @@ def test_contributors_find_the_tests():
 
 
 def test_every_command_has_a_row():
-    rows = (ROOT / "docs/commands.md").read_text()
+    rows = (ROOT / "docs/README.md").read_text()
     scripts = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
     assert [name for name in scripts if f"| `{name}` |" not in rows] == []
 
