@@ -19,11 +19,11 @@ from lerobot_robot_yam.face.datasets.recording import recorded_name
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance, guidance
 from lerobot_robot_yam.face.devices.images import ImageReader, beside_arms
-from lerobot_robot_yam.face.lerobot_command.session_desk import SessionDesk
 from lerobot_robot_yam.face.recorder.episode_log import EpisodeLog
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.face.recorder.rehearsal import rehearse
-from lerobot_robot_yam.face.rl.motor_bus import MotorBus
+from lerobot_robot_yam.face.rl_stack import MotorBus
+from lerobot_robot_yam.face.session_desk import SessionDesk
 from lerobot_robot_yam.follower_options import FollowerOptions
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.clock import Clock

@@ -5,9 +5,9 @@ from enum import StrEnum
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.lerobot_command.running_command import Situation
+from lerobot_robot_yam.face.lerobot_command.running_command import Meaning, Situation
 from lerobot_robot_yam.face.operator_keys.auto_episodes import LIFTED
-from lerobot_robot_yam.face.operator_keys.meanings import Meaning, RisingEdges, buttons_of
+from lerobot_robot_yam.face.operator_keys.handle_buttons import RisingEdges, buttons_of
 from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
 from lerobot_teleoperator_yam.leader_options import BUTTON_OPTIONS

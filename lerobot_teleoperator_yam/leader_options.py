@@ -9,7 +9,8 @@ from lerobot_robot_yam.arm.config import ArmConfig, lead_of
 from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig, LeadOptions, check_leads
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.operator_keys.meanings import Meaning, button_meanings
+from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
+from lerobot_robot_yam.face.operator_keys.handle_buttons import button_meanings
 
 if TYPE_CHECKING:
     from lerobot_robot_yam.session.arm_session import Isolation

@@ -13,9 +13,8 @@ import numpy as np
 from lerobot.utils.keyboard_input import create_key_listener
 
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.face.lerobot_command.running_command import Situation
+from lerobot_robot_yam.face.lerobot_command.running_command import Meaning, Situation
 from lerobot_robot_yam.face.operator_keys import requests
-from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 

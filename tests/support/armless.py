@@ -11,9 +11,9 @@ from lerobot.configs.dataset import DatasetRecordConfig
 from lerobot.robots import Robot, RobotConfig
 from lerobot.scripts import lerobot_record
 
-from lerobot_robot_yam.face.lerobot_command.session_desk import SessionDesk
 from lerobot_robot_yam.face.recorder.episode_log import EpisodeLog
 from lerobot_robot_yam.face.recorder.rehearsal import rehearse
+from lerobot_robot_yam.face.session_desk import SessionDesk
 from tests.support.handless import Connected, HandlessConfig
 
 TASK = "put the cube into the bowl"

@@ -20,7 +20,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.frames import CloseCode
 from websockets.sync.server import serve
 
-from lerobot_robot_yam.face.openpi.wire_format import decode_message, encode_message
+from lerobot_robot_yam.face.openpi.messages import decode_message, encode_message
 
 TRACEBACK = "Traceback (most recent call last):\n  ...\nKeyError: 'observation/image'\n"
 

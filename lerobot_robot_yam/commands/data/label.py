@@ -104,9 +104,9 @@ def label(
     if target is None:
         say(f"--apply {drops} and writes the outcomes of the others into a copy; nothing was copied")
         return 0
-    from lerobot_robot_yam.face.datasets.labelling import apply
+    from lerobot_robot_yam.face.datasets.dataset_copy import apply_labels
 
-    apply(root, target, labels, partial(bar, what="loading episodes"))
+    apply_labels(root, target, labels, partial(bar, what="loading episodes"))
     say(f"{target}: written, {drops}; loaded again with LeRobot; {root} is as it was")
     return 0
 

@@ -57,8 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _serve(args: argparse.Namespace, fields: Sequence[str]) -> int:
     from lerobot.configs.parser import PluginLoadError, load_plugin  # loads torch, for which a help must not wait
 
-    from lerobot_robot_yam.face.openpi.serving.chunk_server import ChunkServer
-    from lerobot_robot_yam.face.openpi.serving.served_policy import ServedPolicy
+    from lerobot_robot_yam.face.openpi.chunk_server import ChunkServer
+    from lerobot_robot_yam.face.openpi.served_policy import ServedPolicy
     from lerobot_robot_yam.viewer.serving.access import is_loopback
 
     key = os.environ.get(args.api_key_env) if args.api_key_env else None

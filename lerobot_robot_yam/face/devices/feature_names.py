@@ -10,7 +10,7 @@ TOOL_NUMBERS = ("ee_x", "ee_y", "ee_z", "ee_rx", "ee_ry", "ee_rz")
 """The values of an arm in place of its joints where actions are poses of its tool, see `ee_space`."""
 
 STEPS = ("delta_x", "delta_y", "delta_z")
-"""The values of an action that asks for a step of the tool, see `tool_steps`."""
+"""The values of an action that asks for a step of the tool, see `rl_stack`."""
 
 JOINT = re.compile(r"(.+_)?joint_\d+\.pos")
 """A joint's position; the group is the arm's prefix, such as `left_`."""

@@ -11,13 +11,11 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from enum import Enum
+from enum import Enum, StrEnum
 from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
-
-from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 
 RECORD, EVALUATION = "lerobot-record", "lerobot-eval"
 STOP, LEAVE_LOOP, AGAIN = "stop_recording", "exit_early", "rerecord_episode"  # LeRobot's flags, which its keys set
@@ -35,6 +33,25 @@ _STRATEGIES = f"{_PACKAGE / 'rollout' / 'strategies'}/"
 _SCRIPTS = {
     str(_PACKAGE / "scripts" / f"lerobot_{name}.py"): f"lerobot-{name}" for name in ("record", "rollout", "eval")
 }
+
+
+class Meaning(StrEnum):
+    """What a button, or a page, asks a command for. See docs/buttons.md."""
+
+    NEXT = "next"  # end the episode, or the reset
+    RERECORD = "rerecord"  # drop the episode and record it again
+    STOP = "stop"
+    SUCCESS = "success"  # label the episode, and end it if it runs
+    FAILURE = "failure"
+    DISCARD = "discard"
+    PAUSE = "pause"  # the policy; once more: it goes on
+    CORRECT = "correct"  # take over from the policy; once more: end the correction
+    GO_ON = "go_on"  # give the arms back to the policy
+    SAVE = "save"  # keep what was seen last, and what comes; once more: end it
+    UPLOAD = "upload"
+
+
+LABELS = (Meaning.SUCCESS, Meaning.FAILURE, Meaning.DISCARD)
 _EPISODE_KEYS = {Meaning.NEXT: "right", Meaning.RERECORD: "left"}
 
 

@@ -1,4 +1,7 @@
-"""LeRobot config of a policy that runs on an openpi server (`--policy.type=yam_openpi`)."""
+"""LeRobot config of a policy that runs on an openpi server (`--policy.type=yam_openpi`). See docs/openpi.md.
+
+LeRobot finds the three modules of a policy by their names: `configuration_*`, `modeling_*` and `processor_*`.
+"""
 
 import os
 from dataclasses import dataclass, field

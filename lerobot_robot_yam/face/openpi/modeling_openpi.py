@@ -13,9 +13,14 @@ from lerobot.utils.constants import OBS_STATE
 
 from lerobot_robot_yam.errors import ActionError, ConfigError, PolicyServerError
 from lerobot_robot_yam.face.openpi.configuration_openpi import YamOpenpiConfig
-from lerobot_robot_yam.face.openpi.messages import action_chunk, check_metadata, check_state, server_observation
+from lerobot_robot_yam.face.openpi.messages import (
+    STATEFUL_KEY,
+    action_chunk,
+    check_metadata,
+    check_state,
+    server_observation,
+)
 from lerobot_robot_yam.face.openpi.server_connection import ServerConnection
-from lerobot_robot_yam.face.openpi.wire_format import STATEFUL_KEY
 
 
 class YamOpenpiPolicy(PreTrainedPolicy):

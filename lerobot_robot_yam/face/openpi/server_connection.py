@@ -15,7 +15,7 @@ from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError, PolicyServerError
 from lerobot_robot_yam.face.openpi.configuration_openpi import YamOpenpiConfig
-from lerobot_robot_yam.face.openpi.wire_format import (
+from lerobot_robot_yam.face.openpi.messages import (
     ENDPOINT_KEY,
     ENDPOINTS_KEY,
     RESET,

@@ -11,8 +11,7 @@ The episodes of lerobot-rollout are the policy's: there the leaders begin and en
 
 from collections.abc import Sequence
 
-from lerobot_robot_yam.face.lerobot_command.running_command import RECORD, Phase, Situation
-from lerobot_robot_yam.face.operator_keys.meanings import Meaning
+from lerobot_robot_yam.face.lerobot_command.running_command import RECORD, Meaning, Phase, Situation
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import ArmState
 

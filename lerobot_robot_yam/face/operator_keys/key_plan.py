@@ -3,8 +3,15 @@
 A key of LeRobot's brings the command closer to what the button means; only a stop sets flags (`StopRequest`).
 """
 
-from lerobot_robot_yam.face.lerobot_command.running_command import AGAIN, LEAVE_LOOP, STOP, Phase, Situation
-from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
+from lerobot_robot_yam.face.lerobot_command.running_command import (
+    AGAIN,
+    LABELS,
+    LEAVE_LOOP,
+    STOP,
+    Meaning,
+    Phase,
+    Situation,
+)
 
 _STEPS = {  # from → to: what to press first
     (Phase.AUTONOMOUS, Phase.PAUSED): Meaning.PAUSE,

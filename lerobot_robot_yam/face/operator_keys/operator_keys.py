@@ -10,11 +10,11 @@ from types import FrameType
 
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.lerobot_command import running_command
-from lerobot_robot_yam.face.lerobot_command.running_command import Phase, Situation
+from lerobot_robot_yam.face.lerobot_command.running_command import LABELS, Meaning, Phase, Situation
 from lerobot_robot_yam.face.operator_keys import key_plan, requests
 from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted, led_by_hand
+from lerobot_robot_yam.face.operator_keys.handle_buttons import RisingEdges, buttons_of
 from lerobot_robot_yam.face.operator_keys.key_plan import StopRequest
-from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning, RisingEdges, buttons_of
 from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_robot_yam.face.recorder.outcomes import OutcomeBook
 from lerobot_robot_yam.state.records import ArmState

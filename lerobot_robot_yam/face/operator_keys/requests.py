@@ -2,8 +2,7 @@
 
 from typing import NamedTuple, Protocol
 
-from lerobot_robot_yam.face.lerobot_command.running_command import Situation
-from lerobot_robot_yam.face.operator_keys.meanings import Meaning
+from lerobot_robot_yam.face.lerobot_command.running_command import Meaning, Situation
 
 
 class Press(NamedTuple):

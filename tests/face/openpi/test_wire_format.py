@@ -5,8 +5,7 @@ import pytest
 import torch
 from PIL import Image
 
-from lerobot_robot_yam.face.openpi.messages import resize_with_pad
-from lerobot_robot_yam.face.openpi.wire_format import decode_message, encode_message
+from lerobot_robot_yam.face.openpi.messages import decode_message, encode_message, resize_with_pad
 
 # Made with msgpack_numpy.packb of the published openpi-client 0.1.2 (under NumPy 2, which its metadata forbid).
 GOLDEN_QUESTION = {

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from lerobot_robot_yam.face.lerobot_command.running_command import AGAIN, Phase, Situation
+from lerobot_robot_yam.face.lerobot_command.running_command import AGAIN, LABELS, Meaning, Phase, Situation
 from lerobot_robot_yam.face.operator_keys.key_plan import (
     frames_to_label,
     offers,
@@ -15,7 +15,6 @@ from lerobot_robot_yam.face.operator_keys.key_plan import (
     step,
     wanted,
 )
-from lerobot_robot_yam.face.operator_keys.meanings import LABELS, Meaning
 
 EPISODES = {Meaning.NEXT: "right", Meaning.RERECORD: "left"}
 DAGGER = {Meaning.PAUSE: "space", Meaning.CORRECT: "tab", Meaning.UPLOAD: "enter", Meaning.STOP: "esc"}

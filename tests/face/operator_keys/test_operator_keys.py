@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
 from lerobot_robot_yam.face.operator_keys import operator_keys
-from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
 from lerobot_teleoperator_yam.yam_leader import LeaderBase
 

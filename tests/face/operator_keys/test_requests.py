@@ -7,9 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from lerobot_robot_yam.face import referee
-from lerobot_robot_yam.face.lerobot_command.running_command import AGAIN, RECORD, Phase, Situation
+from lerobot_robot_yam.face.lerobot_command.running_command import AGAIN, RECORD, Meaning, Phase, Situation
 from lerobot_robot_yam.face.operator_keys import operator_keys, requests
-from lerobot_robot_yam.face.operator_keys.meanings import Meaning
 from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
 from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_robot_yam.face.referee import OperatorReferee, Verdict

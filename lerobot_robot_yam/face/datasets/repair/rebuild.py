@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from lerobot.datasets import LeRobotDataset, LeRobotDatasetMetadata
+from lerobot.datasets import LeRobotDatasetMetadata
 from lerobot.datasets.io_utils import write_stats, write_table_one_row_group_per_episode
 
-from lerobot_robot_yam.errors import DatasetError
-from lerobot_robot_yam.face.datasets.dataset_copy import SIDE_CARS, copy_side_cars, written_aside
+from lerobot_robot_yam.face.datasets.dataset_copy import SIDE_CARS, copy_side_cars, verify, written_aside
 from lerobot_robot_yam.face.datasets.layout import Progress, clip_columns
 from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import Findings
 
@@ -32,29 +31,6 @@ def rebuild(findings: Findings, target: Path, progress: Progress = iter) -> None
         _data(findings, whole)
         _videos(findings, whole, progress)
         verify(whole, progress)
-
-
-def verify(root: Path, progress: Progress = iter) -> None:
-    """Load a data set as a training would, and the first and last frame of each episode with its pictures.
-
-    Raises:
-        DatasetError: something does not load or is not what the metadata say.
-    """
-    try:
-        data = LeRobotDataset("local/verified", root=root, return_uint8=True, video_backend="pyav")
-        rows = len(data.hf_dataset)
-        if rows != len(data):
-            raise ValueError(f"{rows} rows, the metadata count {len(data)}")
-        for episode in progress(range(data.num_episodes)):
-            row = data.meta.episodes[episode]
-            first, last = row["dataset_from_index"], row["dataset_to_index"] - 1
-            for index, frame in ((first, 0), (last, row["length"] - 1)):
-                item = data[index]
-                got = tuple(int(item[name]) for name in ("index", "episode_index", "frame_index"))
-                if got != (index, episode, frame):
-                    raise ValueError(f"row {index} should be frame {frame} of episode {episode}, it says {got}")
-    except Exception as error:  # readers and decoders raise anything
-        raise DatasetError(f"{root}: does not load: {type(error).__name__}: {error}") from error
 
 
 def _metadata(findings: Findings, target: Path) -> None:

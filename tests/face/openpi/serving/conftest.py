@@ -7,9 +7,9 @@ import pytest
 import torch
 from websockets.sync.client import connect
 
-from lerobot_robot_yam.face.openpi.serving.chunk_server import ChunkServer
-from lerobot_robot_yam.face.openpi.serving.served_policy import ServedPolicy
-from lerobot_robot_yam.face.openpi.wire_format import decode_message, encode_message
+from lerobot_robot_yam.face.openpi.chunk_server import ChunkServer
+from lerobot_robot_yam.face.openpi.messages import decode_message, encode_message
+from lerobot_robot_yam.face.openpi.served_policy import ServedPolicy
 from tests.support.tiny_policies import save_tiny
 
 

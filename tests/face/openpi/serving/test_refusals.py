@@ -10,10 +10,10 @@ from lerobot.policies import get_policy_class
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from lerobot_robot_yam.errors import ConfigError, ObservationError, PolicyServerError
+from lerobot_robot_yam.face.openpi.chunk_server import ChunkServer, _message
 from lerobot_robot_yam.face.openpi.configuration_openpi import YamOpenpiConfig
-from lerobot_robot_yam.face.openpi.serving.chunk_server import ChunkServer, _message
-from lerobot_robot_yam.face.openpi.serving.served_policy import ServedPolicy
-from lerobot_robot_yam.face.openpi.wire_format import encode_message
+from lerobot_robot_yam.face.openpi.messages import encode_message
+from lerobot_robot_yam.face.openpi.served_policy import ServedPolicy
 from tests.face.openpi.conftest import batch_of
 from tests.support.tiny_policies import HEIGHT, WIDTH, N, observations
 

@@ -8,8 +8,7 @@ from lerobot.processor import PolicyProcessorPipeline
 from lerobot.processor.relative_action_processor import RelativeActionsProcessorStep
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.openpi.serving.observation_form import ObservationForm
-from lerobot_robot_yam.face.openpi.serving.served_policy import ServedPolicy
+from lerobot_robot_yam.face.openpi.served_policy import ObservationForm, ServedPolicy
 from tests.support.tiny_policies import HEIGHT, WIDTH, N, observations, save_tiny
 
 STATE, TOP, WRIST = "observation.state", "observation.images.top", "observation.images.wrist_left"

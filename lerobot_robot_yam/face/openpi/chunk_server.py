@@ -19,8 +19,7 @@ from http import HTTPStatus
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError, ObservationError
-from lerobot_robot_yam.face.openpi.serving.served_policy import ServedPolicy
-from lerobot_robot_yam.face.openpi.wire_format import (
+from lerobot_robot_yam.face.openpi.messages import (
     ENDPOINT_KEY,
     INFER,
     RESET,
@@ -28,6 +27,7 @@ from lerobot_robot_yam.face.openpi.wire_format import (
     decode_message,
     encode_message,
 )
+from lerobot_robot_yam.face.openpi.served_policy import ServedPolicy
 from lerobot_robot_yam.system.own_commands import install_extra
 
 try:

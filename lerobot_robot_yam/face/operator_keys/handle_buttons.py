@@ -1,33 +1,15 @@
-"""Buttons of teaching handles: what they can mean, the option `buttons` that says which means what, and presses."""
+"""Buttons of teaching handles: the option `buttons`, which says what each means, and presses of them."""
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
-from enum import StrEnum
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
 from lerobot_robot_yam.state.records import ArmState
 
 BUTTONS = ("top", "bottom")  # of a handle, as its report has them
 
-
-class Meaning(StrEnum):
-    """What a button asks for. See docs/buttons.md."""
-
-    NEXT = "next"  # end the episode, or the reset
-    RERECORD = "rerecord"  # drop the episode and record it again
-    STOP = "stop"
-    SUCCESS = "success"  # label the episode, and end it if it runs
-    FAILURE = "failure"
-    DISCARD = "discard"
-    PAUSE = "pause"  # the policy; once more: it goes on
-    CORRECT = "correct"  # take over from the policy; once more: end the correction
-    GO_ON = "go_on"  # give the arms back to the policy
-    SAVE = "save"  # keep what was seen last, and what comes; once more: end it
-    UPLOAD = "upload"
-
-
-LABELS = (Meaning.SUCCESS, Meaning.FAILURE, Meaning.DISCARD)
 
 _SETS: dict[str, dict[int, dict[Meaning, str]]] = {  # by name and number of arms
     "record": {

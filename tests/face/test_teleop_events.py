@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from lerobot.teleoperators.utils import TeleopEvents
 
-from lerobot_robot_yam.face.operator_keys.meanings import Meaning
-from lerobot_robot_yam.face.rl.teleop_events import TeleopEventWatch
+from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
+from lerobot_robot_yam.face.rl_stack import TeleopEventWatch
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState
 

@@ -3,7 +3,8 @@
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.operator_keys.meanings import SETS, Meaning, RisingEdges, button_meanings
+from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
+from lerobot_robot_yam.face.operator_keys.handle_buttons import SETS, RisingEdges, button_meanings
 
 TWO = ["left_", "right_"]
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from lerobot_robot_yam.face.lerobot_command import command_facts
-from lerobot_robot_yam.face.lerobot_command.command_facts import TickPace
+from lerobot_robot_yam.face import session_desk
+from lerobot_robot_yam.face.session_desk import TickPace
 
 FPS = 30.0
 
@@ -12,7 +12,7 @@ FPS = 30.0
 def loop(monkeypatch):
     """Ticks at these times."""
     pace, now = TickPace(), [0.0]
-    monkeypatch.setattr(command_facts.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(session_desk.time, "perf_counter", lambda: now[0])
 
     def tick(*times_s):
         for now[0] in times_s:

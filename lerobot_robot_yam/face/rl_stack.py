@@ -1,0 +1,261 @@
+"""What LeRobot's RL stack (`lerobot.rl`) asks of our devices: a follower's motor bus, a leader's events and steps.
+
+The actions that a leader gives are steps of the follower's tool along x, y and z, and its gripper:
+
+    delta_x, delta_y, delta_z      -1 … 1, of the longest step of a frame, in the frame of the arm's base
+    gripper                        0 opens, 1 stops, 2 closes
+
+LeRobot's own names of the gripper's values are the other way round: those arms' grippers close by rising values.
+
+A step is what the leader's tool has moved since the person took over, less the steps given before. So the follower
+does not jump to the leader, and what a step was too short for comes with the next ones.
+"""
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from lerobot.teleoperators.utils import TeleopEvents
+
+from lerobot_robot_yam.errors import ActionError, ConfigError, YamError
+from lerobot_robot_yam.face.devices.arm_group import ArmGroup
+from lerobot_robot_yam.face.devices.feature_names import STEPS
+from lerobot_robot_yam.face.devices.pair_check import Models
+from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
+from lerobot_robot_yam.face.operator_keys.auto_episodes import LIFTED
+from lerobot_robot_yam.face.operator_keys.handle_buttons import RisingEdges, buttons_of
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import ArmState
+
+logger = logging.getLogger(__name__)
+
+# A write of the motor bus
+_THERE = 2e-3  # rad, of the stroke: the set-point is where it was sent
+_MOVES = 1e-4  # rad, of the stroke: less from tick to tick is no motion
+_BLOCKED_S = 0.5  # without motion of the set-point: an emergency stop, the workspace
+_TICK_S = 0.01
+
+# Events
+_PERIOD_S = 0.005  # of the look at the handles; LeRobot looks ten times a second
+_RESET_S = 0.5  # without a question: LeRobot has reset the arm meanwhile
+_END_S = 1.0
+_EVENTS = {
+    Meaning.SUCCESS: (TeleopEvents.SUCCESS,),
+    Meaning.FAILURE: (TeleopEvents.TERMINATE_EPISODE,),
+    Meaning.NEXT: (TeleopEvents.TERMINATE_EPISODE,),
+    Meaning.RERECORD: (TeleopEvents.TERMINATE_EPISODE, TeleopEvents.RERECORD_EPISODE),
+    Meaning.DISCARD: (TeleopEvents.TERMINATE_EPISODE, TeleopEvents.RERECORD_EPISODE),
+}
+_ENDINGS = (TeleopEvents.TERMINATE_EPISODE, TeleopEvents.SUCCESS, TeleopEvents.RERECORD_EPISODE)
+
+# Steps of the tool
+_OPENS, _CLOSES = 0.0, 2.0
+_HALF = 0.5
+_AFRESH_S = 0.5  # without an action: the follower was reset, the hand has gone elsewhere
+
+
+class MotorBus:
+    """The motors of one follower arm, by the names and in the units of its features.
+
+    Args:
+        arms: the follower's.
+        send: its `send_action`.
+    """
+
+    def __init__(self, arms: ArmGroup, send: Callable[[Mapping[str, Any]], Mapping[str, float]]):
+        self._arms, self._send = arms, send
+
+    @property
+    def motors(self) -> dict[str, int]:
+        """The place of each motor's value in an action.
+
+        Raises:
+            ConfigError: the stack cannot drive this follower.
+        """
+        arms = self._arms
+        if len(arms.sides) != 1 or not arms.sides[0].has_gripper:
+            raise ConfigError(f"{arms.device}: LeRobot's RL stack drives one arm with a gripper; use yam_follower")
+        if not (arms.scale != 1.0).any():
+            raise ConfigError(f"{arms.device}: LeRobot's RL stack computes in degrees; set use_degrees: true")
+        return {name: place for place, name in enumerate(arms.motors)}
+
+    def sync_read(self, register: str) -> dict[str, float]:
+        """Present_Position of each motor: degrees, the gripper 0 closed … 1 open.
+
+        Raises:
+            ActionError: another register, which these motors do not have.
+            YamError: the arm is silent or has failed.
+        """
+        self._check(register, "Present_Position", "leave add_current_to_observation off")
+        (state,) = self._arms.observe()
+        values = self._arms.action(np.array(state.positions))
+        return {key.removesuffix(".pos"): value for key, value in values.items()}
+
+    def sync_write(self, register: str, values: Mapping[str, Any]) -> None:
+        """Have the arm go to Goal_Position, and wait until its set-point is there, or something holds it back.
+
+        LeRobot writes the way to its reset pose in 0.75 s and then nothing for seconds. An arm that is slower would
+        hold halfway.
+
+        Raises:
+            ActionError: another register, or wrong motors or values; nothing was sent.
+            YamError: the arm is silent or has failed.
+        """
+        self._check(register, "Goal_Position", "it is the only one that can be written")
+        action = {f"{name}.pos": float(value) for name, value in values.items()}
+        clock = self._arms.clock
+        before, moved_s = self._arms.held(), clock.now()
+        while clock.now() - moved_s < _BLOCKED_S:
+            sent, now = self._arms.vector(self._send(action)), self._arms.held()
+            if np.abs(sent - now).max() < _THERE:
+                return
+            if np.abs(now - before).max() > _MOVES:
+                before, moved_s = now, clock.now()
+            clock.sleep(_TICK_S)
+
+    def _check(self, register: str, known: str, remedy: str) -> None:
+        if register != known:
+            raise ActionError(f"{self._arms.device}: its motors have {known}, but no {register}; {remedy}")
+
+
+class TeleopEventWatch:
+    """Watches the handles and gates of a leader device, from the first question on.
+
+    A person intervenes from the button `correct` to the next press of it, or to `go_on`; and while all leaders with a
+    gate are lifted.
+
+    Args:
+        meanings: of buttons, such as left_bottom.
+        read: the newest state of each arm by its prefix.
+    """
+
+    def __init__(self, meanings: Mapping[str, Meaning], read: Callable[[], Mapping[str, ArmState]]):
+        self._meanings, self._read = meanings, read
+        self._lock = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._ends = threading.Event()
+        self._corrects = False
+        self._came: set[TeleopEvents] = set()
+        self._asked_s = -math.inf
+
+    def intervenes(self) -> bool:
+        """Whether a person drives. Raises YamError: an arm is silent."""
+        self._start()
+        states = list(self._read().values())
+        if any(state.mode is Mode.STOPPED for state in states):
+            return False
+        gates = [state.gate for state in states if state.gate]
+        return self._corrects or bool(gates) and all(gate in LIFTED for gate in gates)
+
+    def take(self) -> dict[TeleopEvents, bool]:
+        """The events since the last call, each told once, and whether a person drives.
+
+        What came while nobody asked for half a second was meant for an episode that has ended, and is dropped.
+
+        Raises:
+            YamError: see `intervenes`.
+        """
+        intervenes, now_s = self.intervenes(), time.monotonic()
+        with self._lock:
+            came, self._came = self._came, set()
+        asked_s, self._asked_s = self._asked_s, now_s
+        if came and now_s - asked_s > _RESET_S:
+            logger.info("what was pressed while the arm was reset counts for nothing")
+            came = set()
+        return {TeleopEvents.IS_INTERVENTION: intervenes, **{event: event in came for event in _ENDINGS}}
+
+    def stop(self) -> None:
+        """Watch no more, and forget. Idempotent."""
+        thread, self._thread = self._thread, None
+        self._ends.set()
+        if thread is not None:
+            thread.join(_END_S)
+        self._corrects, self._came = False, set()
+
+    def _start(self) -> None:
+        if self._thread is None and self._meanings:
+            self._ends = threading.Event()
+            self._thread = threading.Thread(target=self._run, args=(self._ends,), name="teleop events", daemon=True)
+            self._thread.start()
+
+    def _run(self, ends: threading.Event) -> None:
+        edges = RisingEdges()
+        while not ends.wait(_PERIOD_S):
+            try:
+                pressed = edges.pressed(buttons_of(self._read()))
+            except YamError as error:  # the arms are off, or their loop is gone, which others say
+                logger.debug("no buttons: %s", error)
+                continue
+            for button in pressed:
+                if button in self._meanings:
+                    self._answer(button, self._meanings[button])
+
+    def _answer(self, button: str, meaning: Meaning) -> None:
+        if meaning in (Meaning.CORRECT, Meaning.GO_ON):
+            self._corrects = meaning is Meaning.CORRECT and not self._corrects
+            logger.info("button %s: %s", button, "a person intervenes" if self._corrects else "the policy drives")
+        elif meaning in _EVENTS:
+            with self._lock:
+                self._came |= set(_EVENTS[meaning])
+            logger.info("button %s: %s", button, meaning)
+        else:
+            logger.warning("button %s (%s): means nothing to LeRobot's RL stack", button, meaning)
+
+
+class ToolSteps:
+    """Keys and actions of one leader, see above.
+
+    Args:
+        arms: the leader.
+        models: profiles of its follower.
+        step_m: longest step along an axis, `end_effector_step_sizes` of LeRobot's config.
+        opening: reads the opening that the follower's gripper is asked for, 0 closed … 1 open.
+
+    Raises:
+        ConfigError: two leaders, or a follower without a gripper.
+    """
+
+    def __init__(self, arms: ArmGroup, models: Models, step_m: float, opening: Callable[[], float]):
+        side = arms.sides[0]
+        if len(arms.sides) != 1 or not side.joints or side.gripper_index is None:
+            raise ConfigError(f"{arms.device}: action_space: delta is for one arm with a gripper, as is LeRobot's RL")
+        if not step_m > 0.0:
+            raise ConfigError(f"{arms.device}: step_m must be positive, not {step_m}")
+        self.keys = [*STEPS, "gripper"]
+        self._side, self._step_m, self._opening = side, step_m, opening
+        from lerobot_robot_yam.arm.kinematics import YamKinematics  # mink takes a second to import
+
+        self._kinematics = YamKinematics(*models[0])
+        self._anchor: np.ndarray | None = None  # (3,) m, where the leader's tool was less the steps given since
+        self._closes = self._squeezed = False
+        self._given_s = 0.0
+
+    @property
+    def features(self) -> dict[str, Any]:
+        """As LeRobot's data sets describe an action."""
+        names = {name: place for place, name in enumerate(self.keys)}
+        return {"dtype": "float32", "shape": (len(names),), "names": names}
+
+    def begin(self) -> None:
+        """Nobody moves the follower by this leader."""
+        self._anchor = None
+
+    def action(self, vector: np.ndarray) -> dict[str, float]:
+        """The step that a leader at joints and trigger opening `vector` (n + 1,), rad and 0 … 1, asks for.
+
+        After `begin`, or half a second without a call, it is none, and the gripper goes on as it does.
+        """
+        now_s, tool = time.monotonic(), self._kinematics.fk(vector[self._side.slice])[:3, 3]
+        squeezed = bool(vector[self._side.gripper_index] < _HALF)
+        if self._anchor is None or now_s - self._given_s > _AFRESH_S:
+            self._anchor, self._closes = tool, self._opening() < _HALF
+        elif squeezed is not self._squeezed:
+            self._closes = squeezed
+        self._squeezed, self._given_s = squeezed, now_s
+        step = np.clip((tool - self._anchor) / self._step_m, -1.0, 1.0)
+        self._anchor = self._anchor + step * self._step_m
+        return dict(zip(self.keys, [*step.tolist(), _CLOSES if self._closes else _OPENS], strict=True))
