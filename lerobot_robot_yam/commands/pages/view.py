@@ -72,9 +72,9 @@ def _view(args: argparse.Namespace) -> int:
             raise ConfigError("the window shows no data set: leave out --desktop or --dataset")
         with _watched(args):
             return _desktop(args)
-    from lerobot_robot_yam.viewer.desk.session_desks import SessionDesks
     from lerobot_robot_yam.viewer.live.live import Live
     from lerobot_robot_yam.viewer.serving.page import Page, Part, served
+    from lerobot_robot_yam.viewer.session_desks import SessionDesks
 
     if args.dataset is not None and args.channel is not None:
         raise ConfigError("a data set is sent to the arms of a config: give --config_path, not --channel")
@@ -109,8 +109,7 @@ def _desktop(args: argparse.Namespace) -> int:
         YamError: the arms cannot be driven.
     """
     from lerobot_robot_yam.session.arm_session import ArmSession  # MuJoCo and its viewer: --help does without
-    from lerobot_robot_yam.viewer.desktop.desktop import need_display, run_desktop
-    from lerobot_robot_yam.viewer.desktop.drag_control import DragControl
+    from lerobot_robot_yam.viewer.desktop_window import DragControl, need_display, run_desktop
 
     need_display()
     if args.channel is not None or args.config_path is not None:

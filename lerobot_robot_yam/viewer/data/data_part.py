@@ -15,10 +15,8 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.datasets.check.flags import Flag
 from lerobot_robot_yam.face.datasets.check.opened_dataset import open_dataset
 from lerobot_robot_yam.face.recorder import outcomes
-from lerobot_robot_yam.viewer.data.background_check import BackgroundCheck
-from lerobot_robot_yam.viewer.data.episode_list import EpisodeList, describe
-from lerobot_robot_yam.viewer.data.episode_plot import EpisodePlot
-from lerobot_robot_yam.viewer.data.picture_reader import PictureReader
+from lerobot_robot_yam.viewer.data.episode_list import BackgroundCheck, EpisodeList, describe
+from lerobot_robot_yam.viewer.data.episode_player import EpisodePlot, PictureReader, Playhead
 from lerobot_robot_yam.viewer.data.recorded_arms import ARM, GRIPPER, RecordedFigures, recorded_arms
 from lerobot_robot_yam.viewer.data.replay_desk import ReplayDesk
 from lerobot_robot_yam.viewer.data.scene_match import SceneMatch
@@ -31,56 +29,6 @@ _WIDTH_PX = 380
 _SUCCESS_COLUMN = "success"  # of the episodes' metadata, in copies of yam-label
 _CONTROL = "`connect …` and `take control` come first, in the panel `move`; `land` is there, too."
 _NO_DRIVER = "To send an episode to arms, start `yam-view` with `--config_path` of a run config that has them."
-
-
-class Playhead:
-    """Where in an episode one looks, while it plays or stands. Times are those of the caller's clock, in s.
-
-    Attributes:
-        frames: of the episode; at least 1.
-        fps: frames per second, at speed 1.
-        speed: factor.
-        playing: whether it moves; it stops at the last frame.
-    """
-
-    def __init__(self, fps: float):
-        self.fps, self.speed, self.frames, self.playing = fps, 1.0, 1, False
-        self._place = 0.0  # in frames
-        self._then_s: float | None = None
-
-    @property
-    def frame(self) -> int:
-        """The frame to show."""
-        return min(int(self._place), self.frames - 1)
-
-    def open(self, frames: int) -> None:
-        """Begin another episode."""
-        self.frames, self.playing, self._place = max(frames, 1), False, 0.0
-
-    def seek(self, frame: int) -> None:
-        """Go to a frame, or as near as there is one."""
-        self._place = float(min(max(frame, 0), self.frames - 1))
-
-    def play(self) -> None:
-        """Move on, from the start if it stands at the end."""
-        if self.frame == self.frames - 1:
-            self._place = 0.0
-        self.playing, self._then_s = True, None
-
-    def pause(self) -> None:
-        """Stand."""
-        self.playing = False
-
-    def advance(self, now_s: float) -> int:
-        """The frame to show at this time."""
-        if self.playing:
-            if self._then_s is not None:
-                self._place += (now_s - self._then_s) * self.fps * self.speed
-            if self._place >= self.frames - 1:
-                self.seek(self.frames - 1)
-                self.playing = False
-        self._then_s = now_s
-        return self.frame
 
 
 class DataPart:

@@ -15,7 +15,7 @@ from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, 
 from lerobot_robot_yam.face.datasets.layout import value_names
 from lerobot_robot_yam.face.devices.feature_names import JOINT, motor_names
 from lerobot_robot_yam.session.trajectory import Trajectory, columns_of
-from lerobot_robot_yam.viewer.drawing.figure import Figure
+from lerobot_robot_yam.viewer.figure import Figure
 from lerobot_robot_yam.viewer.live.placement import row_of
 
 ARM, GRIPPER, NO_GRIPPER = "yam", "linear_4310", "no_gripper"

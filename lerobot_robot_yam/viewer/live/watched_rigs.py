@@ -9,7 +9,7 @@ import numpy as np
 import viser
 
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.viewer.drawing.bodies import add_body, put
+from lerobot_robot_yam.viewer.figure import add_body, put
 from lerobot_robot_yam.viewer.live.placement import origin_of
 from lerobot_robot_yam.viewer.live.rig_world import RenderedPictures, RigWorld
 

@@ -1,14 +1,18 @@
 """Arms on their way: one to a goal that a person changes while it moves, or all of them along a recorded motion.
 
-The control loop limits the speed of one arm that is moved; a recorded motion is slowed before it begins.
+The control loop limits the speed of one arm that is moved; a recorded motion is slowed before it begins. The loop says
+only that its collision guard holds a set-point back; `HeldBack` names the parts that are too near.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
+from lerobot_robot_yam.arm.collision.clearance import Clearance
+from lerobot_robot_yam.arm.collision.parts import GuardedArm
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.kinematics import PoseTracker, YamKinematics
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.arm.validation import finite_number
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
 from lerobot_robot_yam.session.arm_client import ArmClient
@@ -24,6 +28,7 @@ _OFF_M = 0.03  # a tool that ends farther from where it was dragged to is out of
 _RAMP_S = 0.4  # of a motion that is paused: from full speed to rest, and back
 _SETTLES_S = 1.0  # the set-points come to the last targets at their own speed
 _LONGEST_S = 0.1  # of a step of it: while nobody gives targets, the motion stands still, too
+_AHEAD_RAD = 0.05  # the guard stops this near to its limit, or nearer
 
 
 class DrivenArm:
@@ -190,3 +195,41 @@ class Replay:
     def late(self) -> str:
         """The joint, with its arm, that is not where the motion ends; empty when all are."""
         return self._playback.late()
+
+
+class HeldBack:
+    """Of all arms of one session. One thread uses it.
+
+    Args:
+        arms: in the order of all lists below.
+    """
+
+    def __init__(self, arms: Sequence[ResolvedArm]):
+        self._joints = [arm.joints for arm in arms]
+        self._clearance = Clearance(
+            [GuardedArm(arm.name, arm.arm, arm.gripper, arm.config.workspace, arm.tilt_rad) for arm in arms]
+        )
+
+    def reason(
+        self, arm: int, setpoints: Sequence[np.ndarray], goals: Sequence[np.ndarray], openings: Sequence[float]
+    ) -> str:
+        """The parts that hold this arm back: "left link4 – left link1, 21 mm"; empty when there are none.
+
+        Args:
+            arm: its index.
+            setpoints, goals: per arm (joints,) or more, rad: where it is asked to be, and where it is to go.
+            openings: per arm, of its gripper, 0 closed … 1 open.
+        """
+        parts = self._clearance.parts
+        parts.open_grippers(openings)
+        start, goal = (
+            np.concatenate([row[:n] for row, n in zip(rows, self._joints, strict=True)]) for rows in (setpoints, goals)
+        )
+        way = goal - start
+        way *= min(1.0, _AHEAD_RAD / max(float(np.abs(way).max(initial=0.0)), 1e-9))
+        found: dict[str, None] = {}
+        for conflict in self._clearance.conflicts(start, start + way):
+            if arm in conflict.pair.arms:
+                first, second = (parts.part_names[part] for part in conflict.pair[:2])
+                found.setdefault(f"{first} – {second}, {conflict.before_m * 1000:.0f} mm")
+        return "; ".join(found)

@@ -22,11 +22,9 @@ from lerobot_robot_yam.session.trajectory import Trajectory
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.viewer.moving.control_desk import ControlDesk, Stage
-from lerobot_robot_yam.viewer.moving.driven_arms import DrivenArm, Replay
+from lerobot_robot_yam.viewer.moving.driven_arms import DrivenArm, HeldBack, Replay
 from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
-from lerobot_robot_yam.viewer.moving.heartbeat import Heartbeat, too_old
-from lerobot_robot_yam.viewer.moving.held_back import HeldBack
-from lerobot_robot_yam.viewer.moving.orders import Order, Orders
+from lerobot_robot_yam.viewer.moving.heartbeat import Heartbeat, Order, Orders, too_old
 
 logger = logging.getLogger(__name__)
 

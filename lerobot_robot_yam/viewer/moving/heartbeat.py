@@ -1,7 +1,8 @@
-"""Whether a browser is alive, and how old its commands are: its page is asked again and again, and has to answer.
+"""Whether a browser is alive, how old its commands are, and the commands that wait to be done.
 
 viser has no heartbeat. A WebSocket's own ping is answered by the browser's network code, also while the page itself
-hangs. So the page is asked for an item of its local storage, which its script has to look up. Nobody cares which.
+hangs. So the page is asked again and again for an item of its local storage, which its script has to look up. Nobody
+cares which.
 
 What a page sends arrives in order, however long the network keeps it. So a command that arrives after an answer was
 sent after that question was asked: the time of the question is the earliest at which a person can have given it.
@@ -11,7 +12,9 @@ import itertools
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import viser
 from viser._messages import LocalStorageGetItemRequestMessage, LocalStorageGetItemResponseMessage
@@ -23,6 +26,9 @@ _ASKED_S = 0.05  # each question makes the page draw its scene once
 _HELD_UP_S = 0.1  # between two rounds of the driver
 _MOST_OPEN = 16  # questions to a page that hangs
 _ITEM = "yam-view"
+_MOST_A_ROUND = 50  # a page that sends more has them grow old
+_MOST_CONTROLLING = 200  # of a browser: a drag, in the time in which they grow old
+_MOST_FREE = 4  # of a browser, of what needs no control
 
 
 class _Pulse:
@@ -124,3 +130,40 @@ class Heartbeat:
 def too_old(given_s: float) -> bool:
     """Whether a command of this time (monotonic, s) is not to be done any more."""
     return time.monotonic() - given_s > OLD_S
+
+
+class Order(NamedTuple):
+    """One command.
+
+    Attributes:
+        browser: that has asked.
+        work: does it.
+        controls: whether the browser has to have control.
+        given_s: when a person gave it, at the earliest (monotonic, s).
+    """
+
+    browser: int
+    work: Callable[[], object]
+    controls: bool
+    given_s: float
+
+
+class Orders:
+    """A queue. Any thread adds to it, one takes out."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[Order] = deque()
+
+    def add(self, order: Order, always: bool = False) -> bool:
+        """False: as many of this browser's wait as may; it is not added, unless always."""
+        kinds = [(other.browser, other.controls) for other in self._waiting.copy()]
+        most = _MOST_CONTROLLING if order.controls else _MOST_FREE
+        if not always and kinds.count((order.browser, order.controls)) >= most:
+            return False
+        self._waiting.append(order)
+        return True
+
+    def of_a_round(self) -> Iterator[Order]:
+        """Take out what is done in one round of the driver, oldest first."""
+        for _ in range(min(len(self._waiting), _MOST_A_ROUND)):
+            yield self._waiting.popleft()

@@ -11,7 +11,8 @@ import pytest
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.recorder import outcomes
-from lerobot_robot_yam.viewer.data.data_part import DataPart, Playhead
+from lerobot_robot_yam.viewer.data.data_part import DataPart
+from lerobot_robot_yam.viewer.data.episode_player import Playhead
 from lerobot_robot_yam.viewer.serving.page import Page
 from tests.support import big_sets
 from tests.support.seeded_sets import edit_rows

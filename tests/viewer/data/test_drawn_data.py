@@ -5,7 +5,7 @@ import numpy as np
 from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
 from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, RecordedEpisode
 from lerobot_robot_yam.viewer.data.episode_list import describe
-from lerobot_robot_yam.viewer.data.episode_plot import curves
+from lerobot_robot_yam.viewer.data.episode_player import curves
 
 NAMES = {STATE: ["a", "b"], ACTION: ["b"]}
 

@@ -5,7 +5,7 @@ import pytest
 
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState
-from lerobot_robot_yam.viewer.live.arm_plot import ArmHistory
+from lerobot_robot_yam.viewer.live.arm_panel import ArmHistory
 
 N = 7
 

@@ -4,7 +4,7 @@ import contextlib
 
 import pytest
 
-from lerobot_robot_yam.viewer.live.banner import Banner
+from lerobot_robot_yam.viewer.live.live import Banner
 from lerobot_robot_yam.viewer.serving.page import Page
 from tests.support.browser import browser_page
 

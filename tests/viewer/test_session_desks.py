@@ -15,9 +15,8 @@ from viser._messages import RegisterCommandMessage
 from lerobot_robot_yam.face.recorder import outcomes
 from lerobot_robot_yam.state.desk_post import Asked, DeskPost, ask, forget_the_dead, running_desks
 from lerobot_robot_yam.system.runtime_files import runtime_dir
-from lerobot_robot_yam.viewer.desk.desk_folder import BUTTONS
-from lerobot_robot_yam.viewer.desk.session_desks import SessionDesks
 from lerobot_robot_yam.viewer.serving.page import Page
+from lerobot_robot_yam.viewer.session_desks import BUTTONS, SessionDesks
 from tests.state.test_desk_post import STAY
 from tests.support.armless import TASK, record
 from tests.support.paths import ROOT

@@ -18,9 +18,7 @@ from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.viewer.desktop.desktop import Desktop, need_display
-from lerobot_robot_yam.viewer.desktop.desktop_scene import DesktopScene
-from lerobot_robot_yam.viewer.desktop.drag_control import DragControl
+from lerobot_robot_yam.viewer.desktop_window import Desktop, DesktopScene, DragControl, need_display
 from tests.support.rigged import lockstep_rig, session_on, sim_config
 
 FOLLOWER = "follower_left"
@@ -234,7 +232,7 @@ def test_space_drives_an_arm_of_its_own():
 
 
 def test_the_question_says_that_a_collision_margin_is_set(monkeypatch, capsys):
-    monkeypatch.setattr("lerobot_robot_yam.viewer.desktop.desktop.need_display", lambda: None)
+    monkeypatch.setattr("lerobot_robot_yam.viewer.desktop_window.need_display", lambda: None)
     monkeypatch.setattr("sys.stdin", Person("no"))
     assert main(["--desktop", "--channel", FOLLOWER, "--rig", "none", "--gripper", "linear_4310"]) == 1
     told, asked, after = capsys.readouterr().err.partition("Type drive to go on:")

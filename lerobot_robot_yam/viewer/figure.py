@@ -1,24 +1,49 @@
-"""One arm in the scene: its profiles' shapes, posed by its joints, and the limits of its workspace.
+"""Bodies of a MuJoCo model in the scene, and one arm of them, with the limits of its workspace.
 
-Each link is a frame below the one that carries it: a joint that turns is one message to the browsers, and a joint that
-stands is none.
+Each link is a frame with its shapes as meshes, below the one that carries it: a joint that turns is one message to the
+browsers, and a joint that stands is none.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import mujoco
 import numpy as np
 import viser
 
+from lerobot_robot_yam.arm.export.body_meshes import Colour, meshes
 from lerobot_robot_yam.arm.export.primitives import box
 from lerobot_robot_yam.arm.model import VISUAL_GROUP, base_quat, build_spec
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.viewer.drawing.bodies import add_body, put
 
+_UNCHANGED = 2e-4  # m, and parts of a quaternion: below what can be seen, above the noise of an arm that stands
 _GHOST = (70, 130, 255), 0.3
 _TOOL_AXES_M = 0.08
 _KEEP_OUT, _FLOOR, _LIMIT_OPACITY = (230, 60, 40), (230, 150, 40), 0.25
 _FLOOR_M = (1.4, 1.4, 0.001)
+
+
+def add_body(
+    scene: viser.SceneApi,
+    name: str,
+    model: mujoco.MjModel,
+    body: int,
+    groups: Collection[int],
+    ghost: tuple[Colour, float] | None = None,
+) -> viser.FrameHandle:
+    """The frame of a body, with its shapes of these groups. ghost: colour and opacity, instead of its own colours."""
+    frame = scene.add_frame(name, show_axes=False)
+    for index, (mesh, colour) in enumerate(meshes(model, body, groups)):
+        shade, opacity = ghost or (colour, None)
+        scene.add_mesh_simple(f"{name}/{index}", mesh.vertices, mesh.faces, color=shade, opacity=opacity)
+    return frame
+
+
+def put(thing: viser.SceneNodeHandle, position_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
+    """Put a thing there, (3,) and (4,), in the frame above it, unless it is there: each change is a message."""
+    if np.abs(position_m - thing.position).max() > _UNCHANGED:
+        thing.position = position_m
+    if np.abs(quat_wxyz - thing.wxyz).max() > _UNCHANGED:
+        thing.wxyz = quat_wxyz
 
 
 class Figure:
