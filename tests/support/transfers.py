@@ -9,8 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from lerobot_robot_yam.rig.simulation.device import RigDevice
-from lerobot_robot_yam.rig.simulation.judge import Contacts
-from lerobot_robot_yam.rig.simulation.task_judge import FALL_M, REST_SPEED_M_S
+from lerobot_robot_yam.rig.simulation.judge import FALL_M, REST_SPEED_M_S, Contacts
 from lerobot_robot_yam.rig.world.world import World
 
 LIFT_M = 0.05

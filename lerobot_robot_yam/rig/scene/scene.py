@@ -87,7 +87,7 @@ class Options:
     serials: numbers in the motors' SN registers, "unique" or "same" on every arm (then no register tells arms apart).
     pictures: "full" has shadows and a grain on the table, "plain" neither, for weak machines.
     randomise_look: how much light, colours and the cameras' poses vary with the seed of an attempt at a task (before
-    the first with `seed`): 0 not at all … 1, see `render.look`.
+    the first with `seed`): 0 not at all … 1, see `render.drawing`.
     camera_noise: grey levels (sigma) that the cameras' sensors add. seed: of lost and garbled frames and
     temperature noise, of the operator's first attempt at a task, and of where it puts things in "pick_and_place".
     """

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.rig.render.look import Look
+from lerobot_robot_yam.rig.render.drawing import Look
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.world.world_model import build_world
 

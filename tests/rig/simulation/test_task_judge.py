@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.rig.scene.tasks import Task
-from lerobot_robot_yam.rig.simulation.task_judge import TaskJudge, View
+from lerobot_robot_yam.rig.simulation.judge import TaskJudge, View
 from lerobot_robot_yam.system.strict_yaml import parse
 
 LEFT, RIGHT = "follower_left", "follower_right"
