@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_robot_yam.errors import ControllerError, YamError
+from lerobot_robot_yam.waldo.controller.client_requests import MotionRequests, SettingRequests
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
-from lerobot_robot_yam.waldo.controller.requests_of_motion import MotionRequests
-from lerobot_robot_yam.waldo.controller.requests_of_settings import SettingRequests
 from lerobot_robot_yam.waldo.controller.status_report import STATUS_HZ, StatusReport
 from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, door_path, encode
 

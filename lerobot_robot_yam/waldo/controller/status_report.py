@@ -14,8 +14,8 @@ import numpy as np
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.waldo.arm_choice import NO_TOOL
+from lerobot_robot_yam.waldo.controller.client_requests import SettingRequests
 from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
-from lerobot_robot_yam.waldo.controller.requests_of_settings import SettingRequests
 from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.poses import FRAMES, check_frame, commanded, to_command
 from lerobot_robot_yam.waldo.program import swapped
