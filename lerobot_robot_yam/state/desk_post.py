@@ -30,7 +30,7 @@ class Asked(NamedTuple):
     """A request.
 
     Attributes:
-        meaning: name of a button, see `face/operator_keys/handle_buttons.py`; not checked here.
+        meaning: name of a button, see `Meaning` in `face/lerobot_command/running_command.py`; not checked here.
         by: program that sends the request.
         turn: run of the command's loop that the page has shown; None: any.
     """

@@ -34,8 +34,10 @@ def resolves(dotted):
     for length in range(len(names), 0, -1):
         path = ROOT.joinpath(*names[:length])
         found = [file for file in (path.with_suffix(".py"), path / "__init__.py") if file.is_file()]
+        rest = names[length:]
+        if path.is_dir() and not found:
+            return not rest
         if found:
-            rest = names[length:]
             return not rest or re.search(rf"\b{rest[0]}\b", found[0].read_text()) is not None
     return False
 
