@@ -6,6 +6,7 @@ Plain values only: the dataclass travels as JSON to the control process.
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 from lerobot_robot_yam.arm import config_checks
@@ -13,11 +14,14 @@ from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.leaders.lead_config import LeadConfig
 from lerobot_robot_yam.arm.leaders.passive_config import PassiveConfig
 from lerobot_robot_yam.arm.option import from_plain, option
-from lerobot_robot_yam.arm.profile_files import GRIPPERS, USUAL_GRIPPER
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.runtime_files import rig_name
 
 SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"  # python-can interfaces: the kernel's, and the virtual rig
+USUAL_GRIPPER = "linear_4310"
+_GRIPPER_FILES = (Path(__file__).parent / "profiles" / "grippers").glob("*.yaml")
+GRIPPERS = tuple(sorted((path.stem for path in _GRIPPER_FILES), key=lambda name: (name != USUAL_GRIPPER, name)))
+"""Names of the end effectors, one profile each; the usual one goes first."""
 
 
 @dataclass(kw_only=True)

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from lerobot_robot_yam.arm.config import GRIPPERS
 from lerobot_robot_yam.arm.config_checks import GRAVITY_FACTOR_MOST
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.profile import ArmMotor, ArmProfile, Body, GripperMotor, GripperProfile, Limiter
@@ -28,13 +29,8 @@ from lerobot_robot_yam.system.strict_yaml import merge, parse, read_yaml
 ARMS = ("yam", "yam_pro", "yam_ultra", "yam_ultra_2", "big_yam")
 NO_ARM = "none"
 """Arm name for gripper-only use: no joints, the gripper fixed in the world."""
-USUAL_GRIPPER = "linear_4310"
 
 _DIRECTORY = Path(__file__).parent / "profiles"
-GRIPPERS = tuple(
-    sorted((path.stem for path in _DIRECTORY.glob("grippers/*.yaml")), key=lambda name: (name != USUAL_GRIPPER, name))
-)
-"""Names of the end effectors, one file each; the usual one goes first."""
 
 _KP_LEAST = 1.0  # least stiffness, Nm/rad: an arm that is held less falls
 _KD_LEAST = 0.02  # least damping as a share of kp, s: with less the arm swings; the makers' are 0.025 to 0.15

@@ -5,8 +5,9 @@ It tells swapped cables from dead motors without any binding. Asks only; energis
 
 import can
 
+from lerobot_robot_yam.arm.config import GRIPPERS, USUAL_GRIPPER
 from lerobot_robot_yam.arm.profile import GripperProfile
-from lerobot_robot_yam.arm.profile_files import GRIPPERS, USUAL_GRIPPER, load_gripper
+from lerobot_robot_yam.arm.profile_files import load_gripper
 from lerobot_robot_yam.control.preflight.fingerprint import gear_ratio
 from lerobot_robot_yam.damiao.handle_check import handle_firmware
 from lerobot_robot_yam.damiao.tables import motor_type
