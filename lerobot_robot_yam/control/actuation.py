@@ -17,7 +17,8 @@ from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.control.safety.channel_monitor import BusLoss, Finding
 from lerobot_robot_yam.control.safety.thermal_monitor import Heat
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.errors import BusError
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.system.few_values import any_of
@@ -27,6 +28,7 @@ logger = logging.getLogger(__name__)
 _TOLD_AFLOAT = Limited.JOINT_LIMIT | Limited.TORQUE  # told as long as it lasts
 _TOLD_S = 0.1  # a caller that looks 30 times a second sees it
 _HEAT_PERIOD_S = 0.1  # temperatures change slowly
+_OFF_S = 0.05  # wait for motors to say that they are off, s; what the adapter takes is added
 
 
 class Actuation:
@@ -40,6 +42,8 @@ class Actuation:
 
     Attributes:
         estimate: what is known of its joints.
+        finding: of the last `check`.
+        limp: motors that are being enabled, by index: they get no torque.
         landing: the landing under way; `landing_response` owns it.
         grips: while it floats its gripper keeps to the set-point: a hand guides it.
         assist: torque and damping (joints,) that act beside its weight while it floats; None: none.
@@ -61,7 +65,10 @@ class Actuation:
         self.landing: Landing | None = None
         self.grips = False
         self.assist: tuple[np.ndarray, np.ndarray] | None = None
+        self.finding = Finding(~self.estimate.usable)
+        self.limp: list[int] = []
         self.bus_loss = BusLoss()
+        self._off_by_s = math.inf
         self._heat: Heat | None = None
         self._heat_due = self._came_free_s = -math.inf
 
@@ -102,10 +109,10 @@ class Actuation:
 
     def check(self, now: float) -> Finding:
         """Find out which motors can be relied on from here on."""
-        finding = self.estimate.check(now)
+        self.finding = self.estimate.check(now)
         self.setpoint.keep_disbelieved(self.interface.sent[:, mit_laws.Q])
         self.setpoint.fetch_sunk(self.landing is not None)
-        return finding
+        return self.finding
 
     def send(self) -> None:
         """Put this tick's commands on the wire.
@@ -114,6 +121,8 @@ class Actuation:
             BusError: the channel does not take them.
             ActionError: they are not finite.
         """
+        if self.status.letting_go:
+            self.interface.instead = dict.fromkeys(range(self.hardware.n), SpecialCommand.DISABLE)
         self.interface.send(self.impedance.commands)
         self.bus_loss.clear()
 
@@ -133,6 +142,8 @@ class Actuation:
                 self._follow(now, 0.0)
         if any_of(self.setpoint.sunk):
             self.impedance.sink(self.setpoint.sunk)
+        if self.limp:
+            self.impedance.commands[self.limp, mit_laws.KP :] = 0.0
 
     def _inputs(self, now: float, dt: float) -> Inputs:
         estimate, setpoint = self.estimate, self.setpoint
@@ -234,18 +245,23 @@ class Actuation:
         self.enter(Mode.HOLD)
 
     def switch_off(self) -> None:
-        """Cut torque. Only from a landed pose, or where the arm was limp a moment ago.
+        """Cut torque, over the next ticks. Only from a landed pose, or where the arm was limp a moment ago.
 
         Raises:
             LifeCycleError: not from the present mode.
         """
         self.status.check(Mode.OFF)
-        try:
-            silent = self.interface.disable()
-            if silent:
-                names = ", ".join(silent)
-                logger.error("%s: %s did not say that they are off; their watchdogs switch them off", self.name, names)
-        except BusError as error:
-            logger.error("%s: nothing reaches its motors; they let go by themselves: %s", self.name, error)
+        self.status.letting_go = True
+        self._off_by_s = self.chain.clock.now() + _OFF_S + 2.0 * self.chain.round_trip.one_way_s
+
+    def let_go(self, now: float) -> None:
+        """One tick of it: the arm is off once every motor has said so, or has had the time to."""
+        on = np.flatnonzero(self.chain.fault == Fault.NORMAL)
+        if len(on) and now < self._off_by_s:
+            return
+        if len(on):
+            names = ", ".join(self.chain.motors[i].name for i in on)
+            logger.error("%s: %s did not say that they are off; their watchdogs switch them off", self.name, names)
         self.status.enter(Mode.OFF)
+        self.status.letting_go = False
         self.impedance.commands[:] = 0.0

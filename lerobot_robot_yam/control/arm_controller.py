@@ -84,10 +84,6 @@ class ArmController:
         """How long one tick of its motors occupies the wire, s."""
         return self.actuation.chain.expected_wire_s
 
-    def while_waiting(self, work: Callable[[], None]) -> None:
-        """Have `work` done whenever the arm keeps its loop waiting for motors."""
-        self.actuation.interface.on_wait = work
-
     def send(self) -> None:
         """Put this tick's commands on the wire; the last good ones instead of some that cannot be encoded."""
         self._talk(self._send)
@@ -148,6 +144,9 @@ class ArmController:
         arm.estimate.read()
         if arm.interface.handle is not None:
             self.handle = arm.interface.handle.read(now)
+        if status.letting_go:
+            arm.let_go(now)
+            return
         if status.ended:
             return
         finding = arm.check(now)
@@ -174,11 +173,14 @@ class ArmController:
     def decide(self, now: float) -> None:
         """Decide on the mode, and where the set-point goes. It is stepped after that."""
         arm, status = self.actuation, self.status
+        if status.letting_go:
+            return
         self._stop.check(now)
         wrong = self._floating.watch(now, status.mode in _HELD and arm.estimate.all_usable, status.afloat)
         if wrong:
             arm.setpoint.move_at(arm.estimate.dq[: arm.hardware.joints])  # to stop at once would throw the arm
             self.faults.suffer(Trouble.RUNAWAY, wrong, now)
+        self.faults.advance()
         if status.mode is Mode.BRING_UP:
             trouble = self.bring_up.advance(now)
             if trouble is not None:
@@ -263,7 +265,11 @@ class ArmController:
             self.status.limited |= Limited.WORKSPACE
 
     def request(self, request: Request, now: float) -> None:
-        """Change mode as the caller asks. Raises YamError: not from the present mode, or it cannot be done."""
+        """Change mode as the caller asks; while `status.busy` goes on with that, `status.refusal` tells its end.
+
+        Raises:
+            YamError: not from the present mode, or it cannot be done.
+        """
         arm, status = self.actuation, self.status
         if request is Request.LAND:
             if status.mode is Mode.FAULT and status.stopped:

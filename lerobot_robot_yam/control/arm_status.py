@@ -20,6 +20,9 @@ class ArmStatus:
         must_land: it lands as soon as the emergency stop is released.
         halted: it takes no targets until it is re-armed, because the other arm is in trouble.
         stops_afloat: during the emergency stop that is latched it floats, rather than holds.
+        rearming: its motors are being re-armed; a landing waits for that.
+        letting_go: its torque is being cut.
+        refusal: why what was requested last was not done; else empty.
     """
 
     def __init__(self, name: str, floats: bool):
@@ -29,6 +32,8 @@ class ArmStatus:
         self.message = ""
         self.limited = Limited.NOTHING
         self.stopped = self.must_land = self.halted = self.stops_afloat = False
+        self.rearming = self.letting_go = False
+        self.refusal = ""
 
     @property
     def mode(self) -> Mode:
@@ -39,6 +44,11 @@ class ArmStatus:
     def ended(self) -> bool:
         """Whether the arm has no torque: it is off, or was never energised."""
         return self._mode in (Mode.OFF, Mode.OFFLINE)
+
+    @property
+    def busy(self) -> bool:
+        """Whether what was requested last takes more ticks; nothing else is requested meanwhile."""
+        return self.rearming or self.letting_go
 
     @property
     def afloat(self) -> bool:

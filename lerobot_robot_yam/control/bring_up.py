@@ -1,6 +1,6 @@
 """Bring-up: from a limp arm to one that holds or floats, its gripper's stops known."""
 
-from collections.abc import Callable
+from collections.abc import Iterator
 
 from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.float_monitor import FloatMonitor
@@ -18,16 +18,12 @@ class BringUp:
         self._actuation, self._status, self._floating = actuation, actuation.status, floating
         self.after = Mode.FLOAT if self._status.floats else Mode.HOLD
 
-    def energise(self, on_wait: Callable[[], None] = lambda: None) -> None:
-        """Enable the motors, holding the measured pose from the first command on.
-
-        Args:
-            on_wait: called every 20 ms or so.
+    def energise(self) -> Iterator[None]:
+        """Enable the motors, one step a tick, holding the measured pose from the first command on.
 
         Raises:
             ChannelInUseError: another driver commands these motors; nothing was sent.
-            MotorError: a motor does not enable, or another driver appears. Those that were enabled are disabled again:
-                the arm was limp before.
+            MotorError: a motor does not enable, or another driver appears: `abandon` the arm.
         """
         arm = self._actuation
         where = f"{arm.name} ({arm.config.channel})"
@@ -37,27 +33,27 @@ class BringUp:
             raise ChannelInUseError(
                 f"{arm.name}: another driver commands the motors on {arm.config.channel}; stop it and try again"
             )
-        try:
-            arm.interface.enable(on_wait)
-            for _ in range(_ENABLE_TICKS):
-                on_wait()
-                arm.setpoint.seed(arm.q)  # as of now: since it was inspected, a hand may have moved a limp arm
-                arm.compute_command(0.0, 0.0)
-                finding = arm.interface.exchange(arm.impedance.commands)
-                arm.estimate.read()
-                if not finding.bad.any():
-                    break
-            if finding.bad.any():
-                raise MotorError(f"{where}: cannot enable {finding.message}; power-cycle the arm or look at its motors")
-            if finding.trouble is not None:  # another driver is on the channel
-                raise MotorError(f"{where}: {finding.message}")
-        except BaseException:
-            arm.switch_off()
-            raise
         self._status.enter(Mode.BRING_UP)
+        arm.chain.feedback.believe(range(arm.hardware.n))  # since it was inspected, a hand may have moved a limp arm
+        arm.setpoint.start()
+        silent = yield from arm.interface.enable(range(arm.hardware.n))
+        if silent:
+            names = ", ".join(f"{motor.name} (id {motor.can_id})" for motor in (arm.chain.motors[i] for i in silent))
+            raise MotorError(f"{where}: cannot enable {names}: no answer; check power and cable")
+        for _ in range(_ENABLE_TICKS):
+            arm.setpoint.seed(arm.q)
+            arm.compute_command(0.0, 0.0)
+            yield
+            finding = arm.estimate.find_trouble(arm.chain.clock.now())
+            if not finding.bad.any():
+                break
+        if finding.bad.any():
+            raise MotorError(f"{where}: cannot enable {finding.message}; power-cycle the arm or look at its motors")
+        if finding.trouble is not None:  # another driver is on the channel
+            raise MotorError(f"{where}: {finding.message}")
 
     def abandon(self) -> None:
-        """Cut torque during bring-up: the arm was limp before and has not left its pose."""
+        """Cut torque during bring-up, over the next ticks: the arm was limp before and has not left its pose."""
         if not self._status.ended:
             self._actuation.switch_off()
 

@@ -1,6 +1,7 @@
 """The response of an arm to trouble, its own or the other arm's, and its re-arming. The table is `state.faults`."""
 
 import logging
+from collections.abc import Generator
 
 from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.arm_status import ArmStatus
@@ -8,7 +9,7 @@ from lerobot_robot_yam.control.bring_up import BringUp
 from lerobot_robot_yam.control.float_monitor import FloatMonitor
 from lerobot_robot_yam.control.landing_response import LandingResponse
 from lerobot_robot_yam.control.rearm import Rearm
-from lerobot_robot_yam.errors import BusError, LifeCycleError
+from lerobot_robot_yam.errors import BusError, LifeCycleError, YamError
 from lerobot_robot_yam.state.faults import RESPONSES, Response, Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
@@ -24,7 +25,8 @@ class FaultResponse:
     def __init__(self, actuation: Actuation, landing: LandingResponse, bring_up: BringUp, floating: FloatMonitor):
         self._actuation, self._status = actuation, actuation.status
         self._landing, self._bring_up, self._floating = landing, bring_up, floating
-        self._rearming = Rearm(actuation)
+        self._rearm = Rearm(actuation)
+        self._rearming: Generator[None] | None = None  # under way
         self._halted_afloat = False
         self._news: Trouble | None = None
         self._peer: ArmStatus | None = None  # because of which it was halted
@@ -35,7 +37,7 @@ class FaultResponse:
         An arm that holds in trouble or lands goes on with that.
         """
         arm, status = self._actuation, self._status
-        if status.mode in (Mode.FAULT, Mode.LAND):
+        if status.mode in (Mode.FAULT, Mode.LAND) or status.letting_go:
             return
         logger.error("%s (%s): %s: %s", arm.name, arm.config.channel, trouble, message)
         self._news = trouble
@@ -50,7 +52,7 @@ class FaultResponse:
     def fail(self, error: Exception) -> None:
         """Hold with the last commands that went out, at rest: something in our own code broke."""
         arm, status = self._actuation, self._status
-        if status.ended:
+        if status.ended or status.letting_go:
             logger.critical("%s: internal error; it has no torque", arm.name, exc_info=error)
             return
         if status.mode is not Mode.FAULT:
@@ -87,12 +89,11 @@ class FaultResponse:
                 self._actuation.hold_here()
 
     def rearm(self) -> None:
-        """Enable again what has failed, and hold the measured pose. Blocks for some ticks.
+        """Enable again what has failed, and hold the measured pose; `advance` does it, `status.rearming` meanwhile.
 
         An arm whose own trouble has ended goes on holding as long as the other one is in trouble.
 
         Raises:
-            MotorError: a motor still does not obey; those that do again hold where they are.
             LifeCycleError: this trouble needs a new connection, or the arm holds because of another that is in trouble.
         """
         arm, status = self._actuation, self._status
@@ -100,10 +101,34 @@ class FaultResponse:
             why = status.message or "it has been told to land"
             raise LifeCycleError(f"{arm.name}: {why}; let it land, then connect again")
         if status.mode is Mode.FAULT:
-            self._rearm()
-        elif status.halted and self._peer is not None and self._peer.trouble is not None:
+            self._check_rearm()
+            self._rearming, status.rearming = self._rearm_motors(), True
+            return
+        if status.halted and self._peer is not None and self._peer.trouble is not None:
             why = f"{self._peer.name} is in trouble: {self._peer.trouble}"
             raise LifeCycleError(f"{arm.name}: holds as long as {why}; re-arm that arm first, or connect again")
+        self._release()
+
+    def advance(self) -> None:
+        """One tick of a re-arming. If it fails, `status.refusal` says why, and what obeys holds where it is."""
+        work, self._rearming = self._rearming, None  # an error in our own code ends it, too
+        if work is None:
+            return
+        self._status.rearming = False
+        try:
+            next(work)
+        except StopIteration:
+            return
+        except Exception as error:
+            self._status.refusal = str(error)
+            if not isinstance(error, YamError):
+                raise
+            return
+        self._rearming, self._status.rearming = work, True
+
+    def _release(self) -> None:
+        """Take targets again, unless the other arm is in trouble."""
+        arm, status = self._actuation, self._status
         if self._halted_afloat and status.mode is Mode.HOLD:
             self._floating.check(arm.name)
             arm.enter(Mode.FLOAT)
@@ -114,7 +139,7 @@ class FaultResponse:
         if peer is not None and peer.trouble is not None:  # it was in trouble, too
             self.halt(peer)
 
-    def _rearm(self) -> None:
+    def _check_rearm(self) -> None:
         arm, status = self._actuation, self._status
         assert status.trouble is not None
         if status.stopped:
@@ -123,10 +148,14 @@ class FaultResponse:
             raise LifeCycleError(f"{arm.name}: {status.message}; {RESPONSES[status.trouble].rearm}")
         if status.floats:
             self._floating.check(arm.name)
-        failed = self._rearming.run()
+
+    def _rearm_motors(self) -> Generator[None]:
+        arm, status = self._actuation, self._status
+        failed = yield from self._rearm.run()
         if arm.gripper is not None and (arm.hardware.n - 1 in failed or arm.gripper.stops is None):
             self._bring_up.after = Mode.HOLD
             arm.gripper.begin()
             arm.enter(Mode.BRING_UP)
         else:
             arm.enter(Mode.FLOAT if status.floats else Mode.HOLD)
+        self._release()

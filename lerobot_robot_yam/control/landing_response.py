@@ -51,7 +51,7 @@ class LandingResponse:
     def end(self, now: float) -> None:
         """Land because the caller is gone. Ask every tick: after a fault on its way the arm tries again."""
         status = self._status
-        if now < self._end_again_at or (status.mode is Mode.FAULT and status.stopped):
+        if now < self._end_again_at or status.rearming or (status.mode is Mode.FAULT and status.stopped):
             return
         self._end_again_at = now + _END_AGAIN_S
         self.land(now, status.trouble, status.message)

@@ -5,8 +5,6 @@
 Deadlines are absolute; after an overrun the loop starts anew from now: no burst, no drift.
 """
 
-import contextlib
-import functools
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -16,7 +14,7 @@ from lerobot_robot_yam.control.loop_timing import LoopStatistics
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
 from lerobot_robot_yam.control.state_publisher import ControllerBlocks
-from lerobot_robot_yam.errors import BusError, LifeCycleError, MotorError
+from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import RESPONSES, Response
 from lerobot_robot_yam.state.modes import ENERGISED, Mode
@@ -68,43 +66,36 @@ class ControlLoop:
         self._ready = True  # no arm is coming up, as in a stand-by
         self._tick = 0
         self._last = 0.0  # when the laws were asked last
-        for controller in controllers:
-            controller.while_waiting(functools.partial(self._hold_others, controller))
 
     def start(self) -> None:
         """Energise every arm, or leave all of them limp. Raises YamError: names what failed."""
         self._ready = False
         begun: list[tuple[ArmController, ControllerBlocks]] = []
 
-        def on_wait() -> None:
-            """Hold the arms that are up, and tell a stand-by of them and of the next one, however long it takes."""
-            self._tick += 1
-            refuse_stopped(begun[-1][0].name, self._stop)
-            for controller, blocks in begun:
-                if controller.mode is Mode.BRING_UP:
-                    controller.actuation.send()
-                blocks.publish(self._clock.now(), self._tick, Mode.BRING_UP)
-
         try:
             for controller, blocks in zip(self._controllers, self._blocks, strict=True):
-                controller.actuation.setpoint.start()
                 begun.append((controller, blocks))
-                on_wait()
-                controller.bring_up.energise(on_wait)
+                for _ in controller.bring_up.energise():
+                    self._start_tick(begun)
         except BaseException:
-            for controller, blocks in begun:  # they were limp a moment ago and have not moved
+            for controller, _ in begun:  # they were limp a moment ago and have not moved
                 controller.bring_up.abandon()
-                blocks.publish(self._clock.now(), self._tick)
+            self.run()
             raise
 
-    def _hold_others(self, waiting: ArmController) -> None:
-        """While one arm waits for its motors, command the others and show a stand-by that the loop lives."""
+    def _start_tick(self, begun: Sequence[tuple[ArmController, ControllerBlocks]]) -> None:
+        """One tick of the start: command the arms that are up, and the next one; tell a stand-by of them."""
         self._tick += 1
-        for controller, blocks in zip(self._controllers, self._blocks, strict=True):
-            if controller is not waiting and controller.mode in ENERGISED:
-                with contextlib.suppress(BusError):  # the next tick will see it
-                    controller.actuation.send()
-            blocks.beat(self._tick)
+        begin = self._clock.now()
+        refuse_stopped(begun[-1][0].name, self._stop)
+        for controller, blocks in begun:
+            blocks.publish(begin, self._tick)
+            controller.actuation.send()
+        self._clock.sleep(self._wire_s)
+        for controller, _ in begun:
+            controller.actuation.chain.collect(begin + self._wire_s + _STRAGGLER_MOST_S)
+            controller.actuation.estimate.read()
+        self._clock.sleep(max(0.0, begin + self._period_s - self._clock.now()))
 
     def run(
         self, on_ready: Callable[[str], None] = lambda _: None, must_land: Callable[[], bool] = lambda: False
@@ -247,9 +238,7 @@ class ControlLoop:
         if not controller.status.ended:
             controller.actuation.compute_command(now, dt)
         if controller.mode is not blocks.published_mode:
-            # A waiting caller looks at once, and after the end there is no next tick. The change may have waited for
-            # motors: what they answered is newer than `now`.
-            blocks.publish(self._clock.now(), tick)
+            blocks.publish(self._clock.now(), tick)  # a waiting caller looks at once
 
     def _active(self) -> list[ArmController]:
         return [controller for controller in self._controllers if not controller.status.ended]

@@ -1,32 +1,30 @@
-"""Re-arming of one arm in trouble: believe its motors again, enable those that have let go, hold where they are.
+"""Re-arming of one arm in trouble, over ticks: judge what its failed motors say, enable those that have let go, hold.
 
-    ask      motors that have failed are asked several times: nothing is believed of one answer
+    listen   what failed motors say is kept apart, and not used, until it is judged: nothing is believed of one answer
     judge    refused: motors that contradict themselves, that swing, or that are answered for twice
-    enable   clear the faults of those that have let go; nothing is sent to a silent motor: it may still hold its joint
     compare  refused: motors that had power all the time, and say to be where they cannot be
+    enable   clear the faults of those that have let go; nothing but commands goes to a silent motor: it may still hold
     hold     where they are by now, until all are well
 
-It blocks for some ticks. Between its questions the loop commands the other arms (`JointInterface.on_wait`).
+At every tick the arm is commanded as before; a motor that is being enabled is commanded no torque.
 """
 
-from collections.abc import Sequence
+from collections.abc import Generator, Iterator, Sequence
 
 import numpy as np
 
 from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.laws import mit_laws
-from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.receiver import FeedbackStore
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
-from lerobot_robot_yam.errors import MotorError, YamError
-from lerobot_robot_yam.state.faults import SILENT_S
+from lerobot_robot_yam.errors import MotorError
 
-_ANSWER_S = 0.006  # time for an answer; motors answer within a few ms, and the other arm gets no commands until then
-_ASK_MOST = 12  # questions: one, or its answer, may get lost
-_ASK_AT_LEAST = 3  # questions before motors are believed again: an answer may be somebody else's,
+_LISTEN_S = 0.05  # longest time to listen, s, beyond what the adapter takes: an answer may get lost
+_LISTEN_TICKS = 3  # shortest: an answer may be another motor's,
 _AGREE = 2  # or garbled; so many have to agree
+_MISSED = 10  # questions in a row without an answer: the motor is silent
 _DOUBLED = 2  # answers beyond the questions that tell of a second motor; one may be a late one
-_ENABLE_ATTEMPTS = 2  # 27 ms each for seven motors, and the loop must not seem to hang
-_HOLD_TICKS = 8  # in which a motor has to say that it is enabled: an answer may get lost
+_HOLD_TICKS = 8  # within which every motor has to be well
 _SWINGS_RAD_S = 1.0  # a joint without torque that hangs still is slower
 _TOO_FAST_RAD_S = 10.0  # in such a swing it is not armed: to be held at once would be a blow
 _PUSHED_RAD = 0.5  # a hand or a load can push a joint this far from a set-point that it holds
@@ -40,73 +38,73 @@ class Rearm:
         self._actuation, self._interface, self._chain = actuation, actuation.interface, actuation.chain
         self._hardware = actuation.hardware
         self._where = f"{actuation.name} ({actuation.config.channel})"
-        n = actuation.hardware.n
-        self._believed_rad: np.ndarray = np.zeros(n)  # these four: before the motors were asked
-        self._believed_rad_s: np.ndarray = np.zeros(n)
-        self._limp: np.ndarray = np.zeros(n, dtype=bool)
-        self._distrusted: np.ndarray = np.zeros(n, dtype=bool)
 
-    def run(self) -> list[int]:
-        """Re-arm; returns the motors that had failed.
+    def run(self) -> Generator[None, None, list[int]]:
+        """Re-arm, one step a tick; returns the motors that had failed.
 
         Raises:
             MotorError: a motor is where its joint cannot be, contradicts itself, moves too fast to be armed, two answer
-                for it, or it still does not obey. Motors that were enabled are disabled again, unless only the last is
-                the matter: then they hold. A motor that had kept its torque keeps it, and is not believed.
+                for it: then nothing has changed. Or one still does not obey: then those hold that do.
         """
-        chain = self._chain
-        failed = np.flatnonzero(~self._actuation.estimate.usable).tolist()
-        self._believed_rad, self._believed_rad_s = chain.position_rad, chain.velocity_rad_s
-        self._limp, self._distrusted = chain.fault != Fault.NORMAL, chain.distrusted
-        counts = chain.duplicates - chain.lost, chain.feedback.rejected
-        with chain.in_haste():
-            chain.feedback.restart(failed)
-            answers, fastest_rad_s = self._ask(failed)
-            doubled = chain.duplicates - chain.lost - counts[0] >= _DOUBLED
-            # Not even that a motor has let go is believed of one answer. To clear its fault would cut its torque.
-            garbled = (answers < _AGREE) | (chain.feedback.rejected > counts[1])
-            heard = self._judge(failed, bool(doubled.any()), garbled, fastest_rad_s)
-            let_go = self._enable(heard)
-        self._hold(failed, let_go)
+        arm, chain, trial = self._actuation, self._chain, self._chain.listen()
+        failed = np.flatnonzero(~arm.estimate.usable).tolist()
+        try:
+            heard = yield from self._listen(failed, trial)
+        finally:
+            chain.stop_listening()
+        off = [i for i in heard if trial.fault[i] != Fault.NORMAL]
+        self._compare([i for i in heard if i not in off], trial)
+        chain.feedback.adopt(trial, heard)
+        arm.estimate.read()
+        self._interface.resolve([i for i in off if i < self._hardware.joints])  # without power it forgets its turn
+        arm.estimate.read()
+        yield from self._enable(off)
+        for _ in range(_HOLD_TICKS):
+            yield
+            if arm.finding.trouble is None:
+                break
+        else:
+            raise MotorError(f"{self._where}: cannot re-arm: {arm.finding.message}")
+        asked = arm.setpoint.q.copy()
+        arm.setpoint.start_joints()
+        for motor in set(failed) - set(off):  # it holds on to where it was sent
+            arm.setpoint.reseed(motor, float(asked[motor]))
         return failed
 
-    def _ask(self, motors: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        """Ask until each of these motors has answered often enough, or is silent.
+    def _listen(self, motors: Sequence[int], trial: FeedbackStore) -> Generator[None, None, list[int]]:
+        """Listen until each of these motors has answered often enough, or is silent; returns those that are heard.
 
-        Returns:
-            (n,) numbers of answers, and the largest speed that each tells now, rad/s.
+        Raises:
+            MotorError: names motors that cannot be believed.
         """
         chain = self._chain
-        stamp_s = chain.stamp_s
+        believed_rad_s, limp = chain.velocity_rad_s, chain.fault != Fault.NORMAL
+        doubled_before, stamp_s = chain.duplicates - chain.lost, trial.stamp_s
+        until_s = chain.clock.now() + _LISTEN_S + 2.0 * chain.round_trip.one_way_s
         answers: np.ndarray = np.zeros(len(chain))
         fastest_rad_s: np.ndarray = np.zeros(len(chain))
-        for count in range(_ASK_MOST):
-            silent = chain.silence_s(chain.clock.now())[motors] >= SILENT_S
-            if count >= _ASK_AT_LEAST and (silent | (answers[motors] >= _AGREE)).all():
+        ticks = 0
+        while True:
+            silent = chain.missed >= _MISSED
+            enough = (silent | (answers >= _AGREE))[motors].all() and ticks >= _LISTEN_TICKS
+            if enough or chain.clock.now() > until_s:
                 break
-            chain.refresh(_ANSWER_S)
-            news = chain.stamp_s > stamp_s
-            answers, stamp_s = answers + news, chain.stamp_s
-            fastest_rad_s = np.where(news, np.maximum(fastest_rad_s, np.abs(chain.velocity_rad_s)), fastest_rad_s)
-            self._interface.on_wait()
-        return answers, fastest_rad_s
-
-    def _judge(self, motors: Sequence[int], doubled: bool, garbled: np.ndarray, fastest_rad_s: np.ndarray) -> list[int]:
-        """Motors that are heard and can be believed again. Raises MotorError: names those that cannot be."""
-        disbelieve = self._interface.disbelieve
-        if doubled:  # which is ours, nobody knows
-            disbelieve(motors, self._believed_rad)
+            yield
+            ticks += 1
+            news = trial.stamp_s > stamp_s
+            answers, stamp_s = answers + news, trial.stamp_s
+            fastest_rad_s = np.where(news, np.maximum(fastest_rad_s, np.abs(trial.velocity_rad_s)), fastest_rad_s)
+        if (chain.duplicates - chain.lost - doubled_before >= _DOUBLED).any():  # which is ours, nobody knows
             raise MotorError(f"{self._where}: motors answer twice; look for a second arm on the channel")
-        silence_s = self._chain.silence_s(self._chain.clock.now())
-        heard = [i for i in motors if silence_s[i] < SILENT_S]
-        disbelieve([i for i in motors if i not in heard and self._distrusted[i]], self._believed_rad)
         too_fast = fastest_rad_s > _TOO_FAST_RAD_S
         too_fast[self._hardware.joints :] = False  # a gripper weighs next to nothing
+        # Not even that a motor has let go is believed of one answer. To clear its fault would cut its torque.
+        garbled = (answers < _AGREE) | (trial.rejected > 0)
+        heard = [i for i in motors if not silent[i]]
         refused = [i for i in heard if too_fast[i] or garbled[i]]
         if refused:
-            disbelieve(motors, self._believed_rad)
-            swings_rad_s = np.maximum(np.abs(self._believed_rad_s), fastest_rad_s)
-            raise self._refusal(refused, np.where(self._limp | too_fast, swings_rad_s, 0.0))
+            swings_rad_s = np.maximum(np.abs(believed_rad_s), fastest_rad_s)
+            raise self._refusal(refused, np.where(limp | too_fast, swings_rad_s, 0.0))
         return heard
 
     def _refusal(self, refused: Sequence[int], swings_rad_s: np.ndarray) -> MotorError:
@@ -124,25 +122,7 @@ class Rearm:
             remedy = "check cable, plugs and termination, and re-arm again"
         return MotorError(f"{self._where}: {what}; {remedy}")
 
-    def _enable(self, heard: Sequence[int]) -> list[int]:
-        """Enable those that have let go, without torque; returns them."""
-        chain, interface = self._chain, self._interface
-        off = [i for i in heard if chain.fault[i] != Fault.NORMAL]
-        chain.special(SpecialCommand.CLEAR, _ANSWER_S, off)
-        interface.on_wait()
-        interface.enable_some(off, _ANSWER_S, _ENABLE_ATTEMPTS, interface.on_wait)
-        interface.estimate.read()
-        try:
-            interface.resolve([i for i in off if i < self._hardware.joints])  # without power it forgets its turn
-            self._compare([i for i in heard if i not in off])  # with power it does not
-        except YamError:
-            chain.special(SpecialCommand.DISABLE, _ANSWER_S, off)
-            interface.disbelieve([i for i in heard if i not in off], self._believed_rad)
-            raise
-        interface.estimate.read()
-        return off
-
-    def _compare(self, motors: Sequence[int]) -> None:
+    def _compare(self, motors: Sequence[int], trial: FeedbackStore) -> None:
         """Compare what motors with power say with their last command.
 
         Raises:
@@ -150,21 +130,22 @@ class Rearm:
                 were believed. Or they work with another torque than their last command gives there,
                 kp (q* − q) + kd (dq* − dq) + tau: a joint that was pushed away pulls back.
         """
-        sent, estimate, specs = self._interface.sent, self._interface.estimate, self._hardware.motors
+        sent, specs, direction = self._interface.sent, self._hardware.motors, self._hardware.direction
+        q, dq, tau = self._interface.position(trial.position_rad), trial.velocity_rad_s, trial.torque_nm * direction
         low = high = sent[:, mit_laws.Q]
         if self._actuation.gripper is not None:  # what it presses on may have kept it from where it was sent
-            believed = float(self._interface.position(self._believed_rad)[-1])
+            believed = float(self._actuation.estimate.motor_q[-1])
             low, high = low.copy(), high.copy()
             low[-1], high[-1] = min(low[-1], believed), max(high[-1], believed)
-        gap = np.maximum(low - estimate.motor_q, estimate.motor_q - high)
+        gap = np.maximum(low - q, q - high)
         range_nm = np.array([motor_type(spec.type).torque_max_nm for spec in specs])
-        spring_nm = sent[:, mit_laws.KP] * (sent[:, mit_laws.Q] - estimate.motor_q)
-        damping_nm = sent[:, mit_laws.KD] * (sent[:, mit_laws.DQ] - estimate.motor_dq)
+        spring_nm = sent[:, mit_laws.KP] * (sent[:, mit_laws.Q] - q)
+        damping_nm = sent[:, mit_laws.KD] * (sent[:, mit_laws.DQ] - dq * direction)
         gives_nm = np.clip(spring_nm + damping_nm + sent[:, mit_laws.TAU], -range_nm, range_nm)
-        off = (gap > _PUSHED_RAD) | (np.abs(gives_nm - estimate.tau) > _OFF_SHARE * range_nm)
+        off = (gap > _PUSHED_RAD) | (np.abs(gives_nm - tau) > _OFF_SHARE * range_nm)
         told = "; ".join(
-            f"{self._name(i)} still reads {estimate.motor_q[i]:.2f} rad and was sent to {sent[i, mit_laws.Q]:.2f}, and "
-            f"works with {estimate.tau[i]:.1f} Nm where its command gives {gives_nm[i]:.1f}"
+            f"{self._name(i)} still reads {q[i]:.2f} rad and was sent to {sent[i, mit_laws.Q]:.2f}, and "
+            f"works with {tau[i]:.1f} Nm where its command gives {gives_nm[i]:.1f}"
             for i in motors
             if off[i]
         )
@@ -172,22 +153,18 @@ class Rearm:
             advice = "check cables and plugs, let the arm land, and connect again"
             raise MotorError(f"{self._where}: {told}; {advice}")
 
-    def _hold(self, failed: Sequence[int], let_go: Sequence[int]) -> None:
-        """Hold where the arm is by now. Raises MotorError: a motor still does not obey."""
+    def _enable(self, motors: Sequence[int]) -> Iterator[None]:
+        """Enable motors that have let go, without torque; their set-points are where they sag to."""
         arm = self._actuation
-        asked = arm.setpoint.q.copy()
-        arm.setpoint.start_joints()
-        asked[let_go] = arm.setpoint.q[let_go]  # they have sagged
-        for motor in set(failed) - set(let_go):  # it holds on to where it was sent, whether it is heard by now or not
-            arm.setpoint.reseed(motor, float(asked[motor]))
-        arm.compute_command(self._chain.clock.now(), 0.0)
-        for _ in range(_HOLD_TICKS):
-            finding = self._interface.exchange(arm.impedance.commands)
-            if finding.trouble is None:
-                return
-        arm.setpoint.seed(asked)
-        self._interface.disbelieve(np.flatnonzero(self._distrusted).tolist(), self._believed_rad)
-        raise MotorError(f"{self._where}: cannot re-arm: {finding.message}")
+        joints = [i for i in motors if i < self._hardware.joints]
+        arm.limp = list(motors)
+        try:
+            for _ in self._interface.enable(motors, clear=True):
+                for joint in joints:
+                    arm.setpoint.start_one(joint)
+                yield
+        finally:
+            arm.limp = []
 
     def _name(self, motor: int) -> str:
         spec = self._hardware.motors[motor]

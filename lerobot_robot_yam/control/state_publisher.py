@@ -54,6 +54,7 @@ class ControllerBlocks:
         self._owner = self._record["owner_pid"] = os.getpid()
         self._first_tick = int(self._record["tick"])
         self._seen = 0
+        self._asked = self._answered = int(self._record["request_sequence"])
         self._ended = False
         self.published_mode = Mode.OFFLINE
         self._coupled = False  # as published last
@@ -67,16 +68,16 @@ class ControllerBlocks:
 
     def read_target(self, now: float) -> None:
         """Give the controller what the caller has written since the last tick."""
-        sequence = self._commands.sequence()
-        if sequence == self._seen:
+        sequence, status = self._commands.sequence(), self._controller.status
+        if sequence == self._seen or status.busy:
             return
         command = self._commands.glance()  # never waits for a caller that is held up, or dies, in the middle
         if command is None:
             return
         self._seen = sequence
         record, controller = self._record, self._controller
-        if command["request_sequence"] > record["request_sequence"]:  # an older one has been taken back since
-            refused = False
+        if command["request_sequence"] > self._asked:  # an older one has been taken back since
+            self._asked, status.refusal = int(command["request_sequence"]), ""
             controller.coupling.end()
             try:
                 request = Request(int(command["request"]))
@@ -85,11 +86,7 @@ class ControllerBlocks:
                 else:
                     controller.request(request, now)
             except YamError as error:
-                refused = True
-                record["refusal"] = str(error).encode()[:400]
-            finally:  # not before: the record is also written while a request is carried out
-                record["request_refused"] = refused
-                record["request_sequence"] = command["request_sequence"]
+                status.refusal = str(error)
         if command["target_sequence"] > record["target_sequence"]:
             record["target_sequence"] = command["target_sequence"]
             slots = self._slots
@@ -109,12 +106,8 @@ class ControllerBlocks:
                 if controller.set_target(q, now, velocity, kp, kd, age_s):
                     record["action"][slots] = q
 
-    def publish(self, now: float, tick: int, mode: Mode | None = None) -> None:
-        """Write the arm's state as of this tick. The state of an arm that is off is written once.
-
-        Args:
-            mode: published instead of the arm's own.
-        """
+    def publish(self, now: float, tick: int) -> None:
+        """Write the arm's state as of this tick. The state of an arm that is off is written once."""
         if self._ended:
             return
         status, arm = self._controller.status, self._controller.actuation
@@ -130,7 +123,7 @@ class ControllerBlocks:
             now,
             self._first_tick + tick,
             min(chain.asked_s.tolist()),
-            status.mode if mode is None else mode,
+            status.mode,
             status.limited,
             arm.impedance.own_gains,
             arm.gripper is not None and arm.gripper.stalled,
@@ -145,6 +138,10 @@ class ControllerBlocks:
             self._well = chain.all_normal and chain.all_answered
             for field in _SELDOM:
                 self._record[field][self._slots] = getattr(chain, field)
+        if self._answered != self._asked and not status.busy:
+            self._answered = self._record["request_sequence"] = self._asked
+            self._record["request_refused"] = bool(status.refusal)
+            self._record["refusal"] = status.refusal.encode()[:400]
         self._note_action()
         self._note_seldom(None if arm.gripper is None else arm.gripper.stops, status.trouble, status.message)
         self._states.write_bytes(self._bytes)
@@ -161,12 +158,6 @@ class ControllerBlocks:
                 slots = self._slots
                 record["action"][slots], record["action_dq"][slots] = coupling.target, coupling.velocity
                 record["action_stamp_s"] = record["stamp_s"]
-
-    def beat(self, tick: int) -> None:
-        """Say that the loop lives while it waits; the arm's state is as it was."""
-        if not self._ended:
-            self._record["tick"] = self._first_tick + tick
-            self._states.write_bytes(self._bytes)
 
     def _note_seldom(self, stops: GripperStops | None, trouble: Trouble | None, message: str) -> None:
         """Put into the record what hardly ever changes; texts take longest."""

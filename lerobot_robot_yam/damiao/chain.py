@@ -3,10 +3,10 @@
 The chain drains what has arrived before it sends the next tick, so old data cannot pile up in the socket.
 """
 
-import contextlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import attrgetter
+from types import MappingProxyType
 from typing import Any
 
 import can
@@ -16,7 +16,7 @@ from lerobot_robot_yam.damiao.bus_port import BusPort, data_message, is_classic_
 from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit, pack_mit, ranges_of
 from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID, HandleEncoder, encode_report_request
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
-from lerobot_robot_yam.damiao.receiver import Receiver
+from lerobot_robot_yam.damiao.receiver import FeedbackStore, Receiver
 from lerobot_robot_yam.damiao.registers import (
     REGISTERS,
     decode_value,
@@ -32,11 +32,9 @@ ENABLE_PAUSE_S = 0.003  # before each enable, as in the vendor's driver
 CLEAR_REPEATS = 3  # of "clear error", as in the vendor's driver
 # After them, as long as they and their answers take on the wire: a link brought up by default has room for 20 frames.
 _CLEAR_PAUSE_S = 2 * CLEAR_REPEATS * FRAME_TIME_S
-_SETTLE_S = 0.01  # beyond what answers usually take, for those that were held up
 # A connection asks 110 times. At 1 % of all frames lost, three attempts would refuse one connection in 1,100, and five
 # one in 3 million.
 _REGISTER_ATTEMPTS = 5
-_HASTE_S = 0.04  # the most that a loop waits for an adapter; a third of the time after which it is taken for hung
 
 
 def _of(path: str) -> Any:
@@ -91,7 +89,6 @@ class MotorChain:
         if encoder is not None:
             self._messages.append(data_message(REQUEST_ID, encode_report_request()))
         self.expected_wire_s = 2 * len(self._messages) * FRAME_TIME_S
-        self._ticked = self._hasty = False  # since the last question; whether a loop waits
         self.missed: np.ndarray = np.zeros(len(self.motors), dtype=int)
         self.all_answered = False
 
@@ -116,7 +113,16 @@ class MotorChain:
         """Take everything that has already arrived, without waiting."""
         self._receiver.drain()
 
-    def send(self, commands: np.ndarray) -> None:
+    def listen(self) -> FeedbackStore:
+        """A second store of feedback, which judges anew what motors say from now on, until `stop_listening`."""
+        self._receiver.trial = trial = self._receiver.new_store()
+        return trial
+
+    def stop_listening(self) -> None:
+        """Leave the store of `listen` as it is."""
+        self._receiver.trial = None
+
+    def send(self, commands: np.ndarray, instead: Mapping[int, SpecialCommand] = MappingProxyType({})) -> None:
         """Send one MIT command per motor, then the handle's request, without waiting for anything.
 
         The torques make up for what packing loses of positions and velocities, see `codec.pack_mit`.
@@ -124,6 +130,7 @@ class MotorChain:
 
         Args:
             commands: (n, 5), columns q*, dq*, kp, kd, tau in motor coordinates: rad, rad/s, Nm/rad, Nm s/rad, Nm.
+            instead: special commands in place of those of some motors, by index; answered alike.
 
         Raises:
             ActionError: wrong shape or a non-finite value; nothing was sent.
@@ -139,13 +146,14 @@ class MotorChain:
         encoded = [pack_mit(ranges, *row) for ranges, row in zip(self._ranges, rows, strict=True)]
         for message, data in zip(self._messages, encoded, strict=False):  # the last one may be the handle's
             message.data = data
+        for index, command in instead.items():
+            self._messages[index].data = command.value
         self.drain()
         absent = self._requests.absent()
         messages = self._messages
         if absent:  # hardly ever
             messages = [message for i, message in enumerate(messages) if i not in absent]
         self._begin([i for i in range(count) if i not in absent], handle=self.encoder is not None)
-        self._ticked = True
         try:
             self._port.send(messages)
         except BusError:
@@ -184,8 +192,7 @@ class MotorChain:
     ) -> list[bool]:
         """Send a special command to motors (by index; default all).
 
-        ENABLE makes motors obey. ZERO moves their origin, so the next reading is taken as it is. DISABLE in haste
-        does not wait for answers to ticks: `fault` tells whether torque is off, whichever question a motor answers.
+        ENABLE makes motors obey. ZERO moves their origin, so the next reading is taken as it is.
 
         Returns:
             Per motor of the chain, whether it answered within `timeout_s`.
@@ -194,8 +201,7 @@ class MotorChain:
             self.feedback.restart()
         repeats = CLEAR_REPEATS if command is SpecialCommand.CLEAR else 1
         chosen = range(len(self.motors)) if motors is None else motors
-        if command is not SpecialCommand.DISABLE or not self._hasty:
-            self._settle()
+        self._settle()
         self._begin(chosen, repeats=repeats).paced = True
         for spec in (self.motors[i] for i in chosen):
             if command is SpecialCommand.ENABLE:
@@ -253,15 +259,6 @@ class MotorChain:
         request.sent_s = self.clock.now()
         return request
 
-    @contextlib.contextmanager
-    def in_haste(self) -> Iterator[None]:
-        """Inside the block a loop waits: answers that take longer than usual are given up, and may be mistaken."""
-        self._hasty = True
-        try:
-            yield
-        finally:
-            self._hasty = False
-
     def _settle(self) -> None:
         """Wait as long as answers to earlier questions can take: they must not be taken for answers to the next one.
 
@@ -271,10 +268,6 @@ class MotorChain:
         longest_s = self.round_trip.longest_s
         if not self._requests.owed or not longest_s:
             return
-        if self._hasty:  # do not wait again for answers to a question that has had its time
-            usual_s = min(2.0 * self.round_trip.one_way_s, _HASTE_S)
-            longest_s = min(longest_s, usual_s + _SETTLE_S) if self._ticked else 0.0
-        self._ticked = False
         for message in self._receiver.frames(self._requests.newest.sent_s + longest_s):
             self._receiver.accept(message)
             if not self._requests.owed:
@@ -290,13 +283,12 @@ class MotorChain:
         return request.motors
 
     def _answered(self, timeout_s: float) -> list[bool]:
-        both_ways_s = 2.0 * self.round_trip.one_way_s
-        silent = self._close(
-            self.clock.now() + timeout_s + (min(both_ways_s, _HASTE_S) if self._hasty else both_ways_s)
-        )
+        silent = self._close(self.clock.now() + timeout_s + 2.0 * self.round_trip.one_way_s)
         self._publish()
         return [i not in silent for i in range(len(self.motors))]
 
     def _publish(self) -> None:
         self._requests.heard.clear()
         self.feedback.publish()
+        if self._receiver.trial is not None:
+            self._receiver.trial.publish()

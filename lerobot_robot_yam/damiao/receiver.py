@@ -123,6 +123,17 @@ class FeedbackStore:
             self._newest[index] = (float(position_rad[index]), 0.0, *self._newest[index][2:])
         self.publish()
 
+    def adopt(self, other: "FeedbackStore", motors: Iterable[int]) -> None:
+        """Know of these motors what another store knows, and judge their next readings by that."""
+        chosen = list(motors)
+        self.restart(chosen)
+        for i in chosen:
+            self._newest[i], self._fault[i] = other._newest[i], other._fault[i]
+            self._turn_rad[i], self._fresh[i] = other._turn_rad[i], other._fresh[i]
+            position, velocity, _, _, _, sampled_s, *_ = other._newest[i]
+            self._judge.assume(i, position, velocity, sampled_s)
+        self.publish()
+
     @property
     def rejected(self) -> np.ndarray:
         """(n,) readings that could not be, in total."""
@@ -144,6 +155,7 @@ class Receiver:
 
     Attributes:
         feedback: newest feedback of the motors.
+        trial: another store that takes the same, or None.
         requests: questions that are open.
         round_trip: how long the adapter takes.
         late_registers: register replies that were given up on and may still come.
@@ -153,13 +165,19 @@ class Receiver:
         self._port, self._encoder = port, encoder
         self._index = {spec.answer_key: i for i, spec in enumerate(motors)}
         self._command_ids = frozenset(spec.can_id for spec in motors)
-        self.feedback = FeedbackStore([spec.type for spec in motors], [spec.turns for spec in motors])
+        self._motors = motors
+        self.feedback = self.new_store()
+        self.trial: FeedbackStore | None = None
         self.requests = Requests(len(motors))
         self.round_trip = RoundTrip()
         self.late_registers = 0
         self.foreign_commands = 0
         self.foreign: Counter[int] = Counter()
         self.error_frames = 0
+
+    def new_store(self) -> FeedbackStore:
+        """A store for these motors, in which nothing is known yet."""
+        return FeedbackStore([spec.type for spec in self._motors], [spec.turns for spec in self._motors])
 
     def drain(self) -> None:
         """Take everything that has already arrived, without waiting."""
@@ -210,6 +228,8 @@ class Receiver:
         arrived_s = self._port.arrival_s(message)
         sampled_s, latest_s = self.round_trip.sampled_s(sent_s, arrived_s, index, request.asked, request.paced)
         self.feedback.take(index, data, sent_s, sampled_s, latest_s, arrived_s)
+        if self.trial is not None:
+            self.trial.take(index, data, sent_s, sampled_s, latest_s, arrived_s)
 
     def _accept_other(self, message: can.Message) -> None:
         can_id, ours = message.arbitration_id, is_classic_data(message)

@@ -17,7 +17,7 @@ from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Request
 from scripts import recorders
-from tests.support.rigged import carry, lockstep_rig, running_arm, sim_config, track
+from tests.support.rigged import carry, energise, lockstep_rig, running_arm, sim_config, track
 from tests.support.tiers import spread
 
 CHANNEL = "follower_left"
@@ -176,7 +176,7 @@ def test_a_motor_of_which_nobody_knows_where_it_is_is_not_enabled(rig):
         controller.inspect()
         rig.fault(CHANNEL, "joint_2", "silent")
         with pytest.raises(MotorError, match="cannot enable joint_2"):
-            controller.bring_up.energise()
+            energise(controller)
     assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
 
 
@@ -317,23 +317,16 @@ def test_nothing_is_enabled_against_somebody_else(rig, meanwhile, error):
     mine, other = open_bus(config(rig)), open_bus(config(rig))
     controller = ArmController(ResolvedArm(config(rig)), mine)
     controller.inspect()
-    enable = controller.actuation.interface.enable
 
     def speak():
         for _ in range(5):
             other.send(can.Message(arbitration_id=1, data=encode_mit("DM4340", 0, 0, 0, 0, 0), is_extended_id=False))
         rig.sleep(0.01)
 
-    def enable_late(tell):
-        speak()
-        enable(tell)
-
-    if meanwhile:
-        controller.actuation.interface.enable = enable_late
-    else:
+    if not meanwhile:
         speak()
     with pytest.raises(error, match="another driver commands"):
-        controller.bring_up.energise()
+        energise(controller, speak if meanwhile else None)
     assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
     for bus in (mine, other):
         bus.shutdown()

@@ -28,7 +28,7 @@ from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
-from tests.support.rigged import rig_of, sim_config
+from tests.support.rigged import abandon, energise, rig_of, sim_config
 from tests.support.tiers import spread
 
 TICK_S = 0.004
@@ -262,7 +262,7 @@ def test_an_error_in_our_own_code_leaves_the_arm_held(caplog):
         bus = can.Bus(interface="yam_lockstep", channel="follower_left", rig=own.name)
         controller = ArmController(ResolvedArm(arm_config(own)), bus)
         controller.inspect()
-        controller.bring_up.energise()
+        energise(controller)
         for _ in range(400):  # through bring-up to a hold
             controller.actuation.send()
             controller.actuation.chain.collect(own.now() + TICK_S)
@@ -283,7 +283,7 @@ def test_an_error_in_our_own_code_leaves_the_arm_held(caplog):
         assert "internal error, holding" in caplog.text
         after = np.array(own.state()["arms"]["follower_left"]["q"])
         assert all(enabled(own)) and np.abs(after - before).max() < 0.05
-        controller.bring_up.abandon()
+        abandon(controller)
         bus.shutdown()
 
 

@@ -64,8 +64,8 @@ def test_what_happens_to_the_first_arm_while_the_second_comes_up_leaves_none_wit
     drive, stop = loop._controllers[1].actuation.interface, EmergencyStop()
     enable = drive.enable
 
-    def enabled_and_then(meanwhile):
-        enable(meanwhile)
+    def enabled_and_then(motors):
+        yield from enable(motors)
         assert on(rig) == set(CHANNELS)
         if happens == "emergency stop":
             stop.latch("a test")

@@ -16,7 +16,7 @@ from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.faults import HUNG_S, STALE_OVERSHOOT_RAD_S, stale_overshoot_rad_s
 from lerobot_robot_yam.state.modes import Mode
 from scripts import recorders
-from tests.support.rigged import sim_config, track
+from tests.support.rigged import abandon, energise, sim_config, track
 
 CHANNELS = ("follower_left", "follower_right")
 GOAL = np.array([0.3, 0.8, 0.9, -0.2, 0.0, 0.1])
@@ -110,9 +110,9 @@ def test_motors_have_a_few_ticks_to_say_that_they_are_enabled(rig):
         controller = ArmController(ResolvedArm(config(rig, CHANNELS[0])), bus)
         controller.inspect()
         rig.fault(CHANNELS[0], "joint_5", "drop_next", 4)
-        controller.bring_up.energise()
+        energise(controller)
         assert all(motor["enabled"] for motor in rig.state()["arms"][CHANNELS[0]]["motors"].values())
-        controller.bring_up.abandon()
+        abandon(controller)
 
 
 def test_a_loop_that_hangs_while_its_arm_sets_out_leaves_it_a_bounded_speed(rig):
@@ -156,7 +156,7 @@ def test_answers_to_commands_are_none_to_what_follows_them(rig):
     with LockstepBus(CHANNELS[0], rig=rig.name) as bus:
         controller = ArmController(ResolvedArm(config(rig, CHANNELS[0])), bus)
         controller.inspect()
-        controller.bring_up.energise()
+        energise(controller)
         controller.actuation.chain.send(np.zeros((7, 5)))
         rig.fault(CHANNELS[0], None, "silent")
         assert not any(controller.actuation.chain.special(SpecialCommand.DISABLE))
@@ -166,7 +166,7 @@ def test_answers_to_commands_are_none_to_what_follows_them(rig):
         assert not any(controller.actuation.chain.refresh())
         rig.fault(CHANNELS[0], None, "silent", False)
         assert all(controller.actuation.chain.special(SpecialCommand.DISABLE))
-        controller.bring_up.abandon()
+        abandon(controller)
 
 
 @pytest.mark.long

@@ -96,6 +96,31 @@ def leave(rig, session):
         session.stop()
 
 
+def energise(controller, in_between=None):
+    """Energise an arm that no loop runs; `in_between` is called once, after the first tick. Fails as a loop does."""
+    arm = controller.actuation
+    try:
+        for _ in controller.bring_up.energise():
+            arm.send()
+            arm.chain.collect(arm.chain.clock.now() + 0.004)
+            arm.estimate.read()
+            if in_between is not None:
+                in_between()
+                in_between = None
+    except Exception:
+        abandon(controller)
+        raise
+
+
+def abandon(controller):
+    """Cut the torque of an arm that no loop runs."""
+    controller.bring_up.abandon()
+    while controller.status.letting_go:
+        controller.send()
+        controller.collect(controller.clock.now() + 0.004)
+        controller.measure(controller.clock.now())
+
+
 @contextlib.contextmanager
 def arm_that_stays_up(rig, channel, **fields):
     """One connected arm, for a test that is over before it lands."""

@@ -1,7 +1,7 @@
 """Motors and teaching handle of one arm as joints: bring-up checks, commands out, positions in. No laws."""
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
 import can
@@ -14,20 +14,17 @@ from lerobot_robot_yam.control.gripper.handle_reader import HandleReader
 from lerobot_robot_yam.control.gripper.trigger_range import TriggerRange, load_range
 from lerobot_robot_yam.control.joints.estimate import JointEstimate
 from lerobot_robot_yam.control.preflight import arm_inspection
-from lerobot_robot_yam.control.safety.channel_monitor import Finding
 from lerobot_robot_yam.control.safety.thermal_monitor import ThermalMonitor, trips_c
-from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.chain import CLEAR_REPEATS, ENABLE_PAUSE_S, MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.errors import MotorError
 
 logger = logging.getLogger(__name__)
 
-_ASK_AGAIN = 5  # times that ENABLE is sent: it or its answer may get lost
-_SOON_S = 0.02  # wait for ENABLE replies where no loop waits, s
-_OFF_S = 0.01  # wait for DISABLE replies, s; the adapter's delay (40 ms at most) is added
+_ENABLE_ATTEMPTS = 4  # times that ENABLE is sent: it may get lost
+_ENABLED_S = 0.01  # wait for a motor to say that it is enabled, s; what the adapter takes is added
 
 
 class JointInterface:
@@ -41,7 +38,7 @@ class JointInterface:
         estimate: what is known of the joints.
         sent: (n, 5) commands that went out last.
         handle: the teaching handle, None without one.
-        on_wait: called between questions that a running loop waits for, so that it may hold the other arms.
+        instead: special commands that go out once in place of motors' commands, by index.
     """
 
     def __init__(self, hardware: ResolvedArm, bus: can.BusABC):
@@ -57,7 +54,7 @@ class JointInterface:
         self.estimate = JointEstimate(hw, self.chain, self._map, self.gripper)
         self.heat: ThermalMonitor | None = None  # known after `inspect`
         self.sent = np.zeros((n, 5))
-        self.on_wait: Callable[[], None] = lambda: None
+        self.instead: dict[int, SpecialCommand] = {}
         self.handle: HandleReader | None = None
         if self._encoder is not None:
             self.handle = HandleReader(config.name, self._encoder, _trigger_range(hw))
@@ -106,52 +103,31 @@ class JointInterface:
                 break
         self.estimate.read()
 
-    def enable(self, on_wait: Callable[[], None] = lambda: None) -> None:
-        """Enable all motors, and hear where they are by now; they wait for a command, without torque.
+    def enable(self, motors: Sequence[int], clear: bool = False) -> Generator[None, None, list[int]]:
+        """Enable motors, one a tick, again where that gets lost; returns those that do not answer.
 
-        Args:
-            on_wait: called between questions.
-
-        Raises:
-            MotorError: one does not answer.
+        clear: their faults first. Command them no torque meanwhile.
         """
-        self.chain.feedback.believe(range(len(self.chain)))
-        silent = [self.chain.motors[i] for i in self.enable_some(range(len(self.chain)), _SOON_S, _ASK_AGAIN, on_wait)]
-        self.estimate.read()
-        if silent:
-            names = ", ".join(f"{motor.name} (id {motor.can_id})" for motor in silent)
-            raise MotorError(
-                f"{self._config.name} ({self._config.channel}): cannot enable {names}: no answer; check power and cable"
-            )
-
-    def enable_some(
-        self, motors: Iterable[int], timeout_s: float, attempts: int, on_wait: Callable[[], None] = lambda: None
-    ) -> list[int]:
-        """ENABLE, again where it or its answer has got lost; returns the motors that have not answered."""
-        off, silent = list(motors), []
-        for _ in range(attempts):
-            answered = self.chain.special(SpecialCommand.ENABLE, timeout_s, off)
-            silent = [i for i in off if not answered[i]]
-            off = [i for i in off if not answered[i] or self.chain.fault[i] == Fault.DISABLED]
+        chain, off = self.chain, list(motors)
+        for _ in range(CLEAR_REPEATS if clear and off else 0):
+            self.instead = dict.fromkeys(off, SpecialCommand.CLEAR)
+            yield
+        silent: list[int] = []
+        for _ in range(_ENABLE_ATTEMPTS):
             if not off:
                 break
-            on_wait()
+            for motor in off:
+                self.instead, sent_s = {motor: SpecialCommand.ENABLE}, chain.clock.now()
+                yield
+                while chain.clock.now() < sent_s + ENABLE_PAUSE_S:
+                    yield
+            until_s = sent_s + _ENABLED_S + 2.0 * chain.round_trip.one_way_s
+            while off and chain.clock.now() < until_s:
+                silent = [i for i in off if chain.asked_s[i] < sent_s]
+                off = [i for i in off if i in silent or chain.fault[i] != Fault.NORMAL]
+                if off:
+                    yield
         return silent
-
-    def disbelieve(self, motors: Sequence[int], believed_rad: np.ndarray) -> None:
-        """Take these motors to be where they were believed before, (n,) motor coordinates, whatever they say."""
-        self.chain.feedback.distrust(motors, believed_rad)
-        self.estimate.read()
-
-    def disable(self) -> list[str]:
-        """Cut torque. Returns the motors that have not confirmed it."""
-        with self.chain.in_haste():
-            for _ in range(3):
-                self.chain.special(SpecialCommand.DISABLE, _OFF_S)
-                self.on_wait()
-                if (self.chain.fault != Fault.NORMAL).all():
-                    break
-        return [self.chain.motors[i].name for i in np.flatnonzero(self.chain.fault == Fault.NORMAL)]
 
     def send(self, commands: np.ndarray) -> None:
         """Put commands (n, 5) on the wire.
@@ -160,16 +136,9 @@ class JointInterface:
             BusError: the channel does not take them.
             ActionError: they are not finite.
         """
-        self.chain.send(self._map.commands(commands))
+        instead, self.instead = self.instead, {}
+        self.chain.send(self._map.commands(commands), instead)
         self.sent[:] = commands
-
-    def exchange(self, commands: np.ndarray) -> Finding:
-        """One tick on its own: send, wait, collect, check."""
-        self.send(commands)
-        clock = self.chain.clock
-        clock.sleep(self.chain.expected_wire_s)
-        self.chain.collect(clock.now() + 0.002)
-        return self.estimate.find_trouble(clock.now())
 
     def shift_gripper(self, shift_rad: float) -> None:
         """Put the gripper's reading on the turn of its stops."""

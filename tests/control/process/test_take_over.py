@@ -96,7 +96,8 @@ def test_who_takes_over_does_not_believe_a_motor_that_was_not_believed(rig, heir
     assert session[CHANNEL].mode() is Mode.FAULT
     arm = heir_of(record_of(rig)).actuation
     for _ in range(5):
-        arm.interface.exchange(arm.impedance.commands)
+        arm.send()
+        arm.chain.collect(arm.chain.clock.now() + 0.004)
         arm.estimate.read()
     assert arm.chain.distrusted.tolist() == [False, True, *[False] * 5]
     assert abs(arm.q[1] - POSE[1]) < 0.05
