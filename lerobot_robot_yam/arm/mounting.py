@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile import ArmProfile, Body, GripperProfile
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.errors import ConfigError
@@ -37,6 +38,13 @@ def gripper_id(arm: ArmProfile, own: int = MAKERS_GRIPPER_ID) -> int:
         return arm.gripper_can_id
     joints = [motor.can_id for motor in arm.motors]
     return max(joints) + 1 if own in joints else own
+
+
+def seeks_stops(config: ArmConfig) -> bool:
+    """Whether the gripper closes and opens fully when the arm is energised, since nothing says where its stops are."""
+    if not config.gripper_search or config.gripper_stops_rad is not None or load_gripper(config.gripper).motor is None:
+        return False
+    return config.calibration_path is None or not Path(config.calibration_path).exists()
 
 
 def arm_ids(arm: ArmProfile) -> tuple[int, ...]:

@@ -12,13 +12,12 @@ import sys
 from collections.abc import Sequence
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.arm.mounting import seeks_stops
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
     command_parser,
     confirm_word,
     each_arm,
-    gripper_seeks_stops,
     run_command,
     tell,
     tell_landed,
@@ -56,9 +55,9 @@ def _float(args: argparse.Namespace) -> int:
     configs = [
         with_likely_gripper(arm, calibration_path=arm.calibration, track_integral=True) for arm in each_arm(args)
     ]
-    if loaded is not None:
-        loaded.check([ResolvedArm(config) for config in configs])
     session = ArmSession(configs)
+    if loaded is not None:
+        loaded.check([session.hardware(config.name) for config in configs])
     tell(_hazard(configs))
     if not args.yes:
         confirm_word(_WORD, f"Type {_WORD} to go on:")
@@ -78,7 +77,7 @@ def _hazard(configs: Sequence[ArmConfig]) -> str:
         f"HAZARD: this energises the arm on {channels}. It floats: it weighs nothing to your hand, and stays where you "
         "let it go. A replay moves it by itself. Keep clear of its way, and the emergency stop within reach."
     )
-    seeks = [config.name for config in configs if gripper_seeks_stops(config)]
+    seeks = [config.name for config in configs if seeks_stops(config)]
     if seeks:
         text += f" The gripper of {' and '.join(seeks)} closes and opens fully to find its stops (see --calibration)."
     return text

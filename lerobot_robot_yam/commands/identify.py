@@ -14,12 +14,11 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
+from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id, seeks_stops
 from lerobot_robot_yam.arm.profile import ArmProfile
-from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
     arm_config,
@@ -157,7 +156,7 @@ def hazard(config: ArmConfig) -> str:
         "emergency stop within reach."
     )
     path = config.calibration_path
-    if load_gripper(config.gripper).motor is not None and (path is None or not Path(path).exists()):
+    if seeks_stops(config):
         known = "give --calibration to avoid that" if path is None else f"there is no {path} yet"
         text += f" Its gripper closes and opens fully to find its stops ({known})."
     return text

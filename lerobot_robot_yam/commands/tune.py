@@ -20,6 +20,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.mounting import seeks_stops
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.arm.tuning.gravity_terms import GravityTerms
 from lerobot_robot_yam.arm.tuning.tuning import Tuning, load_tuning, save_tuning
@@ -28,7 +29,6 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     ask,
     command_parser,
     confirm_word,
-    gripper_seeks_stops,
     need_terminal,
     run_command,
     tell,
@@ -101,7 +101,7 @@ def _tune(args: argparse.Namespace) -> int:
         f"HAZARD: this energises the arm on channel {config.channel}, which {first} through poses all over its range, "
         f"at up to {SPEED_RAD_S} rad/s, for 2 minutes, lands, rises once more and lands. It keeps {MARGIN_M * 1e3:.0f} "
         "mm from the table and from itself; it knows of nothing else in its way. Keep hands off all arms and the "
-        f"emergency stop within reach.{seeks if gripper_seeks_stops(config) else ''}"
+        f"emergency stop within reach.{seeks if seeks_stops(config) else ''}"
     )
     if not args.yes:
         confirm_word(_WORD, f"Clear the space around the arm, then type {_WORD} to go on:")

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.mounting import seeks_stops
 from lerobot_robot_yam.errors import ControllerError, YamError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.waldo.controller.controller_process import operator_acts
-from lerobot_robot_yam.waldo.controller.plant import RealArm
 from scripts import recorders
 from tests.support.rigged import lockstep_rig
 from tests.support.tiers import spread
@@ -281,9 +281,9 @@ def test_it_is_known_before_whether_the_gripper_will_seek_its_stops(tmp_path):
         ({}, True), ({"gripper": "no_gripper"}, False), ({"gripper_search": False}, False),
         ({"gripper_stops_rad": [3.2, -3.3]}, False), ({"calibration_path": str(stops)}, True),
     ):  # fmt: skip
-        assert RealArm(ArmConfig(channel="can7", **fields)).seeks == seeks
+        assert seeks_stops(ArmConfig(channel="can7", **fields)) == seeks
     stops.write_text("{}")
-    assert not RealArm(ArmConfig(channel="can7", calibration_path=str(stops))).seeks
+    assert not seeks_stops(ArmConfig(channel="can7", calibration_path=str(stops)))
 
 
 def test_the_gripper_is_open_at_0_and_closed_at_1(rig, desk):

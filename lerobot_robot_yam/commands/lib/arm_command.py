@@ -6,14 +6,13 @@ import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import can
 
 from lerobot_robot_yam.arm.config import GRIPPERS, SOCKETCAN, VIRTUAL, ArmConfig
 from lerobot_robot_yam.arm.mounting import gripper_id
-from lerobot_robot_yam.arm.profile_files import ARMS, load_arm, load_gripper
+from lerobot_robot_yam.arm.profile_files import ARMS, load_arm
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.control.preflight.role import answering_gripper
 from lerobot_robot_yam.damiao.motor_inspection import LISTEN_S, listen
@@ -110,12 +109,6 @@ def with_likely_gripper(args: argparse.Namespace, **fields: Any) -> ArmConfig:
             config = with_answering_gripper(args, bus, **fields)
         tell(f"{config.name}: taking the gripper to be {config.gripper} (else give --gripper)")
     return config
-
-
-def gripper_seeks_stops(config: ArmConfig) -> bool:
-    """Whether the gripper closes and opens fully when the arm is energised, since no file has its stops."""
-    path = config.calibration_path
-    return load_gripper(config.gripper).motor is not None and (path is None or not Path(path).exists())
 
 
 @contextmanager

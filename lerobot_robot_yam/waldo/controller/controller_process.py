@@ -16,6 +16,7 @@ import sys
 from collections.abc import Awaitable, Callable, Sequence
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.mounting import seeks_stops
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd
 from lerobot_robot_yam.errors import ControllerError, YamError
@@ -93,7 +94,7 @@ def operator_acts(controller: Controller) -> dict[str, Callable[[], Awaitable[st
         real = controller.real
         if real is None:
             raise ControllerError("this controller has only a simulated arm: start it with --hardware --channel …")
-        return json.dumps({"channel": real.config.channel, "seeks": real.seeks})
+        return json.dumps({"channel": real.config.channel, "seeks": seeks_stops(real.config)})
 
     async def arm() -> str:
         await controller.arm()

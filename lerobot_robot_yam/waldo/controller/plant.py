@@ -7,7 +7,6 @@ energises but `RealArm.arm`, which only an operator's own command reaches.
 import dataclasses
 import logging
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -129,14 +128,6 @@ class RealArm:
     def armed(self) -> bool:
         """Whether an operator has armed it, and it has not landed since."""
         return self._session is not None and self._session.running
-
-    @property
-    def seeks(self) -> bool:
-        """Whether arming it will close and open its gripper fully, to find its stops."""
-        config = self.config
-        if not config.gripper_search or config.gripper_stops_rad is not None or not ResolvedArm(config).has_gripper:
-            return False
-        return config.calibration_path is None or not Path(config.calibration_path).exists()
 
     @property
     def client(self) -> ArmClient:

@@ -174,9 +174,9 @@ def _find(config: ArmConfig) -> FoundArm | None:
         version = ".".join(map(str, found.handle_firmware))
         return FoundArm(config.channel, LEADER, arms, (LEADER_GRIPPER,), f"handle {version}")
     motor = found.motors.get(gripper_id(load_arm(arms[0])))
-    likely = likely_gripper(False, motor.gear_ratio if motor else None)
-    fitting = [name for name in GRIPPERS if motor and _gripper_motor(name) == motor.kind]
-    grippers = (likely, *(name for name in fitting if name != likely))
+    motors = {name: load_gripper(name).motor for name in GRIPPERS}
+    fitting = tuple(name for name, row in motors.items() if motor and row and row.type == motor.kind)
+    grippers = fitting or (likely_gripper(False, motor.gear_ratio if motor else None),)
     return FoundArm(config.channel, FOLLOWER, arms, grippers, f"gripper {motor.kind}" if motor else "no gripper motor")
 
 
@@ -184,8 +184,3 @@ def _fits(name: str, found: Fingerprint) -> bool:
     """Whether all of this arm's motors that answer are of its types; a missing one is the doctor's business."""
     there = [motor for motor in load_arm(name).motors if motor.can_id in found.motors]
     return bool(there) and all(motor.type == found.motors[motor.can_id].kind for motor in there)
-
-
-def _gripper_motor(name: str) -> str | None:
-    motor = load_gripper(name).motor
-    return None if motor is None else motor.type
