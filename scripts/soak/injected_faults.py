@@ -81,10 +81,10 @@ MATRIX = _CODES | {
         Trouble.ADAPTER_GONE, "adapter_gone", lockstep="land", refused="no such device", motor=None
     ),
     "reply-lost": Injected(Trouble.REPLY_LOST, "drop_next", 1, _MOVING),
-    "burst-lost": Injected(Trouble.REPLIES_LOST, "drop_next", 12, _MOVING, "track"),
+    "burst-lost": Injected(Trouble.REPLIES_LOST, "drop_next", 12, _MOVING),
     "wrong-id": Injected(Trouble.WRONG_ID, "wrong_id", 0x42, ("bring_up", "track"), "bring_up", "0x42"),
     "duplicate-id": Injected(
-        Trouble.DUPLICATE_ID, "duplicate", True, ("bring_up", "hold", "track"), "track", "more than one answer"
+        Trouble.DUPLICATE_ID, "duplicate", True, ("bring_up", "hold", "track"), "bring_up", "more than one answer"
     ),
     "second-arm": Injected(
         Trouble.DUPLICATE_ID,
@@ -118,7 +118,7 @@ MATRIX = _CODES | {
         motor=None,
     ),
     "warm": Injected(Trouble.WARM, "temperature_ramp", _HOT | {"from_c": 88.0}, ("bring_up", "track"), refused=None),
-    "hot": Injected(Trouble.HOT, "temperature_ramp", _HOT, ("hold", "track"), "track"),
+    "hot": Injected(Trouble.HOT, "temperature_ramp", _HOT, ("hold", "track"), "hold"),
 }
 ELSEWHERE = {  # trouble → the test that causes it
     Trouble.CONTROL_DEAD: "tests/control/process/test_stand_by.py",

@@ -52,6 +52,7 @@ def test_the_plain_report_begins_with_the_verdict_and_has_tables_where_they_are_
         assert words in out
 
 
+@pytest.mark.long
 def test_a_run_config_and_the_installed_module(rig, tmp_path):
     path = tmp_path / "run.yaml"
     path.write_text(

@@ -26,6 +26,7 @@ def sag(**fields):
         return POSE - true, ResolvedArm(sim_config(rig, CHANNEL, **fields))
 
 
+@pytest.mark.long
 def test_the_model_alone_holds_the_arm():
     hanging, _ = sag()
     assert np.abs(hanging).max() <= NEAR_RAD

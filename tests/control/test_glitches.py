@@ -278,6 +278,7 @@ def test_a_wrong_speed_is_not_damped_with_more_torque_than_there_is(rig, held, s
     judge.check(f"{speed_rad_s} rad/s")
 
 
+@pytest.mark.long
 def test_an_arm_lands_of_which_one_motor_lies(rig, held):
     rig.fault(CHANNEL, "joint_3", "reading", {"position_rad": 2.0})
     held.clock.sleep(0.1)

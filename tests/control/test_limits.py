@@ -99,6 +99,7 @@ def test_what_the_gravity_model_misses_is_made_up_for_while_holding(rig, running
     assert least_rad <= error <= most_rad
 
 
+@pytest.mark.long
 def test_two_arms_keep_their_distance_and_come_apart_again(rig, running):
     # As the scene places them, 0.5 m apart.
     left = sim_config(rig, LEFT, workspace=WorkspaceConfig(base_position_m=[0.0, 0.25, 0.0], collision_margin_m=0.03))

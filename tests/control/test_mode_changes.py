@@ -118,6 +118,7 @@ def test_soft_gains_end_with_their_targets(rig, session, how):
         stop.release()
 
 
+@pytest.mark.long
 def test_a_target_without_gains_after_one_with_soft_gains_is_followed_at_the_speed_limit(rig, session):
     go(session, POSE)
     go(session, POSE, 0.2, kp=np.zeros(6), kd=np.ones(6))

@@ -159,6 +159,7 @@ def test_a_caller_that_falls_silent_leaves_the_arm_holding(rig, isolation):
         assert abs(arm.observe().setpoint_q[0] - stopped_at) < 0.05
 
 
+@pytest.mark.long
 def test_floating_carries_the_weight_and_holding_takes_over_where_the_arm_is(rig, isolation):
     with arm_of(rig, isolation) as arm:
         arm.move_to([0.0, 1.0, 1.0, 0, 0, 0])
@@ -241,6 +242,7 @@ def test_what_does_not_exist_is_refused_by_name(rig, isolation, change, error, m
     assert not any(enabled(rig))
 
 
+@pytest.mark.long
 def test_a_motor_fault_is_named_and_the_rest_holds(rig, isolation):
     with arm_of(rig, isolation) as arm:
         arm.move_to([0.0, 0.8, 0.8, 0, 0, 0])

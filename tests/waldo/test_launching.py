@@ -55,6 +55,7 @@ def test_a_port_that_is_served_is_left_alone():
         controller.stop()
 
 
+@pytest.mark.long
 def test_a_forked_worker_of_the_host_ends_nothing():
     port = free_port()
     controller = launched(port)

@@ -43,7 +43,8 @@ def test_a_push_is_felt_within_two_ticks(rig, push_n):
     session.discard()
 
 
-@pytest.mark.parametrize("poses", spread([1, 3], 0))
+@pytest.mark.long
+@pytest.mark.parametrize("poses", [1, 3])
 def test_engaging_from_any_pose_is_gentle(rig, poses):
     """What it adds by its end, at each joint: at most 1 Nm, or half of what the joint weighs, whatever pushes."""
     session = coupled_session(rig, gate="button", gate_button="top", bilateral=0.5)

@@ -168,6 +168,7 @@ def test_it_takes_the_cube_from_where_it_is(task, world, xy_m, yaw_rad):
     raise AssertionError(f"the cube is at {found}, not at {goal}")
 
 
+@pytest.mark.long
 def test_a_missed_grasp_is_tried_again(task, world):
     started = world.now()
 
@@ -183,6 +184,7 @@ def test_a_missed_grasp_is_tried_again(task, world):
     assert kinds(world)[-1] == "transfer"
 
 
+@pytest.mark.long
 def test_a_prop_out_of_reach_is_put_back(task, world):
     world.put_back(np.array([0.75, 0.0, 0.02]))
     assert not task.work()

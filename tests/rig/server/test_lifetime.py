@@ -147,6 +147,7 @@ def test_files_of_killed_rigs_are_swept_after_their_starters_end():
         assert not files_of(name) and not any(path.exists() for path in left)
 
 
+@pytest.mark.long
 def test_files_of_a_rig_that_runs_are_left_alone_though_its_starter_has_ended():
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
     starter = subprocess.Popen([sys.executable, "-c", STARTER.format(then="input()")], text=True, **pipes)

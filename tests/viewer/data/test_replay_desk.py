@@ -77,6 +77,7 @@ def test_nothing_is_sent_by_a_browser_that_does_not_control_the_arms(station, se
     np.testing.assert_array_equal(station.state.setpoint_q, before)
 
 
+@pytest.mark.long
 def test_a_pause_rests_on_the_way_until_it_goes_on(station, sent, controlling):
     sent.send(controlling, 1.0)
     station.run(lambda: sent.replayed.share > 0.5)

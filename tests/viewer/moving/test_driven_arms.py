@@ -7,7 +7,6 @@ from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.session.trajectory import Trajectory
 from lerobot_robot_yam.viewer.moving.driven_arms import Replay
 from tests.support.rigged import lockstep_rig, sim_config
-from tests.support.tiers import spread
 
 ARM = "follower_left"
 END = np.array([0.1, 0.7, 0.7, -0.2, 0.1, 0.1, 0.4])
@@ -22,7 +21,8 @@ def session(rig):
     session.discard()
 
 
-@pytest.mark.parametrize("steps_ms", spread([range(15, 27, 5), range(15, 27)], 0))
+@pytest.mark.long
+@pytest.mark.parametrize("steps_ms", [range(15, 27, 5), range(15, 27)])
 def test_an_arm_that_arrives_at_speed_holds_at_the_end(session, steps_ms):
     client = session[ARM]
     rows = np.tile(END, (40, 1))
