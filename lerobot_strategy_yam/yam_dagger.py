@@ -23,8 +23,7 @@ from lerobot.utils.utils import log_say
 from lerobot_robot_yam.face.devices.feature_names import space_of
 from lerobot_robot_yam.face.operator_keys import requests
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
-from lerobot_strategy_yam.take_over_signals import HELP, TakeOverSignals, Wish
-from lerobot_strategy_yam.taken_arms import Action, TakenArms, WayBack
+from lerobot_strategy_yam.take_over import HELP, Action, TakenArms, TakeOverSignals, WayBack, Wish
 
 logger = logging.getLogger(__name__)
 

@@ -7,7 +7,7 @@ from lerobot.rollout.configs import RolloutStrategyConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_strategy_yam import YamDaggerStrategy
 from lerobot_strategy_yam.config_yam_dagger import TAKES_PLUGINS
-from lerobot_strategy_yam.take_over_signals import TakeOverSignals
+from lerobot_strategy_yam.take_over import TakeOverSignals
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader
 from tests.face.devices.test_lerobot_contract import leader_config
 from tests.support.strategy_here import HereConfig

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lerobot_strategy_yam.taken_arms import TakenArms, WayBack
+from lerobot_strategy_yam.take_over import TakenArms, WayBack
 
 SIDES = ("left_", "right_")
 

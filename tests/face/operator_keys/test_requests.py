@@ -12,7 +12,7 @@ from lerobot_robot_yam.face.operator_keys import operator_keys, requests
 from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
 from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_robot_yam.face.referee import OperatorReferee, Verdict
-from lerobot_strategy_yam.take_over_signals import TakeOverSignals
+from lerobot_strategy_yam.take_over import TakeOverSignals
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader
 from tests.face.operator_keys.test_key_plan import recording
 from tests.strategy.test_config import leading

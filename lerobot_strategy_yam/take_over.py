@@ -1,0 +1,216 @@
+"""Taking arms over: what a person asks for by handles and keys, and the action made of the policy's and the person's.
+
+An arm that is given back blends from where the person has left it:
+
+    action = left + s (policy − left),  s = (1 − cos(π t / T)) / 2
+
+Actions are LeRobot's: numbers by key. The keys of an arm begin with its prefix.
+"""
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from typing import Any
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.lerobot_command.running_command import Meaning, Situation
+from lerobot_robot_yam.face.operator_keys.auto_episodes import LIFTED
+from lerobot_robot_yam.face.operator_keys.handle_buttons import RisingEdges, buttons_of
+from lerobot_robot_yam.face.operator_keys.requests import Press
+from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
+from lerobot_teleoperator_yam.leader_options import BUTTON_OPTIONS
+from lerobot_teleoperator_yam.yam_leader import LeaderBase
+
+Action = dict[str, float]
+_ARM_KEYS = {"space": ("", "left_", "right_"), "l": ("left_",), "r": ("right_",)}
+_ASKED = {  # by a page: the key, and what it does
+    Meaning.CORRECT: ("space", "takes all arms over, or gives them back"),
+    Meaning.NEXT: ("n", "ends the episode, and saves it"),
+    Meaning.DISCARD: ("x", "drops the episode"),
+    Meaning.STOP: ("esc", "ends the command"),
+}
+HELP = "space=take over or give back all arms, l/r=the left or right one, n=save, x=discard, b=back, ESC=stop"
+
+
+class TakenArms:
+    """Arms of one robot that a person has taken over, and the action of all.
+
+    Args:
+        prefixes: prefix of each arm: "" for a single arm, "left_" and "right_".
+        hand_back_s: T; 0: no blend.
+
+    Attributes:
+        taken: prefixes of the arms that a person drives.
+    """
+
+    def __init__(self, prefixes: Sequence[str], hand_back_s: float):
+        self._prefixes, self._hand_back_s = prefixes, hand_back_s
+        self.taken: set[str] = set()
+        self._last: Action = {}
+        self._left: dict[str, Action] = {}  # by prefix, of the arms that blend
+        self._since_s: dict[str, float] = {}  # when the policy said something for them first
+
+    @property
+    def all_taken(self) -> bool:
+        """Whether nothing is left to the policy."""
+        return len(self.taken) == len(self._prefixes)
+
+    def take(self, prefix: str) -> None:
+        """The person drives this arm from the next action on."""
+        self.taken.add(prefix)
+        self._left.pop(prefix, None)
+
+    def give_back(self, prefix: str) -> None:
+        """The policy drives this arm from the next action on."""
+        self.taken.discard(prefix)
+        self._left[prefix] = self._of(prefix, self._last)
+        self._since_s.pop(prefix, None)
+
+    def action(self, now: float, policy: Mapping[str, float] | None, person: Mapping[str, float] | None) -> Action:
+        """What all arms are asked to do; an arm whose driver says nothing is asked to stay. Empty before the first.
+
+        Args:
+            now: s.
+            policy: None: it has nothing to say.
+            person: the leaders' action; None: no arm is taken.
+        """
+        action: Action = {}
+        for prefix in self._prefixes:
+            if prefix in self.taken and person is not None:
+                asked = self._of(prefix, person)
+            elif prefix not in self.taken and policy is not None:
+                asked = self._blended(now, prefix, self._of(prefix, policy))
+            else:
+                asked = self._of(prefix, self._last)
+            if not asked:
+                return {}
+            action |= asked
+        self._last = action
+        return dict(action)
+
+    def _blended(self, now: float, prefix: str, asked: Action) -> Action:
+        left = self._left.get(prefix)
+        if not left:
+            return asked
+        t = now - self._since_s.setdefault(prefix, now)
+        if t >= self._hand_back_s:
+            del self._left[prefix]
+            return asked
+        share = 0.5 - 0.5 * math.cos(math.pi * t / self._hand_back_s)
+        return {key: left[key] + share * (value - left[key]) for key, value in asked.items()}
+
+    def resume(self, action: Action) -> None:
+        """Something else has moved all arms meanwhile, to this action: blend from there."""
+        self._last = dict(action)
+        for prefix in self._prefixes:
+            self.give_back(prefix)
+
+    @staticmethod
+    def _of(prefix: str, action: Mapping[str, float]) -> Action:
+        return {key: float(value) for key, value in action.items() if key.startswith(prefix)}
+
+
+class WayBack:
+    """The last actions, and the way back along them.
+
+    Args:
+        count: of actions that are kept.
+    """
+
+    def __init__(self, count: int):
+        self._actions: deque[Action] = deque(maxlen=max(count, 1))
+
+    def went(self, action: Action) -> None:
+        """The arms were asked for this."""
+        self._actions.append(action)
+
+    def back(self) -> Action | None:
+        """The action before; None: it is at its end."""
+        return self._actions.pop() if self._actions else None
+
+
+class Wish(StrEnum):
+    """What a person wishes, beside taking arms over."""
+
+    KEEP = "keep"  # end the episode and save it
+    DISCARD = "discard"  # drop the episode
+    REWIND = "rewind"
+    STOP = "stop"
+
+
+_KEYS = {"n": Wish.KEEP, "x": Wish.DISCARD, "b": Wish.REWIND, "esc": Wish.STOP}
+
+
+class TakeOverSignals:
+    """Signals from these leaders and the keyboard. Keys may come from any thread.
+
+    Args:
+        leaders: LeRobot's teleoperator.
+        config: says which button does what.
+
+    Attributes:
+        prefixes: prefix of each arm.
+
+    Raises:
+        ConfigError: the teleoperator is no YAM leader that leads a follower, or a button has two meanings.
+    """
+
+    def __init__(self, leaders: Any, config: YamDaggerStrategyConfig):
+        if not isinstance(leaders, LeaderBase):
+            raise ConfigError(f"yam_dagger needs YAM leaders, not {leaders}; use --strategy.type=dagger")
+        self._leaders, self._config = leaders, config
+        arms = leaders.config.arms()
+        self.prefixes = list(arms)
+        self._gated = {prefix for prefix, arm in arms.items() if arm.gate != "always"}
+        if leaders.config.buttons:
+            raise ConfigError("yam_dagger reads the handles itself; leave the teleoperator's option buttons away")
+        for prefix, arm in arms.items():
+            if arm.follower is None:
+                what = f"{prefix.replace('_', ' ')}leader"
+                raise ConfigError(f"yam_dagger: {what}: set follower to its follower's channel; a take-over would jump")
+            ours = {config.rewind_button, None if prefix in self._gated else config.take_over_button} - {None}
+            for name in BUTTON_OPTIONS:
+                if (button := getattr(arm, name, None)) in ours:
+                    raise ConfigError(
+                        f"button {prefix}{button} has two meanings: {name}, and yam_dagger's; give it one"
+                    )
+        self._keys: deque[str] = deque()
+        self._edges = RisingEdges()
+        self._toggled, self._opened = set[str](), set[str]()
+
+    def key(self, name: str) -> None:
+        """A key, as LeRobot's listeners call it."""
+        self._keys.append(name)
+
+    def ask(self, press: Press) -> None:
+        """Do what a page asks for, see `requests.Doer`."""
+        if press.meaning in _ASKED:
+            self.key(_ASKED[press.meaning][0])
+
+    def offers(self, now: Situation, first: int) -> dict[str, str]:
+        """Say in words what can be asked for now, see `requests.Doer`."""
+        return {meaning.value: words for meaning, (_, words) in _ASKED.items()}
+
+    def look(self) -> tuple[set[str], set[Wish]]:
+        """Prefixes of the arms that the person wants to drive, and what else was asked for since the last look."""
+        wishes, states = set[Wish](), self._leaders.arm_states()
+        pressed = self._edges.pressed(buttons_of(states))
+        for prefix in states:
+            if f"{prefix}{self._config.take_over_button}" in pressed and prefix not in self._gated:
+                self._toggled ^= {prefix}
+            if f"{prefix}{self._config.rewind_button}" in pressed:
+                wishes.add(Wish.REWIND)
+        while self._keys:
+            name = self._keys.popleft()
+            if name in _KEYS:
+                wishes.add(_KEYS[name])
+            arms = set(_ARM_KEYS.get(name, ())) & (states.keys() - self._gated)
+            self._toggled = self._toggled - arms if arms <= self._toggled else self._toggled | arms
+        self._opened = {prefix for prefix in self._gated if states[prefix].gate in LIFTED}
+        return self._toggled | self._opened, wishes
+
+    def give_all_back(self) -> set[str]:
+        """Forget which arms were taken over by button or key; those that a gate has taken over."""
+        self._toggled.clear()
+        return set(self._opened)
