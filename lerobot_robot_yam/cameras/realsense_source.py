@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_robot_yam.cameras.holders import in_use
 from lerobot_robot_yam.cameras.picture_source import Picture, Wanted
-from lerobot_robot_yam.cameras.video_devices import VideoDevice
+from lerobot_robot_yam.cameras.video_devices import VideoDevice, in_use
 from lerobot_robot_yam.errors import CameraError, ConfigError
 from lerobot_robot_yam.system.own_commands import install_extra
 

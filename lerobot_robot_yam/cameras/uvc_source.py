@@ -7,9 +7,8 @@ from pathlib import Path
 import cv2
 
 from lerobot_robot_yam.cameras import v4l2
-from lerobot_robot_yam.cameras.holders import check_rights, in_use
 from lerobot_robot_yam.cameras.picture_source import Picture, Wanted, no_depth
-from lerobot_robot_yam.cameras.video_devices import VideoDevice
+from lerobot_robot_yam.cameras.video_devices import VideoDevice, check_rights, in_use
 from lerobot_robot_yam.errors import CameraError, ConfigError
 from lerobot_robot_yam.system.own_commands import install_extra
 

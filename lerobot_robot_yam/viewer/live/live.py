@@ -8,8 +8,7 @@ import numpy as np
 import viser
 import viser._messages
 
-from lerobot_robot_yam.cameras.holders import holders
-from lerobot_robot_yam.cameras.video_devices import VideoDevice, video_devices
+from lerobot_robot_yam.cameras.video_devices import VideoDevice, holders, video_devices
 from lerobot_robot_yam.viewer.figure import Figure, add_workspace
 from lerobot_robot_yam.viewer.live.arm_panel import ArmPanel, warnings
 from lerobot_robot_yam.viewer.live.placement import Place, places
