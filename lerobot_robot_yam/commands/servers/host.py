@@ -13,16 +13,17 @@ import contextlib
 import json
 import logging
 import resource
+import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lerobot_robot_yam.commands.lib.arm_command import run_command, seconds, tell
-from lerobot_robot_yam.commands.servers.host_tools import HostTools
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 
 if TYPE_CHECKING:
     from lerobot_robot_yam.remote.host_address import HostAddress
@@ -32,6 +33,10 @@ _LAND_AFTER_S = 30.0
 _LOCAL = "127.0.0.1"
 _RT_PRIORITY = 15  # below that of control loops: a flood of messages cannot delay them
 _SWITCH_S = 0.0005  # between the threads that send states and take commands
+_TOOL_TIMEOUT_S = 120.0
+_MOST_BYTES = 200_000  # of a tool's output that travels
+
+logger = logging.getLogger(__name__)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -184,6 +189,67 @@ def _status(args: argparse.Namespace) -> int:
         sys.stdout.write(f"{role} ({arms}): {group['phase']}{' for ' * bool(group['holder'])}{group['holder']}\n")
     sys.stdout.write(f"emergency stop: {told['stop'] or 'not latched'}\n")
     return 0
+
+
+class HostTools:
+    """Runs commands of this computer for clients, because they only look: yam-doctor, yam-identify. One at a time.
+
+    Args:
+        rig_file: the file of this host's arms.
+        channels: CAN channels which may be identified, with what names each on a command line.
+    """
+
+    def __init__(self, rig_file: Path, channels: Mapping[str, str]):
+        self._rig_file, self._channels = rig_file, channels
+        self._thread = ThreadPoolExecutor(1, "yam-tool")
+        self._running: Future[subprocess.CompletedProcess[bytes]] | None = None
+        self._asked: Hashable = None
+
+    def run(self, asked: Hashable, tool: str, channel: str, as_json: bool) -> dict[str, Any] | None:
+        """Run one; its exit status and what it has printed, None while it runs.
+
+        Args:
+            asked: tells the question from others. It is asked again until the tool has ended.
+            tool: "doctor" or "identify".
+            channel: the channel that is identified.
+            as_json: whether it answers in JSON.
+
+        Raises:
+            ConfigError: no such channel.
+            LifeCycleError: another one runs, or this one takes too long.
+        """
+        if self._running is None or asked != self._asked:
+            if self._running is not None and not self._running.done():
+                raise LifeCycleError("the host still looks at its arms for somebody; try again in a moment")
+            command = self._command(tool, channel, as_json)
+            logger.info("runs %s for a client", " ".join(command[2:]))
+            self._asked = asked
+            self._running = self._thread.submit(
+                subprocess.run, command, stdin=subprocess.DEVNULL, capture_output=True, timeout=_TOOL_TIMEOUT_S
+            )
+        if not self._running.done():
+            return None
+        try:
+            done = self._running.result()
+        except subprocess.TimeoutExpired as error:
+            raise LifeCycleError(
+                f"{tool} does not end on the host; it was ended after {_TOOL_TIMEOUT_S:g} s"
+            ) from error
+        out, complaints = (said[:_MOST_BYTES].decode(errors="replace") for said in (done.stdout, done.stderr))
+        return {"status": done.returncode, "out": out, "err": complaints}
+
+    def _command(self, tool: str, channel: str, as_json: bool) -> list[str]:
+        if tool == "doctor":
+            arguments = ["lerobot_robot_yam.commands.doctor", f"--config_path={self._rig_file}"]
+        elif tool == "identify" and channel in self._channels:
+            arguments = ["lerobot_robot_yam.commands.identify", *shlex.split(self._channels[channel])]
+        else:
+            raise ConfigError(f"the host has no {tool} {channel}; its channels are {', '.join(self._channels)}")
+        return [sys.executable, "-m", *arguments, *(["--json"] if as_json else [])]
+
+    def close(self) -> None:
+        """Wait for its end. Idempotent."""
+        self._thread.shutdown()
 
 
 if __name__ == "__main__":
