@@ -11,7 +11,7 @@ from lerobot_robot_yam.arm.model import Load
 from lerobot_robot_yam.arm.mounting import mounted
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
-from lerobot_robot_yam.arm.tuning.tuning import Tuning, load_tuning
+from lerobot_robot_yam.arm.tuning import Tuning, load_tuning
 from lerobot_robot_yam.damiao.motor_spec import MAX_MOTORS, MotorSpec, check_specs
 from lerobot_robot_yam.errors import ConfigError
 

@@ -22,8 +22,7 @@ from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.mounting import seeks_stops
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.arm.tuning.gravity_terms import GravityTerms
-from lerobot_robot_yam.arm.tuning.tuning import Tuning, load_tuning, save_tuning
+from lerobot_robot_yam.arm.tuning import Tuning, load_tuning, save_tuning
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,
     ask,
@@ -35,6 +34,7 @@ from lerobot_robot_yam.commands.lib.arm_command import (
     with_likely_gripper,
 )
 from lerobot_robot_yam.commands.lib.plot_file import require_plot
+from lerobot_robot_yam.commands.lib.tune.gravity_terms import GravityTerms
 from lerobot_robot_yam.commands.lib.tune.tune_fit import Fit, NotToldError, fit, require_engine
 from lerobot_robot_yam.commands.lib.tune.tune_motion import (
     MARGIN_M,

@@ -16,7 +16,7 @@ import pytest
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.arm.tuning.tuning import load_tuning, save_tuning
+from lerobot_robot_yam.arm.tuning import load_tuning, save_tuning
 from lerobot_robot_yam.commands.lib.tune.tune_motion import MARGIN_M, torque_steps
 from lerobot_robot_yam.commands.tune import LEGS, Tuner, main, tune
 from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, save_stops

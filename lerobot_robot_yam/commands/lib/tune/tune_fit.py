@@ -19,8 +19,8 @@ from mujoco import sysid
 from lerobot_robot_yam.arm.config_checks import PAYLOAD_MOST_KG
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.arm.tuning.gravity_terms import PAYLOAD_TERMS, GravityTerms
-from lerobot_robot_yam.arm.tuning.tuning import Payload, Tuning
+from lerobot_robot_yam.arm.tuning import Payload, Tuning
+from lerobot_robot_yam.commands.lib.tune.gravity_terms import PAYLOAD_TERMS, GravityTerms
 from lerobot_robot_yam.commands.lib.tune.tune_motion import Samples, torque_steps
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.own_commands import install_extra

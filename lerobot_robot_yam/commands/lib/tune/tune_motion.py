@@ -14,7 +14,7 @@ from lerobot_robot_yam.arm.collision.parts import GuardedArm
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.arm.tuning.gravity_terms import GravityTerms
+from lerobot_robot_yam.commands.lib.tune.gravity_terms import GravityTerms
 from lerobot_robot_yam.damiao.codec import torque_step_nm
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 from lerobot_robot_yam.session.yam_arm import YamArm

@@ -9,7 +9,7 @@ from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.arm.tuning.gravity_terms import GravityTerms
+from lerobot_robot_yam.commands.lib.tune.gravity_terms import GravityTerms
 from lerobot_robot_yam.commands.lib.tune.tune_fit import fit
 from lerobot_robot_yam.commands.lib.tune.tune_motion import MARGIN_M, Route, expected, torque_steps
 from lerobot_robot_yam.errors import ConfigError

@@ -6,7 +6,7 @@ import pytest
 from lerobot_robot_yam.arm.collision.workspace import KeepOut, WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.arm.tuning.gravity_terms import GravityTerms
+from lerobot_robot_yam.commands.lib.tune.gravity_terms import GravityTerms
 from lerobot_robot_yam.commands.lib.tune.tune_motion import MARGIN_M, WAIT_S, Route, way_s
 from lerobot_robot_yam.commands.tune import LEGS
 from lerobot_robot_yam.errors import ConfigError

@@ -10,8 +10,8 @@ from lerobot_robot_yam.arm.config import ArmConfig, check_together
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.arm.tuning.gravity_terms import GravityTerms
-from lerobot_robot_yam.arm.tuning.tuning import Payload, Tuning, load_tuning, save_tuning
+from lerobot_robot_yam.arm.tuning import Payload, Tuning, load_tuning, save_tuning
+from lerobot_robot_yam.commands.lib.tune.gravity_terms import GravityTerms
 from lerobot_robot_yam.errors import ConfigError
 
 RUBS = [0.1, 0.2, 0.3, 0.05, 0.05, 0.05]

@@ -6,7 +6,7 @@ import pytest
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile_files import ARMS
-from lerobot_robot_yam.arm.tuning.gravity_terms import GravityTerms
+from lerobot_robot_yam.commands.lib.tune.gravity_terms import GravityTerms
 from lerobot_robot_yam.rig.scene.deviation import Deviation
 from lerobot_robot_yam.rig.world.world_model import carried
 from tests.support.deviating import deviation
