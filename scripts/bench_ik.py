@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from lerobot_robot_yam.arm.config import ARMS
 from lerobot_robot_yam.arm.kinematics import PoseTracker, YamKinematics
-from lerobot_robot_yam.arm.profile_files import ARMS
 
 GRIPPER = "linear_4310"
 BUDGET_S = 0.1  # cpu time in which a pose counts as solved

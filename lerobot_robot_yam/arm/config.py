@@ -18,10 +18,20 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.runtime_files import rig_name
 
 SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"  # python-can interfaces: the kernel's, and the virtual rig
-USUAL_GRIPPER = "linear_4310"
-_GRIPPER_FILES = (Path(__file__).parent / "profiles" / "grippers").glob("*.yaml")
-GRIPPERS = tuple(sorted((path.stem for path in _GRIPPER_FILES), key=lambda name: (name != USUAL_GRIPPER, name)))
-"""Names of the end effectors, one profile each; the usual one goes first."""
+PROFILES = Path(__file__).parent / "profiles"
+NO_ARM = "none"
+"""Arm name for gripper-only use: no joints, the gripper fixed in the world."""
+USUAL_ARM, USUAL_GRIPPER = "yam", "linear_4310"
+
+
+def _packaged(folder: str, usual: str) -> tuple[str, ...]:
+    """Names of the profiles in a folder, the usual one first."""
+    names = {path.stem for path in (PROFILES / folder).glob("*.yaml")} - {usual, NO_ARM}
+    return usual, *sorted(names)
+
+
+ARMS, GRIPPERS = _packaged("arms", USUAL_ARM), _packaged("grippers", USUAL_GRIPPER)
+"""Names of the arms and end effectors that have a profile in this package."""
 
 
 @dataclass(kw_only=True)
@@ -40,9 +50,7 @@ class ArmConfig:
     can_options: dict[str, Any] = option(
         "further keyword arguments of can.Bus, such as rig and scene of the virtual rig", factory=dict
     )
-    arm: str = option(
-        "profile: yam, yam_pro, yam_ultra, yam_ultra_2, big_yam, or the path of a YAML file of that form", "yam"
-    )
+    arm: str = option(f"profile: {', '.join(ARMS)}, or the path of a YAML file of that form", USUAL_ARM)
     gripper: str = option(
         f"end effector: {', '.join(GRIPPERS)}, or the path of a YAML file of that form",
         USUAL_GRIPPER,

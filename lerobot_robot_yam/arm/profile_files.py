@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_robot_yam.arm.config import GRIPPERS
+from lerobot_robot_yam.arm.config import ARMS, GRIPPERS, NO_ARM, PROFILES
 from lerobot_robot_yam.arm.config_checks import GRAVITY_FACTOR_MOST
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.profile import ArmMotor, ArmProfile, Body, GripperMotor, GripperProfile, Limiter
@@ -25,12 +25,6 @@ from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.strict_yaml import merge, parse, read_yaml
-
-ARMS = ("yam", "yam_pro", "yam_ultra", "yam_ultra_2", "big_yam")
-NO_ARM = "none"
-"""Arm name for gripper-only use: no joints, the gripper fixed in the world."""
-
-_DIRECTORY = Path(__file__).parent / "profiles"
 
 _KP_LEAST = 1.0  # least stiffness, Nm/rad: an arm that is held less falls
 _KD_LEAST = 0.02  # least damping as a share of kp, s: with less the arm swings; the makers' are 0.025 to 0.15
@@ -74,7 +68,7 @@ def _load[T](
 
 @cache
 def _packaged(folder: str, name: str) -> dict[str, Any]:
-    return read_yaml(_DIRECTORY / folder / f"{name}.yaml")
+    return read_yaml(PROFILES / folder / f"{name}.yaml")
 
 
 def check_arm(arm: ArmProfile, where: str) -> None:

@@ -16,8 +16,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from lerobot_robot_yam.arm.config import GRIPPERS, SOCKETCAN, VIRTUAL
-from lerobot_robot_yam.arm.profile_files import ARMS
+from lerobot_robot_yam.arm.config import ARMS, GRIPPERS, SOCKETCAN, VIRTUAL
 from lerobot_robot_yam.cameras.video_devices import video_devices
 from lerobot_robot_yam.commands.lib.host_option import add_host_arguments, run_tool
 from lerobot_robot_yam.doctor.check_adapters import RULES_DIRECTORIES, check_adapters, read_rules

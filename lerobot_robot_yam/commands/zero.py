@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 import can
 import numpy as np
 
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.config import NO_ARM, ArmConfig
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD, resolve_turn
-from lerobot_robot_yam.arm.profile_files import NO_ARM, load_arm
+from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.commands.lib.arm_command import (
     add_arm_arguments,

@@ -117,7 +117,7 @@ def test_arrays_are_read_only():
 def test_own_profile_by_path(tmp_path):
     from lerobot_robot_yam.arm import profile_files
 
-    document = yaml.safe_load((profile_files._DIRECTORY / "arms" / "yam.yaml").read_text())
+    document = yaml.safe_load((profile_files.PROFILES / "arms" / "yam.yaml").read_text())
     document["name"] = "mine"
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(document))

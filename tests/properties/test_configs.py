@@ -50,8 +50,8 @@ def test_a_file_holds_a_mapping_or_is_refused(tmp_path_factory, text):
 
 # mutated files
 
-ARM_FILE = read_yaml(profiles._DIRECTORY / "arms" / "yam.yaml")
-GRIPPER_FILE = read_yaml(profiles._DIRECTORY / "grippers" / "linear_4310.yaml")
+ARM_FILE = read_yaml(profiles.PROFILES / "arms" / "yam.yaml")
+GRIPPER_FILE = read_yaml(profiles.PROFILES / "grippers" / "linear_4310.yaml")
 SCENE_FILE = read_yaml(scenes._DIRECTORY / "bimanual_table.yaml")
 
 

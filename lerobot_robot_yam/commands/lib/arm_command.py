@@ -10,9 +10,9 @@ from typing import Any
 
 import can
 
-from lerobot_robot_yam.arm.config import GRIPPERS, SOCKETCAN, VIRTUAL, ArmConfig
+from lerobot_robot_yam.arm.config import ARMS, GRIPPERS, SOCKETCAN, VIRTUAL, ArmConfig
 from lerobot_robot_yam.arm.mounting import gripper_id
-from lerobot_robot_yam.arm.profile_files import ARMS, load_arm
+from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.control.preflight.role import answering_gripper
 from lerobot_robot_yam.damiao.motor_inspection import LISTEN_S, listen

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lerobot_robot_yam.arm.config import GRIPPERS, SOCKETCAN, VIRTUAL, ArmConfig
+from lerobot_robot_yam.arm.config import ARMS, GRIPPERS, SOCKETCAN, VIRTUAL, ArmConfig
 from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
-from lerobot_robot_yam.arm.profile_files import ARMS, load_arm, load_gripper
+from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.cameras.opening import config_of, plugged_cameras
 from lerobot_robot_yam.cameras.video_devices import ROOT
 from lerobot_robot_yam.commands.lib.arm_command import own_bus

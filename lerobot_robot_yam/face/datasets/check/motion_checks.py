@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_robot_yam.arm.profile_files import ARMS, load_arm
+from lerobot_robot_yam.arm.config import ARMS
+from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
 from lerobot_robot_yam.face.datasets.layout import value_names
 from lerobot_robot_yam.face.devices.feature_names import JOINT
