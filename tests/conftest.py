@@ -4,6 +4,7 @@ import contextlib
 import fcntl
 import functools
 import importlib.metadata
+import inspect
 import os
 import signal
 import sys
@@ -33,8 +34,10 @@ from lerobot_robot_yam.rig.control import RigControl, running_rig  # noqa: E402
 from tests.support import lerobot_tree, preloaded  # noqa: E402
 from tests.support.stillness import Stillness  # noqa: E402
 
-# The longest part of parsing a command: draccus looks for the help of each option in the source, every time again.
+# The longest parts of parsing a command: draccus looks for the help of each option in the source, and for the arguments
+# of argparse's actions, every time again.
 docstring.get_attribute_docstring = functools.cache(docstring.get_attribute_docstring)
+inspect.getfullargspec = functools.cache(inspect.getfullargspec)
 tqdm.monitor_interval = 0  # LeRobot shows progress bars, whose watching thread would outlive a test
 
 _SETTLE_S = 10.0  # a rig ends about a second after its last client, a renderer with its rig

@@ -37,11 +37,15 @@ _FORCE_MAPS = ("linear", "crank")
 
 def load_arm(name: str | Path, overrides: Mapping[str, Any] | None = None) -> ArmProfile:
     """The profile of an arm by name (`ARMS` or "none") or YAML path. Raises ConfigError."""
+    if name in (*ARMS, NO_ARM) and not overrides:
+        return _shipped_arm(str(name))
     return _load("arm", ArmProfile, check_arm, (*ARMS, NO_ARM), name, overrides)
 
 
 def load_gripper(name: str | Path, overrides: Mapping[str, Any] | None = None) -> GripperProfile:
     """The profile of an end effector by name (`GRIPPERS`) or YAML path. Raises ConfigError."""
+    if name in GRIPPERS and not overrides:
+        return _shipped_gripper(str(name))
     return _load("gripper", GripperProfile, check_gripper, GRIPPERS, name, overrides)
 
 
@@ -61,7 +65,21 @@ def _load[T](
         near = difflib.get_close_matches(str(name), names, 1)
         meant = f"did you mean '{near[0]}'? Known: " if near else "known: "
         raise ConfigError(f"unknown {what} '{name}'; {meant}{', '.join(names)}, or a path to a YAML profile")
-    profile = parse(kind, merge(document, overrides or {}), f"{what} '{name}'")
+    return _checked(what, kind, check, str(name), merge(document, overrides or {}))
+
+
+@cache  # a profile is frozen, and so are its arrays
+def _shipped_arm(name: str) -> ArmProfile:
+    return _checked("arm", ArmProfile, check_arm, name, _packaged("arms", name))
+
+
+@cache
+def _shipped_gripper(name: str) -> GripperProfile:
+    return _checked("gripper", GripperProfile, check_gripper, name, _packaged("grippers", name))
+
+
+def _checked[T](what: str, kind: type[T], check: Callable[[T, str], None], name: str, document: dict[str, Any]) -> T:
+    profile = parse(kind, document, f"{what} '{name}'")
     check(profile, f"{what} '{name}'")
     return profile
 
