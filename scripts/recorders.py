@@ -76,6 +76,7 @@ def truth_start(rig: "RigOperations", channel: str, seconds: float = 1.0) -> Non
 
 def truth_stop(rig: "RigOperations", channel: str) -> None:
     """Keep them no longer."""
+    rig.load(__file__)
     rig.request("truth_stop", channel=channel)
 
 
