@@ -42,6 +42,8 @@ RIG_ROOMS = (
 CONTROL_ROOMS = ("laws", "landing", "gripper", "safety", "teleop", "preflight", "joints", "", "process")
 MAY_IMPORT_LEROBOT = ("face", "plugin", "commands")
 MOST_MODULES = 15
+MOST_LINES = 350  # of a file
+MOST_FUNCTION_LINES = 60  # of a function of the control loop
 
 
 def place(module):
@@ -102,6 +104,19 @@ def test_imports_go_downwards():
 def test_no_folder_holds_more_than_one_can_look_through():
     folders = Counter(path.parent.relative_to(ROOT) for _, path in modules() if path.name != "__init__.py")
     assert not {folder: count for folder, count in folders.items() if count > MOST_MODULES}
+
+
+def test_a_file_is_short_enough_to_read_at_once():
+    counts = {path: len(path.read_text().splitlines()) for _, path in modules()}
+    assert not {path: count for path, count in counts.items() if count > MOST_LINES}
+
+
+def test_a_function_of_the_control_loop_fits_on_a_screen():
+    for name, path in modules():
+        if place(name)[0] == "control":
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.FunctionDef):
+                    assert node.end_lineno - node.lineno < MOST_FUNCTION_LINES, f"{path}: {node.name}"
 
 
 def test_a_name_stands_for_one_module():
