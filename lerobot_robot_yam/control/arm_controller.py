@@ -19,9 +19,11 @@ from lerobot_robot_yam.control.bring_up import BringUp
 from lerobot_robot_yam.control.fault_response import RELEASE_FIRST, FaultResponse
 from lerobot_robot_yam.control.float_monitor import FloatMonitor
 from lerobot_robot_yam.control.gripper.handle_reader import NO_HANDLE
+from lerobot_robot_yam.control.joints.joint_interface import JointInterface
 from lerobot_robot_yam.control.landing_response import LandingResponse
+from lerobot_robot_yam.control.rearm import Rearm
 from lerobot_robot_yam.control.safety.progress_monitor import ProgressMonitor
-from lerobot_robot_yam.control.safety.thermal_monitor import Stage
+from lerobot_robot_yam.control.safety.thermal_monitor import Heat, Stage, ThermalMonitor
 from lerobot_robot_yam.control.stop_response import StopResponse
 from lerobot_robot_yam.control.teleop.coupling import Coupling
 from lerobot_robot_yam.control.teleop.lead import Lead
@@ -34,6 +36,7 @@ from lerobot_robot_yam.system.few_values import largest
 
 logger = logging.getLogger(__name__)
 
+_HEAT_PERIOD_S = 0.1  # temperatures change slowly
 _UNHEARD_S = 0.03  # seven ticks
 _HELD = (Mode.BRING_UP, Mode.HOLD, Mode.TRACK, Mode.FAULT)
 
@@ -57,14 +60,16 @@ class ArmController:
     def __init__(self, hardware: ResolvedArm, bus: can.BusABC, gravity: GravityModel | None = None):
         self.config, self.name = hardware.config, hardware.name
         self.status = status = ArmStatus(self.name, floats=self.config.start == "float")
-        self.actuation = arm = Actuation(hardware, bus, status, gravity)
+        self.interface = JointInterface(hardware, bus)
+        self.actuation = arm = Actuation(hardware, self.interface, status, gravity)
         self._floating = FloatMonitor(arm.estimate, arm.impedance, hardware)
-        self.bring_up = BringUp(arm, self._floating)
-        self.landing = LandingResponse(arm)
-        self.faults = FaultResponse(arm, self.landing, self.bring_up, self._floating)
+        self.bring_up = BringUp(arm, self.interface, self._floating)
+        self.landing = LandingResponse(arm, self.interface)
+        self.faults = FaultResponse(Rearm(arm, self.interface), arm, self.landing, self.bring_up, self._floating)
         self._stop = StopResponse(arm, self.landing, self.faults, self._floating)
         self._progress = ProgressMonitor(self.name, hardware.joint_names)
-        self._last_target_at = -math.inf
+        self._last_target_at = self._heat_due_s = -math.inf
+        self._heat: Heat | None = None
         self.lead: Lead | None = None
         self.coupling = Coupling(hardware)
         self.handle = NO_HANDLE
@@ -77,12 +82,12 @@ class ArmController:
     @property
     def clock(self) -> Clock:
         """The clock of its channel."""
-        return self.actuation.chain.clock
+        return self.interface.chain.clock
 
     @property
     def wire_s(self) -> float:
         """How long one tick of its motors occupies the wire, s."""
-        return self.actuation.chain.expected_wire_s
+        return self.interface.chain.expected_wire_s
 
     def send(self) -> None:
         """Put this tick's commands on the wire; the last good ones instead of some that cannot be encoded."""
@@ -99,11 +104,11 @@ class ArmController:
 
     def drain(self) -> None:
         """Take the replies that have arrived, without waiting."""
-        self._talk(self.actuation.chain.drain)
+        self._talk(self.interface.chain.drain)
 
     def collect(self, until_s: float) -> None:
         """Take the replies to this tick's commands; wait until then for stragglers."""
-        self._talk(lambda: self.actuation.chain.collect(until_s))
+        self._talk(lambda: self.interface.chain.collect(until_s))
 
     def _talk(self, work: Callable[[], object]) -> None:
         """Send or receive frames; the channel may be lost."""
@@ -120,7 +125,7 @@ class ArmController:
         Raises:
             YamError: names the part that is not.
         """
-        self.actuation.interface.inspect()
+        self.interface.inspect()
 
     def adopt(self, record: np.ndarray, now: float) -> None:
         """Take over from a loop that has died, and land. `record`: the state that it has published last.
@@ -128,7 +133,7 @@ class ArmController:
         An arm of which no motor is enabled is left alone.
         """
         arm = self.actuation
-        arm.interface.adopt(record)
+        self.interface.adopt(record)
         arm.setpoint.sunk = record["sunk"][: arm.hardware.joints].astype(bool)
         arm.check(now)
         if arm.estimate.heard().all() and not arm.estimate.usable.any():
@@ -138,36 +143,53 @@ class ArmController:
         self.landing.land(now, Trouble.CONTROL_DEAD, "its control process has died; the stand-by lands it")
         arm.compute_command(now, 0.0)  # or the first tick would send zeros
 
+    def abandon(self) -> None:
+        """Cut torque during bring-up, over the next ticks: the arm was limp before and has not left its pose."""
+        if not self.status.ended:
+            self.landing.switch_off()
+
     def measure(self, now: float) -> None:
         """From the replies to the state of the arm; trouble is answered as the table says."""
         arm, status = self.actuation, self.status
         arm.estimate.read()
-        if arm.interface.handle is not None:
-            self.handle = arm.interface.handle.read(now)
+        if self.interface.handle is not None:
+            self.handle = self.interface.handle.read(now)
         if status.letting_go:
-            arm.let_go(now)
+            self.landing.let_go(now)
             return
         if status.ended:
             return
         finding = arm.check(now)
         if finding.trouble is not None:
             self.faults.suffer(finding.trouble, finding.message, now)
-        heat = arm.derate(now)
-        if heat is not None and heat.stage:
-            status.limited |= Limited.HEAT
-            if heat.stage is Stage.HOT and status.mode is Mode.FAULT:
-                self.landing.end(now)  # while the other motors still obey
-            elif heat.stage is Stage.HOT and not status.must_land:
-                self.faults.suffer(Trouble.HOT, heat.message, now)
+        if self.interface.heat is not None:
+            self._derate(now, self.interface.heat)
         if self.lead is not None:
             sample = arm.q, arm.estimate.dq, arm.chain.stamp_s
             mode = None if status.halted else status.mode
             self.lead.advance(now, mode, sample, self.handle, arm.impedance.weight_nm)
             arm.assist = self.lead.assist
 
+    def _derate(self, now: float, monitor: ThermalMonitor) -> None:
+        """Let warm motors press and move less, unless they land; hot ones land."""
+        arm, status, heat = self.actuation, self.status, self._heat
+        if heat is None or now >= self._heat_due_s:
+            heat = self._heat = monitor.check(now, arm.chain.temp_mos_c, arm.chain.temp_rotor_c)
+            self._heat_due_s = now + _HEAT_PERIOD_S
+            if arm.gripper is not None:
+                arm.gripper.derate(float(heat.level[-1]))
+            if arm.landing is None:
+                arm.setpoint.limit_speed(arm.hardware.speed_limit * heat.speed_scale)
+        if heat.stage:
+            status.limited |= Limited.HEAT
+            if heat.stage is Stage.HOT and status.mode is Mode.FAULT:
+                self.landing.end(now)  # while the other motors still obey
+            elif heat.stage is Stage.HOT and not status.must_land:
+                self.faults.suffer(Trouble.HOT, heat.message, now)
+
     def stop_reason(self, now: float) -> str:
         """Why everything has to stop, empty when it has not: the handle's button, or too much effort."""
-        handle = self.actuation.interface.handle
+        handle = self.interface.handle
         return self._stop.reason(now, NO_HANDLE.buttons if handle is None else handle.raw_buttons)
 
     def decide(self, now: float) -> None:
@@ -277,7 +299,7 @@ class ArmController:
             self.landing.land(now)
         elif request is Request.CUT_TORQUE:
             arm.enter(Mode.LAND)
-            arm.switch_off()
+            self.landing.switch_off()
         elif request is Request.REARM:
             self.faults.rearm()
         elif status.mode is Mode.FAULT:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.float_monitor import FloatMonitor
+from lerobot_robot_yam.control.joints.joint_interface import JointInterface
 from lerobot_robot_yam.errors import ChannelInUseError, MotorError, YamError
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
@@ -14,8 +15,9 @@ _ENABLE_TICKS = 20  # in which a motor has to say that it is enabled: an answer 
 class BringUp:
     """Bring-up of one arm. after: the mode in which it ends."""
 
-    def __init__(self, actuation: Actuation, floating: FloatMonitor):
-        self._actuation, self._status, self._floating = actuation, actuation.status, floating
+    def __init__(self, actuation: Actuation, interface: JointInterface, floating: FloatMonitor):
+        self._actuation, self._interface, self._floating = actuation, interface, floating
+        self._status = actuation.status
         self.after = Mode.FLOAT if self._status.floats else Mode.HOLD
 
     def energise(self) -> Iterator[None]:
@@ -23,7 +25,7 @@ class BringUp:
 
         Raises:
             ChannelInUseError: another driver commands these motors; nothing was sent.
-            MotorError: a motor does not enable, or another driver appears: `abandon` the arm.
+            MotorError: a motor does not enable, or another driver appears: the arm has to be abandoned.
         """
         arm = self._actuation
         where = f"{arm.name} ({arm.config.channel})"
@@ -36,7 +38,7 @@ class BringUp:
         self._status.enter(Mode.BRING_UP)
         arm.chain.feedback.believe(range(arm.hardware.n))  # since it was inspected, a hand may have moved a limp arm
         arm.setpoint.start()
-        silent = yield from arm.interface.enable(range(arm.hardware.n))
+        silent = yield from self._interface.enable(range(arm.hardware.n))
         if silent:
             names = ", ".join(f"{motor.name} (id {motor.can_id})" for motor in (arm.chain.motors[i] for i in silent))
             raise MotorError(f"{where}: cannot enable {names}: no answer; check power and cable")
@@ -52,11 +54,6 @@ class BringUp:
         if finding.trouble is not None:  # another driver is on the channel
             raise MotorError(f"{where}: {finding.message}")
 
-    def abandon(self) -> None:
-        """Cut torque during bring-up, over the next ticks: the arm was limp before and has not left its pose."""
-        if not self._status.ended:
-            self._actuation.switch_off()
-
     def advance(self, now: float) -> tuple[Trouble, str] | None:
         """One tick: leave bring-up once the gripper's stops are known. Returns the trouble that prevents it."""
         arm = self._actuation
@@ -67,7 +64,7 @@ class BringUp:
                 return Trouble.GRIPPER, str(error)
             if shift is None:
                 return None
-            arm.interface.shift_gripper(shift)
+            self._interface.shift_gripper(shift)
             arm.setpoint.start_one(arm.hardware.n - 1)
         after = Mode.HOLD if self._status.halted else self.after
         if after is Mode.FLOAT:

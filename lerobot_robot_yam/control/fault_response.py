@@ -22,10 +22,12 @@ RELEASE_FIRST = "the emergency stop is latched: look at the arms, then `yam-esto
 class FaultResponse:
     """Responses of one arm."""
 
-    def __init__(self, actuation: Actuation, landing: LandingResponse, bring_up: BringUp, floating: FloatMonitor):
+    def __init__(
+        self, rearm: Rearm, actuation: Actuation, landing: LandingResponse, bring_up: BringUp, floating: FloatMonitor
+    ):
         self._actuation, self._status = actuation, actuation.status
         self._landing, self._bring_up, self._floating = landing, bring_up, floating
-        self._rearm = Rearm(actuation)
+        self._rearm = rearm
         self._rearming: Generator[None] | None = None  # under way
         self._halted_afloat = False
         self._news: Trouble | None = None

@@ -27,6 +27,10 @@ _LEAST_SHARE = 0.2  # of the acceleration: a set-point must always be able to br
 _AHEAD_TICKS = 1.5  # from a sample to the middle of the tick during which its command holds
 
 
+Assist = tuple[np.ndarray, np.ndarray]
+"""More torque, Nm, and damping, Nm s/rad, of a floating arm, (joints,) each."""
+
+
 class Inputs(NamedTuple):
     """What the commands of one tick are computed from.
 
@@ -38,6 +42,12 @@ class Inputs(NamedTuple):
         asked, asked_ddq: (2, n) position and speed of the set-point, (n,) its acceleration.
         mode: of the arm.
         whole: all motors can be relied on.
+        feed_nm: (n,) that carries the arm along its set-point, see `Impedance.feed_forward`; empty while it floats.
+        learns: the arm lands and hangs off its set-point: what its model misses is learnt.
+        fade: (joints,) shares of stiffness with feed-forward, and of the landing's damping, that are left while
+            landing ends; None: the arm's own.
+        assist: of an arm that floats, within the torque limits.
+        grips: while the arm floats its gripper keeps to its set-point; else it is free, too.
     """
 
     now: float
@@ -50,10 +60,15 @@ class Inputs(NamedTuple):
     asked_ddq: np.ndarray
     mode: Mode
     whole: bool
+    feed_nm: np.ndarray = np.zeros(0)
+    learns: bool = False
+    fade: tuple[np.ndarray, np.ndarray] | None = None
+    assist: Assist | None = None
+    grips: bool = False
 
 
 class Impedance:
-    """Commands of one arm, (n, 5) in joint coordinates.
+    """Makes commands of one arm, (n, 5) in joint coordinates, and tells what limits them.
 
     Args:
         hardware: the arm.
@@ -69,7 +84,6 @@ class Impedance:
 
     def __init__(self, hardware: ResolvedArm, gravity: GravityModel | None, gripper: Gripper | None):
         self._hardware, self._gravity, self._gripper = hardware, gravity, gripper
-        self.commands = np.zeros((hardware.n, 5))
         self.live = LiveGains(hardware.kp, hardware.kd)
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
         self.own_gains = True  # as configured, and not those of a target
@@ -120,26 +134,19 @@ class Impedance:
         load_nm: np.ndarray = PAYLOAD_MOST_KG * np.abs(self._gravity.torque_per_kg(q))
         return load_nm + np.abs(self._gravity.torque(q))
 
-    def float_free(
-        self, inputs: Inputs, assist: tuple[np.ndarray, np.ndarray] | None = None, grips: bool = False
-    ) -> Limited:
-        """Gravity-compensated free motion, pushed back gently beyond the joint limits.
-
-        Args:
-            inputs: of this tick.
-            assist: more torque and damping (joints,), within the torque limits.
-            grips: the gripper keeps to its set-point; else it is free, too.
-        """
-        hw, out, q, dq = self._hardware, self.commands, inputs.q, inputs.dq
+    def float_free(self, inputs: Inputs) -> tuple[np.ndarray, Limited]:
+        """Gravity-compensated free motion, pushed back gently beyond the joint limits."""
+        hw, q, dq = self._hardware, inputs.q, inputs.dq
+        out = np.zeros((hw.n, 5))
         j = slice(hw.joints)
         self._sag.forget()
         tau = self._weight(q)
         tau[j] += self._friction(dq[j])
         mit_laws.float_free(out, q, hw.idle_kd, tau)
-        if assist is not None:
-            tau[j] += assist[0]
+        if inputs.assist is not None:
+            tau[j] += inputs.assist[0]
             out[j, mit_laws.TAU] = tau[j]
-            out[j, mit_laws.KD] += assist[1]
+            out[j, mit_laws.KD] += inputs.assist[1]
         share = self.float_speed.share(dq[j], inputs.dt)
         if share is not None:
             # Within what the torque limit leaves: the clip would turn a speed that was read wrongly into a real one.
@@ -149,30 +156,21 @@ class Impedance:
             out[j], q[j], dq[j], hw.lower[j], hw.upper[j], hw.kp[j], hw.kd[j], hw.torque_limit_nm[j]
         )
         limited = Limited.JOINT_LIMIT if wall > _WORTH_SAYING_RAD else Limited.NOTHING
-        if grips and self._gripper is not None:
+        if inputs.grips and self._gripper is not None:
             q_set, dq_set = inputs.asked[:, -1:]
             mit_laws.follow(out[-1:], q_set, dq_set, self.kp[-1:], self.kd[-1:], tau[-1:])
-            limited |= self._grip(inputs)
-        return limited | Limited.TORQUE if self._clip(inputs) else limited
+            limited |= self._grip(out, inputs)
+        return self._clip(out, inputs, limited)
 
-    def follow(
-        self, inputs: Inputs, feed_nm: np.ndarray, learns: bool, fade: tuple[np.ndarray, np.ndarray] | None
-    ) -> Limited:
-        """Hold or track the set-point.
-
-        Args:
-            inputs: of this tick.
-            feed_nm: (n,) that carries the arm along its set-point, see `feed_forward`.
-            learns: the arm lands and hangs off its set-point: what its model misses is learnt.
-            fade: (joints,) shares of stiffness with feed-forward, and of the landing's damping, that are left while
-                landing ends; None: the arm's own.
-        """
-        hw, out, dt, mode = self._hardware, self.commands, inputs.dt, inputs.mode
+    def follow(self, inputs: Inputs) -> tuple[np.ndarray, Limited]:
+        """Hold or track the set-point."""
+        hw, dt, mode = self._hardware, inputs.dt, inputs.mode
+        out = np.zeros((hw.n, 5))
         j = slice(hw.joints)
         self.float_speed.reset()
         if self.live.advance(dt) and not self._of_target:
             self.gains()
-        tau = feed_nm.copy()
+        tau = inputs.feed_nm.copy()
         q_set, dq_set = inputs.asked
         holds = inputs.whole and (mode in (Mode.HOLD, Mode.STOPPED) or (self._exact and mode is Mode.TRACK))
         still = holds and (self._exact or largest(dq_set[j]) < _STILL_RAD_S)
@@ -184,23 +182,23 @@ class Impedance:
             self._soft_share = min(max(self._soft_share + (way if rubs else -way), 0.0), 1.0)
             beside = beside + self._soft_share * mit_laws.friction(dq_set[j], self._soft_nm)
         tau[j] += beside + self._sag.while_holding(mode, error, dt, still, self._clipped)
-        tau[j] += self._sag.while_landing(mode, error, dt, learns, self._clipped)
+        tau[j] += self._sag.while_landing(mode, error, dt, inputs.learns, self._clipped)
         mit_laws.follow(out, q_set, dq_set, self.kp, self.kd, tau)
-        if fade is not None:
-            share, damping = fade
+        if inputs.fade is not None:
+            share, damping = inputs.fade
             mit_laws.fade(out[j], share, damping * _MOST_KD)
-        limited = Limited.NOTHING if self._gripper is None else self._grip(inputs)
-        return limited | Limited.TORQUE if self._clip(inputs) else limited
+        limited = Limited.NOTHING if self._gripper is None else self._grip(out, inputs)
+        return self._clip(out, inputs, limited)
 
-    def sink(self, joints: np.ndarray) -> None:
-        """Leave these joints, (joints,) bool, only damping of the commands that have just been made."""
-        mit_laws.sink(self.commands[: self._hardware.joints], joints, _MOST_KD)
+    def sink(self, commands: np.ndarray, joints: np.ndarray) -> None:
+        """Leave these joints, (joints,) bool, only damping of their commands."""
+        mit_laws.sink(commands[: self._hardware.joints], joints, _MOST_KD)
 
-    def _grip(self, inputs: Inputs) -> Limited:
+    def _grip(self, out: np.ndarray, inputs: Inputs) -> Limited:
         """Turn the gripper's row into a command of its motor, with limited force."""
         assert self._gripper is not None
         u, u_rate = inputs.asked[:, -1].tolist()
-        self._gripper.command(self.commands[-1], inputs.now, u, u_rate, float(inputs.q[-1]), *inputs.gripper)
+        self._gripper.command(out[-1], inputs.now, u, u_rate, float(inputs.q[-1]), *inputs.gripper)
         return Limited.GRIPPER_FORCE if self._gripper.force_limited else Limited.NOTHING
 
     def _friction(self, dq: np.ndarray) -> np.ndarray | float:
@@ -244,12 +242,12 @@ class Impedance:
         tau[j] = steady + share * inertia
         return tau, share
 
-    def _clip(self, inputs: Inputs) -> bool:
+    def _clip(self, out: np.ndarray, inputs: Inputs, limited: Limited) -> tuple[np.ndarray, Limited]:
         """Within the torque limits and the joints' ranges: a reading beyond those takes no command along."""
-        q, out = np.minimum(np.maximum(inputs.q, self._lower), self._upper), self.commands
+        q = np.minimum(np.maximum(inputs.q, self._lower), self._upper)
         self._clipped = mit_laws.clip_torque(out, q, inputs.dq, self._hardware.torque_limit_nm, inputs.before)
         out[:, mit_laws.Q] = np.minimum(np.maximum(out[:, mit_laws.Q], self._lower), self._upper)
-        return self._clipped
+        return out, limited | Limited.TORQUE if self._clipped else limited
 
 
 def gravity_model(hardware: ResolvedArm) -> GravityModel | None:

@@ -6,22 +6,27 @@ import math
 import numpy as np
 
 from lerobot_robot_yam.control.actuation import Actuation
+from lerobot_robot_yam.control.joints.joint_interface import JointInterface
 from lerobot_robot_yam.control.landing.landing import Landing
 from lerobot_robot_yam.control.landing.landing_move import Phase, Seen
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 
 logger = logging.getLogger(__name__)
 
 _END_AGAIN_S = 1.0
+_OFF_S = 0.05  # wait for motors to say that they are off, s; what the adapter takes is added
 _UNREACHABLE_S = 1.0  # beyond their watchdog, the motors have let go: there is nothing left to land
 
 
 class LandingResponse:
     """Landings of one arm."""
 
-    def __init__(self, actuation: Actuation):
-        self._actuation, self._status = actuation, actuation.status
+    def __init__(self, actuation: Actuation, interface: JointInterface):
+        self._actuation, self._interface, self._status = actuation, interface, actuation.status
+        self._off_by_s = math.inf
         self._end_again_at = -math.inf
         self._unreachable_since: float | None = None
 
@@ -46,7 +51,7 @@ class LandingResponse:
         if joints:
             arm.landing = Landing(arm.hardware, arm.q[:joints], arm.setpoint, now)
         else:
-            arm.switch_off()  # a gripper alone falls nowhere
+            self.switch_off()  # a gripper alone falls nowhere
 
     def end(self, now: float) -> None:
         """Land because the caller is gone. Ask every tick: after a fault on its way the arm tries again."""
@@ -97,4 +102,32 @@ class LandingResponse:
         if landing.phase is Phase.LANDED:
             self.cancel()
             logger.info("%s: landed", arm.name)
-            arm.switch_off()
+            self.switch_off()
+
+    def switch_off(self) -> None:
+        """Cut torque, over the next ticks. Only from a landed pose, or where the arm was limp a moment ago.
+
+        Raises:
+            LifeCycleError: not from the present mode.
+        """
+        self._status.check(Mode.OFF)
+        self._status.letting_go = True
+        chain = self._actuation.chain
+        self._off_by_s = chain.clock.now() + _OFF_S + 2.0 * chain.round_trip.one_way_s
+        self._disable()
+
+    def _disable(self) -> None:
+        self._interface.instead = dict.fromkeys(range(self._actuation.hardware.n), SpecialCommand.DISABLE)
+
+    def let_go(self, now: float) -> None:
+        """One tick of switching off: the arm is off once every motor has said so, or has had the time to."""
+        arm, status = self._actuation, self._status
+        on = np.flatnonzero(arm.chain.fault == Fault.NORMAL)
+        if len(on) and now < self._off_by_s:
+            self._disable()
+            return
+        if len(on):
+            names = ", ".join(arm.chain.motors[i].name for i in on)
+            logger.error("%s: %s did not say that they are off; their watchdogs switch them off", arm.name, names)
+        status.enter(Mode.OFF)
+        status.letting_go = False

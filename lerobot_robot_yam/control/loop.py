@@ -79,7 +79,7 @@ class ControlLoop:
                     self._start_tick(begun)
         except BaseException:
             for controller, _ in begun:  # they were limp a moment ago and have not moved
-                controller.bring_up.abandon()
+                controller.abandon()
             self.run()
             raise
 
@@ -93,8 +93,7 @@ class ControlLoop:
             controller.actuation.send()
         self._clock.sleep(self._wire_s)
         for controller, _ in begun:
-            controller.actuation.chain.collect(begin + self._wire_s + _STRAGGLER_MOST_S)
-            controller.actuation.estimate.read()
+            controller.interface.receive(begin + self._wire_s + _STRAGGLER_MOST_S)
         self._clock.sleep(max(0.0, begin + self._period_s - self._clock.now()))
 
     def run(
@@ -284,10 +283,10 @@ class ControlLoop:
         Args:
             stand_by: a stand-by takes over arms that are still in the air; it needs their blocks.
         """
-        lost = {c.name: int(c.actuation.chain.lost.sum()) for c in self._controllers}
+        lost = {c.name: int(c.interface.chain.lost.sum()) for c in self._controllers}
         logger.info("control loop: %s; lost replies %s", self.statistics.summary(), lost)
         for controller, blocks in zip(self._controllers, self._blocks, strict=True):
-            for what in controller.actuation.complaints():
+            for what in controller.interface.complaints():
                 logger.warning(what)
             if controller.mode is Mode.OFF:
                 blocks.publish(self._clock.now(), 0)  # a stand-by may still look at the block

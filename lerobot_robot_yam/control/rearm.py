@@ -14,6 +14,7 @@ from collections.abc import Generator, Iterator, Sequence
 import numpy as np
 
 from lerobot_robot_yam.control.actuation import Actuation
+from lerobot_robot_yam.control.joints.joint_interface import JointInterface
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.damiao.receiver import FeedbackStore
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
@@ -34,8 +35,8 @@ _OFF_SHARE = 0.15  # share of a motor's range by which its torque may differ fro
 class Rearm:
     """Re-arms one arm."""
 
-    def __init__(self, actuation: Actuation):
-        self._actuation, self._interface, self._chain = actuation, actuation.interface, actuation.chain
+    def __init__(self, actuation: Actuation, interface: JointInterface):
+        self._actuation, self._interface, self._chain = actuation, interface, interface.chain
         self._hardware = actuation.hardware
         self._where = f"{actuation.name} ({actuation.config.channel})"
 

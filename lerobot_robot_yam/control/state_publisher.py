@@ -132,7 +132,7 @@ class ControllerBlocks:
         q, dq, tau, setpoint, stamps, mos, rotor, offset = self._measured
         q[...], dq[...], tau[...] = estimate.q, estimate.dq, estimate.tau
         setpoint[...], stamps[...] = arm.setpoint.asked[0], chain.stamp_s
-        mos[...], rotor[...], offset[...] = chain.temp_mos_c, chain.temp_rotor_c, arm.interface.offset_rad
+        mos[...], rotor[...], offset[...] = chain.temp_mos_c, chain.temp_rotor_c, self._controller.interface.offset_rad
         self._sunk[...] = arm.sunk
         if not (self._well and chain.all_normal and chain.all_answered):
             self._well = chain.all_normal and chain.all_answered

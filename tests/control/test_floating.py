@@ -194,9 +194,7 @@ def test_a_hand_feels_nothing_below_the_speed(rig, started):
     while session.clock.now() < end:
         session.clock.sleep(0.004)
         fast = max(fast, np.abs(controller.actuation.estimate.dq).max())
-        np.testing.assert_allclose(
-            controller.actuation.interface.sent[:, KD], controller.actuation.hardware.idle_kd, atol=1e-12
-        )
+        np.testing.assert_allclose(controller.interface.sent[:, KD], controller.actuation.hardware.idle_kd, atol=1e-12)
     assert 2.4 < fast < FLOAT_RAD_S
     assert session[LEADER].observe().mode is Mode.FLOAT
 

@@ -35,7 +35,7 @@ def sunk(rig):
     session.clock.sleep(0.2)
     session[CHANNEL].land()
     (controller,) = session._runner._loop._controllers
-    while controller.actuation.impedance.commands[1, 2] > 0.0:  # kp
+    while controller.actuation.commands[1, 2] > 0.0:  # kp
         session.clock.sleep(0.02)
         assert controller.mode is Mode.LAND
     q = rig.state()["arms"][CHANNEL]["q"][:6]
@@ -78,7 +78,7 @@ def test_a_joint_that_is_heard_again_is_held_where_it_is(rig, sunk):
     rig.clear_faults(CHANNEL)
     session.clock.sleep(0.5)
     there = rig.state()["arms"][CHANNEL]["q"][1]
-    assert controller.actuation.impedance.commands[1, 2] == 80.0
+    assert controller.actuation.commands[1, 2] == 80.0
     assert controller.actuation.setpoint.q[1] == pytest.approx(there, abs=0.1)
     assert there > REST[1] + 0.15
 
@@ -103,6 +103,6 @@ def test_who_takes_over_knows_of_it(rig, sunk, heard):
     arm = heir.actuation
     if heard:
         assert arm.setpoint.q[1] == pytest.approx(REST[1] - 0.15, abs=0.02)
-        assert arm.impedance.commands[1, 2] == 80.0
+        assert arm.commands[1, 2] == 80.0
     else:
-        assert arm.impedance.commands[1, 1:].tolist() == [0.0, 0.0, 5.0, 0.0]  # dq, kp, kd, tau
+        assert arm.commands[1, 1:].tolist() == [0.0, 0.0, 5.0, 0.0]  # dq, kp, kd, tau

@@ -274,7 +274,7 @@ def test_an_error_in_our_own_code_leaves_the_arm_held(caplog):
             controller.actuation.compute_command(own.now(), TICK_S)
         assert controller.mode is Mode.HOLD
         before = np.array(own.state()["arms"]["follower_left"]["q"])
-        controller.actuation.impedance.commands[:] = np.nan
+        controller.actuation.commands[:] = np.nan
         for _ in range(200):
             try:
                 controller.actuation.send()

@@ -61,7 +61,7 @@ def test_an_emergency_stop_after_the_inspection_keeps_all_limp(rig, loop):
 
 @pytest.mark.parametrize("happens", ["emergency stop", "adapter gone"])
 def test_what_happens_to_the_first_arm_while_the_second_comes_up_leaves_none_with_torque(rig, loop, happens):
-    drive, stop = loop._controllers[1].actuation.interface, EmergencyStop()
+    drive, stop = loop._controllers[1].interface, EmergencyStop()
     enable = drive.enable
 
     def enabled_and_then(motors):

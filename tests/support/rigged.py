@@ -102,8 +102,7 @@ def energise(controller, in_between=None):
     try:
         for _ in controller.bring_up.energise():
             arm.send()
-            arm.chain.collect(arm.chain.clock.now() + 0.004)
-            arm.estimate.read()
+            controller.interface.receive(controller.clock.now() + 0.004)
             if in_between is not None:
                 in_between()
                 in_between = None
@@ -114,7 +113,7 @@ def energise(controller, in_between=None):
 
 def abandon(controller):
     """Cut the torque of an arm that no loop runs."""
-    controller.bring_up.abandon()
+    controller.abandon()
     while controller.status.letting_go:
         controller.send()
         controller.collect(controller.clock.now() + 0.004)

@@ -1,6 +1,7 @@
 """Set-point of one arm: where it starts from the arm, and where it is brought back to the arm."""
 
 import logging
+import math
 
 import numpy as np
 
@@ -22,6 +23,7 @@ _END_DECELERATION_RAD_S2 = 5.0  # an arm overshoots a harder stop by centimetres
 _GRIPPER_ACCELERATION = 60.0  # strokes/s²
 _FREE_RAD = 0.1  # a joint this far behind its set-point, and
 _FREE_SPEED = 1.1  # faster than this share of its speed limit, has come free
+_TOLD_S = 0.1  # that it has is told for this long, s: a caller that looks 30 times a second sees it
 
 
 class ArmSetPoint(SetPoint):
@@ -48,6 +50,7 @@ class ArmSetPoint(SetPoint):
         self._hardware, self._estimate = hardware, estimate
         self._free_speed = _FREE_SPEED * hardware.speed_limit[: hardware.joints]
         self.sunk: np.ndarray = np.zeros(hardware.joints, dtype=bool)
+        self._came_free_s = -math.inf
 
     @property
     def here(self) -> np.ndarray:
@@ -108,12 +111,15 @@ class ArmSetPoint(SetPoint):
             self.sunk = self.sunk & ~heard
 
     def catch(self, now: float) -> bool:
-        """Stop joints that come free of an obstacle: they must not spring to where their set-points have gone."""
+        """Stop joints that come free of an obstacle: they must not spring to where their set-points have gone.
+
+        Returns whether one has, within the last 0.1 s.
+        """
         estimate, j = self._estimate, slice(self._joints)
         dq = estimate.motor_dq[j]
         fast = np.abs(dq) > self._free_speed
         if not any_of(fast):  # nearly always
-            return False
+            return now - self._came_free_s < _TOLD_S
         gap = (self.q - estimate.motor_q)[j]
         behind = np.abs(gap) > _FREE_RAD + self._free_speed * estimate.age_s(now)  # it has gone on since the sample
         free = np.flatnonzero(fast & (gap * dq > 0.0) & behind & estimate.is_fresh(now)).tolist()
@@ -121,7 +127,8 @@ class ArmSetPoint(SetPoint):
             name = self._hardware.motors[joint].name
             logger.info("%s: %s came free at %.1f rad/s; caught", self._hardware.name, name, dq[joint])
             self.fall_back(joint, float(estimate.q[joint]))
-        return bool(free)
+            self._came_free_s = now
+        return now - self._came_free_s < _TOLD_S
 
     def pull_no_harder(self, before: np.ndarray, now: np.ndarray, at_once: bool) -> None:
         """Bring joints back whose stiffness grows from `before` to `now`, (n,), far from where they are.

@@ -129,6 +129,16 @@ class JointInterface:
                     yield
         return silent
 
+    def complaints(self) -> list[str]:
+        """What has to be said at the end about adapter and cable."""
+        chain, said = self.chain, []
+        where = f"{self._config.name} ({chain.channel})"
+        if chain.round_trip.slow:
+            said.append(f"{where}: {chain.round_trip.summary()}; the arm was seen and commanded that much too late")
+        if chain.error_frames:
+            said.append(f"{where}: CAN error frames: {chain.error_frames}; check cable, termination and bit-rate")
+        return said
+
     def send(self, commands: np.ndarray) -> None:
         """Put commands (n, 5) on the wire.
 
@@ -139,6 +149,11 @@ class JointInterface:
         instead, self.instead = self.instead, {}
         self.chain.send(self._map.commands(commands), instead)
         self.sent[:] = commands
+
+    def receive(self, until_s: float) -> None:
+        """Take the replies to the last `send`; wait until then for stragglers. Raises BusError: the channel is gone."""
+        self.chain.collect(until_s)
+        self.estimate.read()
 
     def shift_gripper(self, shift_rad: float) -> None:
         """Put the gripper's reading on the turn of its stops."""
