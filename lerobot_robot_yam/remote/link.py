@@ -189,14 +189,15 @@ class Link:
             logger.error("%s: no word of the host; the arms hold there", self._host.address)
 
     def _take_echo(self, echo: Echo) -> None:
-        now = SYSTEM.now()
-        self._clock.add(echo, now)
-        self._heard_s = now
+        self._clock.add(echo, SYSTEM.now())
+        self._heard_s = max(
+            self._heard_s, echo.sent_s
+        )  # not the arrival: an echo may wait while our process stands still
         if self._started_s is not None and not echo.held and echo.sent_s > self._started_s:
             self._started_s, self._let_go = None, True
             for arm in self._arms.values():
                 arm.note(Mode.LAND, _LET_GO)
-        if self._lost:
+        if self._lost and SYSTEM.now() - self._heard_s < _LOST_S:
             self._lost = False
             logger.warning("%s: the host is back", self._host.address)
 

@@ -14,6 +14,7 @@ from lerobot_robot_yam.remote.link import Link
 from lerobot_robot_yam.session import runners
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.system.clock import SYSTEM
 from tests.support.hosted import ServedArms
 from tests.support.link_in_step import LinkInStep
 from tests.support.rigged import rig_of, sim_config
@@ -76,9 +77,13 @@ def drive(session):
 def test_a_client_hears_that_its_arms_were_let_go_and_does_not_see_anothers(host, session, monkeypatch):
     _, served = host
     (group,) = served.groups
+    link = session._runner._link
+    link._beat_s = 0.0
+    link._beat(SYSTEM.now())
     let_go(served)
     assert Host(served.address).ask("start", 30.0, who="another", search=False, **OTHER)["ready"]
     monkeypatch.setattr(link_module, "_LOST_S", 0.05)  # it has heard nothing for longer: simulated time is quick
+    link._take_echo(link._sockets.receive())  # from before the arms were let go: it waited while we stood still
     with pytest.raises(MotorError, match="has let go of the arms .another client may have them.; connect again"):
         drive(session)
     assert session.stop()
