@@ -192,7 +192,7 @@ class Link:
         self._clock.add(echo, SYSTEM.now())
         self._heard_s = max(
             self._heard_s, echo.sent_s
-        )  # not the arrival: an echo may wait while our process stands still
+        )  # not when it is read: it may have waited
         if self._started_s is not None and not echo.held and echo.sent_s > self._started_s:
             self._started_s, self._let_go = None, True
             for arm in self._arms.values():
