@@ -1,10 +1,10 @@
-"""Control client of a virtual rig, for tests, benches and operators: reach it or start it, ask it, end it.
+"""Control client of a virtual rig, for tests, benches and operators: it reaches or starts the rig, and ends it.
 
     with RigControl.start(friction=0) as rig:
         bus = can.Bus(interface="yam_sim", channel="follower_left", rig=rig.name)
         rig.state()["arms"]["follower_left"]["q"]
 
-While it is open the rig stays alive. Not for use by several threads at once.
+An open client keeps the rig alive. Use it from one thread at a time.
 """
 
 import contextlib
@@ -32,9 +32,9 @@ class RigControl(RigOperations):
 
     Args:
         rig: which rig, see `runtime_files.rig_name`.
-        scene: scene of a rig that is started for us.
-        hold: this connection keeps the rig alive.
-        options: scene options of a rig that is started for us.
+        scene: scene of a rig that is started here.
+        hold: whether this connection keeps the rig alive.
+        options: scene options of a rig that is started here.
 
     Raises:
         RigError: the rig cannot be started.
@@ -50,11 +50,11 @@ class RigControl(RigOperations):
 
     @classmethod
     def start(cls, scene: str | Path | None = None, name: str | None = None, hold: bool = True, **options: Any) -> Self:
-        """Start a new rig (under a new name unless one is given) and hold it alive."""
+        """Start a new rig (under a new name unless one is given) and keep it alive."""
         return cls(name or f"rig-{os.getpid()}-{next(_numbers)}", scene, hold, **options)
 
     def request(self, op: str, **arguments: Any) -> dict[str, Any]:
-        """Ask the rig; returns its answer.
+        """Send a request to the rig and return its answer.
 
         Raises:
             RigError: the rig has ended or does not answer.
@@ -65,7 +65,7 @@ class RigControl(RigOperations):
             self._socket.send(message)
             packet = self._socket.recv(launch.MAX_PACKET)
         except BaseException as error:
-            self.close()  # a late answer would be taken for the next one
+            self.close()  # else a late answer would pass for that of the next request
             if isinstance(error, OSError):
                 raise RigError(f"rig {self.name} does not answer ({error}); has its process ended?") from error
             raise
@@ -74,7 +74,7 @@ class RigControl(RigOperations):
         return launch.checked(json.loads(packet))
 
     def wait_event(self, kind: str, timeout_s: float, since: int = 0, **details: Any) -> dict[str, Any]:
-        """The first event of that kind and details from number `since` on; waits for it.
+        """Wait for the first event of that kind and details from number `since` on, and return it.
 
         Raises:
             RigError: no such event within timeout_s.
@@ -98,7 +98,7 @@ class RigControl(RigOperations):
         self.request("end")
 
     def close(self) -> None:
-        """Leave; the rig ends about a second after its last client. Idempotent."""
+        """Disconnect; the rig ends about a second after its last client. Idempotent."""
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
@@ -112,16 +112,16 @@ class RigControl(RigOperations):
 
 @contextlib.contextmanager
 def running_rig(**arguments: Any) -> Iterator[RigControl]:
-    """A new rig (arguments as for `RigControl.start`) that has ended when the block is left.
+    """Run a new rig (arguments as for `RigControl.start`), which has ended when the block is left.
 
     Raises:
-        RigError: at the end, somebody still used it.
+        RigError: at the end, another client still uses it.
     """
     rig = RigControl.start(**arguments)
     try:
         yield rig
     finally:
-        with contextlib.suppress(RigError):  # it may have ended in the block
+        with contextlib.suppress(RigError):  # the block may have ended the rig
             if rig.stats()["clients"] == 1:
                 rig.end()
         rig.close()
@@ -129,7 +129,7 @@ def running_rig(**arguments: Any) -> Iterator[RigControl]:
 
 
 def wait_ended(rig: RigControl) -> None:
-    """Wait until a rig's process is gone. Raises RigError: it is not; somebody else may still use it."""
+    """Wait until a rig's process is gone. Raises RigError: it still runs, maybe for another client."""
     deadline = time.monotonic() + _END_TIMEOUT_S
     while runs(rig.pid):
         if time.monotonic() > deadline:
@@ -138,7 +138,7 @@ def wait_ended(rig: RigControl) -> None:
 
 
 def runs(pid: int) -> bool:
-    """Whether a process is alive; one that init has not collected yet is not."""
+    """Return whether a process is alive; a zombie is not."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text()
     except OSError:

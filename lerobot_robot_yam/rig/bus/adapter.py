@@ -1,6 +1,6 @@
-"""The CAN adapter between a channel's clients and its wire: it delays frames and keeps them back.
+"""The CAN adapter between a channel's clients and its wire: it delays frames, and can keep received ones back.
 
-Order is kept in both directions, whatever changes: no frame reaches a client with an earlier time than the one before.
+It keeps the order in both directions: no frame reaches a client with an earlier time than the frame before.
 """
 
 import math
@@ -11,27 +11,27 @@ from typing import Protocol
 
 from lerobot_robot_yam.rig.devices.packets import Frame
 
-# From this latency on, commands wait until it has passed. Below, motors obey at once, and their positions are carried
-# on to the time of the answer: exact enough over so short a time, and no wake-up for the rig.
+# Latency from which on commands wait, s. Below, motors obey at once and their positions are extrapolated to the
+# time of the answer, which is exact enough over so short a time and saves the rig a wake-up.
 _WAITS_FROM_S = 0.001
 
 
 class Listener(Protocol):
-    """A client of a channel: a socket, or an object that takes packets as a socket does."""
+    """A client of a channel: a socket, or an object with a socket's `send`."""
 
     def send(self, data: bytes, flags: int = 0, /) -> int: ...
 
 
 @dataclass(frozen=True)
 class HoldBack:
-    """Received frames are kept back from `begin_s` for `seconds`, again every `every_s`."""
+    """A span of `seconds` from `begin_s` on, repeated each `every_s`, in which received frames are kept back."""
 
     begin_s: float
     seconds: float
     every_s: float = math.inf
 
     def release_s(self, at_s: float) -> float:
-        """When a frame that the wire delivers at `at_s` reaches the host."""
+        """Return the time at which a frame that the wire delivers at `at_s` reaches the host, s."""
         since_s = at_s - self.begin_s
         if since_s < 0.0:
             return at_s
@@ -42,15 +42,15 @@ class HoldBack:
 class Adapter:
     """Delays of one channel: `latency_s` each way, and `hold`.
 
-    due_s: when a command is due next at the wire; infinity for never.
+    due_s: when the next delayed command reaches the wire; infinity without one.
     """
 
     def __init__(self, latency_s: float):
         self.latency_s = latency_s
         self.hold: HoldBack | None = None
         self.due_s = math.inf
-        self._given_s = -math.inf  # time of the last frame given to clients
-        self._sent: deque[tuple[float, Listener, Frame]] = deque()  # due at the wire
+        self._given_s = -math.inf  # time of the last frame delivered to clients
+        self._sent: deque[tuple[float, Listener, Frame]] = deque()  # with the time at which each reaches the wire
 
     @property
     def waits(self) -> bool:
@@ -58,13 +58,13 @@ class Adapter:
         return self.latency_s >= _WAITS_FROM_S or bool(self._sent)
 
     def put(self, sender: Listener, timed: Sequence[tuple[float, Frame]]) -> None:
-        """Take a client's frames, each with the time at which it is due at the wire."""
+        """Queue a client's frames, each with the time at which it reaches the wire."""
         for due_s, frame in timed:
             self._sent.append((max(due_s, self._sent[-1][0]) if self._sent else due_s, sender, frame))
         self._look_ahead()
 
     def take(self, until_s: float) -> Iterator[tuple[Listener, list[tuple[float, Frame]]]]:
-        """Frames that are due at the wire, in order, those of one client at one time together."""
+        """Yield the frames that reach the wire until `until_s`, in order, grouped by client and time."""
         while self._sent and self._sent[0][0] <= until_s:
             due_s, sender, _ = self._sent[0]
             group = []
@@ -74,7 +74,7 @@ class Adapter:
             yield sender, group
 
     def arrival_s(self, through_s: float) -> float:
-        """When the host gets a frame that the wire has delivered at `through_s`."""
+        """Return the time at which the host receives a frame that the wire has delivered at `through_s`, s."""
         at_s = max(through_s + self.latency_s, self._given_s)
         if self.hold is not None:
             at_s = self.hold.release_s(at_s)
@@ -82,7 +82,7 @@ class Adapter:
         return at_s
 
     def arrivals_s(self, through_s: list[float]) -> list[float]:
-        """`arrival_s` of frames in order."""
+        """Return `arrival_s` of several frames, in order."""
         if self.hold is not None or through_s[0] + self.latency_s < self._given_s:
             return [self.arrival_s(at_s) for at_s in through_s]
         arrived_s = [at_s + self.latency_s for at_s in through_s]

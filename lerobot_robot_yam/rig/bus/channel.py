@@ -1,8 +1,8 @@
 """One simulated CAN channel: its wire, the devices on it and the clients that listen.
 
-As on a real bus a client hears the others, not itself, and nothing from before it opened the channel. A packet is
-answered as one packet: its frames take the wire one after the other, then the replies do. A client that does not read
-loses packets once its socket is full. They are counted; nothing waits for the client.
+As on a real bus a client hears the others, not itself, and nothing from before it opened the channel. The frames of a
+packet take the wire one after the other, then the replies do, and these return as one packet. A client that does not
+read loses packets once its socket is full; the channel counts them and waits for no client.
 """
 
 import contextlib
@@ -23,9 +23,9 @@ from lerobot_robot_yam.rig.devices.packets import Frame, Wire
 from lerobot_robot_yam.rig.devices.simulated_handle import SimEncoders, SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 
-_BACKLOG_S = 0.05  # a real adapter's queue is full at about this
+_BACKLOG_S = 0.05  # occupancy of the wire at which packets are lost, about that of a real adapter's full queue
 _FOREIGN_KP, _FOREIGN_KD = 10.0, 1.0  # Nm/rad, Nm s/rad with which a foreign driver holds a motor
-_FOREIGN_AT_ONCE = 50  # its frames after a pause of the rig; the rest is skipped
+_FOREIGN_AT_ONCE = 50  # most frames of a foreign driver in one go; after a pause of the rig the rest is skipped
 PAYLOADS = ("hold", "zero")
 
 
@@ -33,8 +33,8 @@ PAYLOADS = ("hold", "zero")
 class ForeignDriver:
     """Another computer on the wire, which a lock on ours cannot keep out; it sends frames to one identifier.
 
-    payload: "hold", an MIT command to stay where the motor is; "zero", eight zero bytes, which a motor reads as a
-    command at the negative end of every range. Identifiers of no motor always get zeros. since_s: on the rig's clock.
+    payload: "hold", an MIT command to stay at the motor's position; or "zero", eight zero bytes, which a motor decodes
+    as the negative end of each range. An identifier without a motor gets zeros. since_s: start, on the rig's clock.
     """
 
     ident: int
@@ -44,7 +44,7 @@ class ForeignDriver:
     sent: int = 0
 
     def due(self, now_s: float) -> int:
-        """How many frames to send now; they count as sent."""
+        """Count the frames to send now, and mark them as sent."""
         behind = max(0, int((now_s - self.since_s) * self.rate_hz) - self.sent)
         self.sent += behind
         return min(behind, _FOREIGN_AT_ONCE)
@@ -53,18 +53,18 @@ class ForeignDriver:
 class Channel:
     """Motors, on leaders a handle, and clients on one wire.
 
-    latency_s: of the adapter, each way. seed: of lost and garbled frames.
+    latency_s: the adapter's, each way. seed: for lost and garbled frames.
     """
 
     def __init__(self, name: str, motors: Sequence[SimMotor], handle: SimHandle | None, latency_s: float, seed: int):
         self.name, self.motors, self.handle = name, list(motors), handle
         self.adapter = Adapter(latency_s)
-        self.link = Link()  # the interface, see `set_link`
-        self.cable_out = False  # nothing gets through, and nobody is told
+        self.link = Link()  # see `set_link`
+        self.cable_out = False  # frames are lost in both directions, without an error
         self.foreign: ForeignDriver | None = None
         self.clients: list[Listener] = []
         self.wire = Wire()
-        self.overflows = 0  # packets lost because a queue was full, on either side
+        self.overflows = 0  # packets lost in a full queue, in either direction
         self.trace: deque[tuple[float, float, int, int]] | None = None  # sent, arrived, identifier, first byte
         self._late: list[tuple[float, Frame]] = []
         self._random = random.Random(seed)
@@ -73,7 +73,7 @@ class Channel:
         self.identifiers_changed()
 
     def identifiers_changed(self) -> None:
-        """Rebuild the table of command identifiers; call after a change of ESC_ID."""
+        """Rebuild the table of command identifiers; call it after a change of ESC_ID."""
         self._by_id = {
             motor.can_id + offset: (motor, offset)
             for motor in self.motors
@@ -82,11 +82,11 @@ class Channel:
 
     @property
     def tick_size(self) -> int:
-        """Bytes of a packet that holds a whole tick."""
+        """Size in bytes of a packet that holds a whole tick; 0 without motors."""
         return 0 if self._tick is None else self._tick.size
 
     def receive_packet(self, sender: Listener, packet: bytes, now_s: float) -> None:
-        """`receive` for frames as they come over a socket, see `packets`.
+        """Receive a client's frames in the format of `packets`.
 
         Raises:
             BusError: the packet is not a whole number of records.
@@ -99,7 +99,7 @@ class Channel:
         self.receive(sender, packets.unpack(packet), now_s)
 
     def _is_plain(self, sender: Listener, now_s: float) -> bool:
-        """Whether frames reach nobody but motors and handle, unchanged, and are answered at once."""
+        """Return whether `WholeTick` may answer: one client, no fault or delay, no trace, and a free wire."""
         adapter, handle = self.adapter, self.handle
         return (
             len(self.clients) == 1
@@ -111,7 +111,7 @@ class Channel:
         )
 
     def receive(self, sender: Listener, frames: Sequence[Frame], now_s: float) -> None:
-        """Take a client's packet, which the adapter puts on the wire at once or when its latency has passed."""
+        """Receive a client's frames; they reach the wire at once, or when the adapter's latency has passed."""
         if self.cable_out or self.link.state or sender not in self.clients:
             return
         if self.trace is not None:
@@ -124,7 +124,7 @@ class Channel:
             self._transmit(sender, timed, now_s + latency_s)
 
     def pass_on(self, until_s: float) -> None:
-        """Handle frames that the adapter has delayed until now."""
+        """Transmit the frames that the adapter has delayed until now."""
         for sender, timed in self.adapter.take(until_s):
             if not (self.cable_out or self.link.state) and sender in self.clients:
                 self._transmit(sender, timed, timed[0][0])
@@ -145,14 +145,14 @@ class Channel:
             self._deliver(self.clients, replies)
 
     def emit(self, frame: Frame, now_s: float) -> None:
-        """Deliver a frame that a device sends unasked."""
+        """Deliver a frame that a device sends without a request."""
         if not (self.cable_out or self.link.state):
             self._deliver(self.clients, [(self.wire.transmit(now_s), frame)])
 
     def set_link(self, now_s: float, **change: bool) -> None:
         """Change the interface: down=, gone= or bus_off=; clients meet the errors of `ClientLink`.
 
-        An unplugged adapter takes its clients' sockets with it: those are dead for good.
+        gone=True also closes the clients' sockets for good, as an unplugged adapter does.
         """
         before = self.link.state
         self.link.change(**change)
@@ -186,7 +186,7 @@ class Channel:
                 self._hear_foreign(self.foreign, now_s)
 
     def _hear_foreign(self, driver: ForeignDriver, now_s: float) -> None:
-        """Motors obey and answer a frame of another computer, whatever the state of our own link."""
+        """Let the motors obey and answer a foreign driver's frame, whatever the state of our own link."""
         data = bytes(8)
         motor, offset = self._by_id.get(driver.ident, (None, 0))
         if driver.payload == "hold" and motor is not None and offset == 0:
@@ -220,7 +220,7 @@ class Channel:
         return answers if twin is None else (*answers, *self._answers_of(twin, offset, frame.data, at_s))
 
     def _answers_of(self, motor: SimMotor, offset: int | None, data: bytes, at_s: float) -> Sequence[Frame]:
-        """Answers of one motor to a command, or without `offset` to a register request."""
+        """Return one motor's answers to a command, or to a register request if `offset` is None."""
         if motor.faults.unheard(self._random):
             return ()
         if offset is not None:
@@ -242,7 +242,7 @@ class Channel:
         return answers
 
     def _deliver(self, clients: Sequence[Listener], timed: Sequence[tuple[float, Frame]]) -> None:
-        """Give clients frames, each with the time at which the wire delivers it."""
+        """Send clients frames, each with the time at which the wire delivers it."""
         adapter = self.adapter
         frames = [Frame(adapter.arrival_s(at_s), frame.id, frame.data, frame.flags) for at_s, frame in timed]
         for client in clients:
@@ -257,4 +257,4 @@ class Channel:
         except BlockingIOError:
             self.overflows += 1
         except OSError:
-            pass  # it has gone, which the server notices
+            pass  # the client has gone; the server drops it

@@ -1,7 +1,7 @@
-"""State of a channel's network interface, and the errors of SocketCAN that its clients meet when it is not up.
+"""State of a channel's network interface, and the SocketCAN errors that its clients meet unless it is up.
 
-One 64-bit word per channel in sealed memory: the rig writes it, each client looks at it before it sends or receives.
-A word costs a client nothing, reaches one that never reads its socket, and cannot get lost.
+One 64-bit word per channel in sealed memory: the rig writes it, each client reads it before it sends or receives.
+Reading costs next to nothing, and the word also reaches a client that never reads its socket.
 """
 
 import errno
@@ -17,11 +17,11 @@ from lerobot_robot_yam.system import sealed_memory
 BUS_OFF_FRAME_ID = 0x40  # CAN_ERR_BUSOFF of linux/can/error.h
 TX_QUEUE_FRAMES = 10  # the kernel's default queue of a CAN interface
 _WORD = 8
-_STATE_BITS, _UNPLUG_BITS = 8, 24  # of the word, from below; the rest counts changes
+_STATE_BITS, _UNPLUG_BITS = 8, 24  # fields of the word, lowest first; the rest counts changes
 
 
 class LinkState(IntEnum):
-    """The state of the interface, as the system reports it."""
+    """State of the interface, as the system reports it."""
 
     UP = 0
     DOWN = 1  # `ip link set canX down`
@@ -30,12 +30,12 @@ class LinkState(IntEnum):
 
 
 class Link:
-    """One interface, as the rig moves it.
+    """One channel's interface on the rig's side.
 
     Attributes:
-        word: a list of one: its word, as `watch_link` shows it to other processes.
-        publish: called with the word after every change.
-        unplugs: how often the adapter was taken away.
+        word: list of one: the interface's word, as `watch_link` shows it to other processes.
+        publish: called with the word after each change.
+        unplugs: how often the adapter was unplugged.
     """
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class Link:
         self.word = [int(self.state)]
 
     def change(self, down: bool | None = None, gone: bool | None = None, bus_off: bool | None = None) -> None:
-        """Take the interface down, its adapter away or its controller off the bus, or the reverse; None: as it is.
+        """Take the interface down, its adapter away or its controller off the bus, or undo that; None changes nothing.
 
         Down and gone also end a bus-off, as on a real controller.
         """
@@ -66,22 +66,22 @@ class Link:
 
 
 class LinkTable:
-    """The words of all channels of a rig, which others find at `path`; the rig's side."""
+    """Words of all channels of a rig at `path`; the rig's side."""
 
     def __init__(self, path: Path, count: int):
         self._path = path
         self._descriptor = sealed_memory.allocate(path.name, count * _WORD)
         self._map = sealed_memory.map_to_write(self._descriptor)
         self._link = sealed_memory.publish(self._descriptor, path)
-        # A view stores eight bytes in one go; struct clears them first, and a reader could see that.
+        # A view stores eight bytes at once; struct clears them first, which a reader could see.
         self._words = memoryview(self._map).cast("Q")
 
     def write(self, index: int, word: int) -> None:
-        """Show the word of channel number `index`."""
+        """Publish the word of channel number `index`."""
         self._words[index] = word
 
     def close(self) -> None:
-        """Show every link as up, so that clients hear of the rig's end instead, and remove the link."""
+        """Show all links as up, so that clients meet the end of the rig instead, and remove the link."""
         for index in range(len(self._words)):
             self._words[index] &= ~((1 << _STATE_BITS) - 1)  # UP
         self._words.release()
@@ -91,7 +91,7 @@ class LinkTable:
 
 
 def watch_link(path: Path, index: int) -> memoryview:
-    """The word of channel number `index`, `[0]` of the result; mapped for as long as that lives.
+    """Map the word of channel number `index`, `[0]` of the result; it stays mapped while the result lives.
 
     Raises:
         OSError: the rig has ended.
@@ -107,27 +107,27 @@ def watch_link(path: Path, index: int) -> memoryview:
 class ClientLink:
     """One client's view of its interface. Several threads may call it.
 
-    Unlike the kernel's, a receive on an interface that is down raises each time, not once.
+    Unlike the kernel's, each receive on an interface that is down raises, not only the first.
 
     Args:
-        word: of its channel: a sequence of one, see `Link.word` and `watch_link`.
-        unplugs: how often its adapter had been unplugged when the client connected.
+        word: the channel's, a sequence of one, see `Link.word` and `watch_link`.
+        unplugs: how often the adapter had been unplugged when the client connected.
     """
 
     def __init__(self, word: Sequence[int], unplugs: int):
         self._word = word
         self._unplugs = unplugs
-        self._fine = -1  # the last word seen under which nothing was wrong
+        self._fine = -1  # the last word that was read with the interface up
         self._queued_word = -1
-        self._queued = 0  # frames that wait in the queue of an interface in bus-off
+        self._queued = 0  # frames in the queue of an interface in bus-off
 
     def check_receive(self) -> None:
-        """Raise can.CanOperationError where the interface is down, or its adapter is gone."""
+        """Raise can.CanOperationError if the interface is down or its adapter gone."""
         if self._word[0] != self._fine:
             self._state("Error receiving")
 
     def check_send(self, frames: int) -> bool:
-        """Whether `frames` frames get out; False: they are taken into a queue that never empties.
+        """Return whether `frames` frames reach the wire; False: they enter the queue of a bus-off, which never empties.
 
         Raises:
             can.CanOperationError: the interface is down, its adapter is gone, or its queue is full.
@@ -146,7 +146,7 @@ class ClientLink:
         word = self._word[0]
         state = LinkState(word & (1 << _STATE_BITS) - 1)
         unplugs = word >> _STATE_BITS & (1 << _UNPLUG_BITS) - 1
-        if unplugs != self._unplugs or state == LinkState.GONE:  # unplugged since: our socket is dead
+        if unplugs != self._unplugs or state == LinkState.GONE:  # the socket of an unplugged adapter stays dead
             raise _error(what, errno.ENODEV)
         if state == LinkState.DOWN:
             raise _error(what, errno.ENETDOWN)

@@ -1,12 +1,12 @@
-"""A whole tick of a channel in one pass: a packet with one MIT command to every motor, answered by one packet.
+"""Answers to a whole tick in one pass: a packet with one MIT command to each motor, answered by one packet.
 
 A running control loop sends nothing else. `Channel.receive` does the same frame by frame, for any frames and with any
-fault. Bytes and times come out the same: the operations and their order are those of `SimMotor`, `Drive` and `codec`,
-written out in one loop:
+fault. Bytes and times are identical, because the operations and their order are those of `SimMotor`, `Drive` and
+`codec`, written in one loop:
 
     control = kp (u* − base) + kd u̇* + tau,    reported position = direction (u + u̇ · ahead) + zero
 
-That is a third of the work. numpy's arrays of seven cost more, as they leave the processor's caches beside the physics.
+This loop does a third of the work. numpy is slower: its arrays of seven leave the caches while the physics runs.
 """
 
 import struct
@@ -23,13 +23,13 @@ from lerobot_robot_yam.rig.devices.thermometer import PERIOD_S
 from lerobot_robot_yam.rig.world.shafts import Drive
 
 _LONG, _SHORT = 0xFFFF, 0xFFF  # steps of a frame's fields, see `codec`
-_SPECIAL = b"\xff" * 7  # begins every special command
+_SPECIAL = b"\xff" * 7  # first bytes of each special command
 _REQUEST = encode_report_request()
-_DATA_SIZE = 8  # bytes, the end of a record
+_DATA_SIZE = 8  # bytes at the end of a record
 
 
 class WholeTick:
-    """The motors of a channel, all on a `Drive`, and its handle."""
+    """The motors of a channel, all on a `Drive`, and its handle. size: bytes of a packet."""
 
     def __init__(self, motors: Sequence[SimMotor], handle: SimHandle | None):
         self._motors, self._handle = motors, handle
@@ -39,14 +39,14 @@ class WholeTick:
         self._records = struct.Struct("<" + "dQ8s" * (count + rest))
         self._headers = struct.Struct("<" + "dQ8x" * (count + rest))
         self._commands = struct.Struct(">" + "16xHHHH" * count + "24x" * rest)
-        self.size = self._records.size  # of a packet
+        self.size = self._records.size
         self._settings: list[tuple[float, int, int] | None] = []
 
     def answer(self, packet: bytes, now_s: float, wire: Wire, adapter: Adapter) -> bytes | None:
-        """Serve a packet while every motor is plain (`SimMotor.plain_settings`) and the handle not silent.
+        """Answer a packet if all motors are plain (`SimMotor.plain_settings`) and the handle is not silent.
 
         Returns:
-            The answer; None: a motor is not plain or the packet has another form, and nothing was done.
+            The answer; None if a motor is not plain or the packet has another form, and then nothing was done.
         """
         if len(packet) != self.size or _SPECIAL in packet:
             return None
@@ -70,7 +70,7 @@ class WholeTick:
         return self._records.pack(*reply)
 
     def _serve(self, quarters: tuple[int, ...], at_s: Sequence[float]) -> list[bytes]:
-        """Data of the answers to MIT commands, given as four 16-bit words each, that the wire delivers at `at_s`."""
+        """Obey MIT commands, each four 16-bit words that the wire delivers at `at_s`; return the answers' data."""
         world = self._world
         sim_s, stamp_s, qpos, qvel, force = world.sim_s, world.stamp_s, world.qpos, world.qvel, world.force
         ctrl, answers = world.ctrl, []
@@ -121,10 +121,9 @@ class WholeTick:
         return answers
 
     def _lay_out(self, settings: list[tuple[float, int, int] | None]) -> bool:
-        """Note what stays the same from tick to tick; other frames can change zeros and identifiers.
+        """Store what stays the same from tick to tick; return whether all motors are plain.
 
-        Returns:
-            Whether every motor is plain.
+        Called again when zeros or identifiers have changed.
         """
         plain = [setting for setting in settings if setting is not None]
         if len(plain) < len(settings):
@@ -142,12 +141,11 @@ class WholeTick:
 
 
 def _head(ident: int, length: int) -> int:
-    """The second word of a record: a plain frame's identifier and length."""
+    """Return the second word of a record: a plain frame's identifier and length."""
     return ident | length << 32
 
 
 def _row(motor: SimMotor) -> tuple[tuple[Any, ...], ...]:
-    """The values of a motor that `WholeTick` uses, in its order."""
     drive = motor.drive
     assert isinstance(drive, Drive)
     first, last = drive.q[0], drive.q[1] if len(drive.q) > 1 else None

@@ -1,4 +1,4 @@
-"""JSON messages of the rig's processes: single packets, or lines of a pipe."""
+"""JSON messages between the rig's processes: single packets, or lines of a pipe."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -22,7 +22,7 @@ def _plain(value: Any) -> Any:
 
 
 class LineReader:
-    """Cuts what a pipe delivers into messages; the rest of a line waits for the next chunk."""
+    """Splits a pipe's bytes into messages; an incomplete line waits for the next chunk."""
 
     def __init__(self) -> None:
         self._rest = b""

@@ -29,17 +29,20 @@ logger = logging.getLogger(__name__)
 
 _HELLO_TIMEOUT_S = 10.0
 _PROBE_TIMEOUT_S = 0.2
-_said: set[tuple[str, str]] = set()  # rigs and options that were already reported to have no effect
-# Files of a rig, and blocks of its arms, whose name tells the process that made them.
+_said: set[tuple[str, str]] = set()  # rigs and options already logged as without effect
+# Names of a rig's files and of its arms' blocks, with the id of the process that made them.
 _MADE_BY = re.compile(r"(?:rig|state)-((?:auto|rig|env)-(\d+)(?:-\d+)?)\.(?!lock$)")
-MAX_PACKET = 1 << 17  # bytes; no packet of either side is longer
+MAX_PACKET = 1 << 17  # bytes of the longest packet, in both directions
 
-# Run by the process we wait for. It leaves at once, so the server becomes a child of init and no zombie of ours.
+# Program of a short-lived parent, by which the server becomes a child of init instead of a zombie of this process.
 _DETACH = "import os, sys\nif os.fork(): os._exit(0)\nos.setsid()\nos.execv(sys.executable, sys.argv[1:])"
 
 
 def rig_path(name: str, suffix: str) -> Path:
-    """Path of a rig's file: "sock", "lock", "scene", "world", "links", "log" (while it runs); "crash" (last log)."""
+    """Return the path of a rig's file.
+
+    suffix: "sock", "lock", "scene", "world", "links", "log" (while the rig runs) or "crash" (its last log).
+    """
     return runtime_dir() / f"rig-{slug(name)}.{suffix}"
 
 
@@ -74,7 +77,7 @@ def connect(name: str, hello: Mapping[str, Any]) -> tuple[socket.socket, dict[st
 
 
 def checked(answer: dict[str, Any]) -> dict[str, Any]:
-    """A rig's answer; raises the error that it carries, if any, as the type it names."""
+    """Return a rig's answer, or raise the error in it, as the type that it names."""
     if "error" in answer:
         kind = {"BusError": BusError, "ConfigError": ConfigError}.get(answer.get("kind", ""), RigError)
         raise kind(answer["error"])
@@ -82,14 +85,14 @@ def checked(answer: dict[str, Any]) -> dict[str, Any]:
 
 
 def error_reply(error: Exception) -> dict[str, Any]:
-    """The answer from which `checked` raises this error again."""
+    """Encode an error as the answer from which `checked` raises it again."""
     kind = next((k.__name__ for k in (BusError, ConfigError) if isinstance(error, k)), "RigError")
     text = str(error) if isinstance(error, YamError) else f"malformed request: {type(error).__name__}: {error}"
     return {"error": text, "kind": kind}
 
 
 def no_channel(rig: str, name: str, channels: Iterable[str]) -> str:
-    """What is wrong where a rig has no channel of that name."""
+    """Return the message for a channel that a rig does not have."""
     known = list(channels)
     near = difflib.get_close_matches(name, known, 1)
     meant = f"did you mean {near[0]!r}? It" if near else "it"
@@ -104,8 +107,8 @@ def connect_or_start(
     Args:
         rig: see `runtime_files.rig_name`.
         hello: see `server`.
-        scene: scene name or path for a rig that we start.
-        options: scene options for a rig that we start. A running rig keeps its own; differences are logged.
+        scene: scene name or path for a rig that is started here.
+        options: scene options for a rig that is started here. A running rig keeps its own; differences are logged.
 
     Returns:
         Socket, resolved rig name, the rig's answer.
@@ -132,7 +135,7 @@ def connect_or_start(
 def _join(
     name: str, hello: Mapping[str, Any], scene: str | None, options: Mapping[str, Any]
 ) -> tuple[socket.socket, str, dict[str, Any]]:
-    """Connect to a rig that runs already, and log the wishes for a new one that have no effect."""
+    """Connect to a running rig, and log the scene and options that a running rig ignores."""
     asked = {**({} if scene is None else {"scene": load_scene(scene).name}), **options}
     connection, answer = connect(name, hello)
     has = {"scene": answer["scene"], **answer["options"]}
@@ -140,23 +143,23 @@ def _join(
         held = has.get(key)
         given = value.split(",") if isinstance(value, str) and isinstance(held, list) else value
         if json.loads(json.dumps(given)) != held and (name, key) not in _said:
-            _said.add((name, key))  # once a process: each arm and each camera asks
+            _said.add((name, key))  # once per process, though each arm and camera joins
             logger.warning("rig %s runs already, with %s: %r; %r has no effect", name, key, held, value)
     return connection, name, answer
 
 
 def tell_scene(rig: str, scene: str | None, options: Mapping[str, Any]) -> None:
-    """Write what a rig simulates into the file beside its socket, for others who build the same world."""
+    """Write scene and options into a file beside the rig's socket, for processes that build the same world."""
     whole = scene if scene is None or scene in SCENES else str(user_path(scene).absolute())
     rig_path(rig, "scene").write_bytes(to_json({"scene": whole, "options": options}))
 
 
 def told_scene(rig: str) -> Scene:
-    """Read the scene of a running rig, which is asked nothing.
+    """Read the scene of a running rig from its file.
 
     Raises:
         RigError: no such rig runs, or one of another version.
-        ConfigError: its file is no longer what the rig has read.
+        ConfigError: the scene's file has changed since the rig's start.
     """
     try:
         told = json.loads(rig_path(rig, "scene").read_bytes())
@@ -193,7 +196,7 @@ def _start(name: str, owner: int | None, scene: str | None, options: Mapping[str
 
 
 def _read_answer(fd: int) -> bytes:
-    """The one JSON line of a starting server; empty when it died or took too long."""
+    """Read the one JSON line of a starting server; empty when it died or took too long."""
     answer = b""
     deadline = time.monotonic() + START_TIMEOUT_S
     while not answer.endswith(b"\n"):
@@ -222,4 +225,4 @@ def _sweep() -> None:
                 for path in paths:
                     path.unlink(missing_ok=True)
             except OSError:
-                continue  # it runs, and is busy
+                continue  # a running rig that is busy

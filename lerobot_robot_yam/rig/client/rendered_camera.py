@@ -34,17 +34,17 @@ _MAX_AGE_S = 0.5
 
 
 def frame_dtype(width: int, height: int) -> np.dtype:
-    """Record of one frame: monotonic and simulated time of the state it shows, a counter, the picture (RGB)."""
+    """Return the record of one frame: monotonic and simulated time of its state, a counter, the picture (RGB)."""
     return np.dtype([("stamp_s", "f8"), ("sim_s", "f8"), ("number", "u8"), ("rgb", np.uint8, (height, width, 3))])
 
 
 def frame_path(rig: str, camera: str, width: int, height: int, fps: int) -> Path:
-    """File of the block that holds the newest frame; cameras of equal settings share it."""
+    """Return the file of the block with the newest frame; cameras of equal settings share it."""
     return launch.rig_path(rig, f"camera-{slug(camera)}-{width}x{height}-{fps}")
 
 
 class _Frame(NamedTuple):
-    """A picture, (height, width, 3) uint8 RGB, its number, and the monotonic time in s of the state that it shows."""
+    """A picture (height, width, 3) uint8 RGB, its number, and the monotonic time of its state in s."""
 
     number: int
     stamp_s: float
@@ -52,15 +52,15 @@ class _Frame(NamedTuple):
 
 
 class RigCamera:
-    """Client of one camera. While it is connected the rig stays alive and draws it.
+    """Client of one camera. While it is connected the rig stays alive and draws the camera.
 
     Args:
         camera: name in the scene.
         width, height: pixels.
         fps: frames a second.
         rig: which rig, see `runtime_files.rig_name`.
-        scene: scene of a rig that is started for us.
-        options: scene options of a rig that is started for us.
+        scene: scene of a rig that is started here.
+        options: scene options of a rig that is started here.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class RigCamera:
         self._socket: socket.socket | None = None
         self._block: SharedBlock | None = None
         self._seen = 0
-        self._newest: tuple[int, _Frame | None] = (-1, None)  # the block's sequence number, and what it held
+        self._newest: tuple[int, _Frame | None] = (-1, None)  # the block's sequence number and its frame
         self._heard: dict[str, Any] = {}  # the rig's last message about this camera
 
     @property
@@ -110,7 +110,7 @@ class RigCamera:
             raise
 
     def _hear(self) -> None:
-        """Read one packet of the rig. Anything but "ready" is an end, whose reason every later call raises too."""
+        """Read one packet of the rig. One other than "ready" is an end; each later call raises its reason again."""
         assert self._socket is not None
         launch.checked(self._heard)
         try:
@@ -125,14 +125,14 @@ class RigCamera:
         launch.checked(self._heard)
 
     def latest(self, max_age_s: float = _MAX_AGE_S) -> tuple[np.ndarray, float]:
-        """The newest frame, without waiting.
+        """Return the newest frame, without waiting.
 
         Returns:
-            (height, width, 3) uint8 RGB, the same array as before if there is no newer frame; and the monotonic time in
-            s of the state that it shows.
+            (height, width, 3) uint8 RGB, the same array as before if there is no newer frame, and the monotonic time of
+            its state in s.
 
         Raises:
-            StaleStateError: it is older than max_age_s.
+            StaleStateError: the frame is older than max_age_s.
             RigError: not connected, or the rig or its renderer has ended.
         """
         record = self._read(self._connected())
@@ -147,7 +147,7 @@ class RigCamera:
         return record.rgb, record.stamp_s
 
     def wait_new(self, timeout_s: float = 1.0) -> tuple[np.ndarray, float]:
-        """The next frame that no call has returned yet; as `latest` otherwise.
+        """Return the next frame that no call has returned yet; otherwise as `latest`.
 
         Raises:
             StaleStateError: no frame within timeout_s; a frame from before the renderer stopped does not count.
@@ -174,12 +174,12 @@ class RigCamera:
 
     def _read(self, block: SharedBlock) -> _Frame | None:
         sequence, (before, frame) = block.sequence(), self._newest
-        if sequence == before:  # copying and checking a frame again would cost more than waiting for the next
+        if sequence == before:  # a frame is copied and checked once
             return frame
         try:
             record = block.read()
             frame = None if record is None else _Frame(int(record["number"]), float(record["stamp_s"]), record["rgb"])
-            self._newest = sequence + sequence % 2, frame  # it was odd: that frame was waited for
+            self._newest = sequence + sequence % 2, frame  # after an odd number, the frame that the block waited for
             return frame
         except StaleStateError as error:
             self._hear()
@@ -191,14 +191,14 @@ class RigCamera:
         return self._block
 
     def close(self) -> None:
-        """Leave the rig. Idempotent."""
+        """Disconnect from the rig. Idempotent."""
         block, self._block = self._block, None
         if block is not None:
             block.close()
         sock, self._socket = self._socket, None
         if sock is not None:
             with contextlib.suppress(OSError):
-                sock.shutdown(socket.SHUT_RDWR)  # also for a forked child that still holds it
+                sock.shutdown(socket.SHUT_RDWR)  # ends also the copy in a forked child
             sock.close()
         self._seen, self._heard, self._newest = 0, {}, (-1, None)
 

@@ -5,8 +5,8 @@
 Any python-can program can use it. The rig starts on demand and ends with its last client. The keyword `rig` or the
 variable YAM_RIG names it ("auto", the default: the rig of this process).
 
-Like a SocketCAN socket it hears what other clients send, from its opening on, and loses frames when nobody reads it.
-Under an injected fault (`control.RigControl.fault`) it raises what python-can's SocketCAN bus would.
+Like a SocketCAN socket it receives what other clients send after its opening, and loses frames when nobody reads.
+Under an injected fault (`control.RigControl.fault`) it raises the errors of python-can's SocketCAN bus.
 """
 
 import contextlib
@@ -26,11 +26,11 @@ from lerobot_robot_yam.rig.client import launch
 from lerobot_robot_yam.rig.devices import packets
 from lerobot_robot_yam.rig.devices.packets import Frame, message_of, pack_messages
 
-# Keywords that other interfaces take and callers pass to any: without effect here.
+# Keywords of other interfaces that callers pass to any; ignored here.
 _FOREIGN_OPTIONS = frozenset(
     ("bitrate", "data_bitrate", "timing", "single_handle", "local_loopback", "ignore_rx_error_frames", "tseg1_abr")
 )
-_SELECTABLE = 1024  # descriptors below
+_SELECTABLE = 1024  # limit of descriptors for `select`
 
 
 class YamSimBus(can.BusABC):
@@ -38,15 +38,15 @@ class YamSimBus(can.BusABC):
 
     Args:
         channel: a channel of the rig's scene, for example "follower_left".
-        can_filters: as for any bus.
+        can_filters: see `can.BusABC`.
         rig: rig to use, see `runtime_files.rig_name`.
-        scene: scene of a rig that is started for us.
+        scene: scene of a rig that is started here.
         fd: only False; the motors speak classic CAN.
         bitrate: only 1 Mbit/s, or None.
-        options: scene options of a rig that is started for us (`latency_s=0.00025`).
+        options: scene options of a rig that is started here (`latency_s=0.00025`).
 
     Raises:
-        BusError: no such channel, its adapter is unplugged, wrong bit-rate, CAN FD asked for.
+        BusError: no such channel, an unplugged adapter, a wrong bit rate, or CAN FD.
         ConfigError: unknown option or scene.
         RigError: the rig cannot be started.
     """
@@ -96,7 +96,7 @@ class YamSimBus(can.BusABC):
         """Queue frames for the wire in one system call; they go out in this order, back to back.
 
         Raises:
-            BusError: the rig is gone or does not take frames, or a frame is not classic CAN.
+            BusError: the rig is gone or accepts no frames, or a frame is not classic CAN.
             can.CanOperationError: as for `send`.
         """
         packet = pack_messages(messages, time.monotonic())
@@ -116,7 +116,7 @@ class YamSimBus(can.BusABC):
         check = self._link.check_receive
         while True:
             check()
-            if not self._arrived:  # else the next frame is here, and a look at the socket would cost more than the rest
+            if not self._arrived:  # a read of the socket costs more than all the rest
                 self._fetch(0.0)
             now = time.monotonic()
             if self._arrived:
@@ -124,7 +124,7 @@ class YamSimBus(can.BusABC):
                 if wait <= 0.0:
                     return message_of(self._arrived.popleft(), self.channel), False
                 if deadline is not None and self._arrived[0].stamp_s > deadline:
-                    # Nothing can arrive before the head: the wire keeps the order.
+                    # The wire keeps the order: no frame arrives before the first one here.
                     time.sleep(max(0.0, deadline - now))
                     return None, False
                 time.sleep(wait)
@@ -135,7 +135,7 @@ class YamSimBus(can.BusABC):
             self._fetch(remaining)
 
     def _fetch(self, timeout: float | None) -> None:
-        """Move packets of the rig into the queue; waits for the first one only, at most `timeout` s."""
+        """Move packets of the rig into the queue; wait for the first one only, at most `timeout` s."""
         sock = self._socket
         if sock is None:
             raise BusError(f"{self.channel_info} is shut down")
@@ -145,7 +145,7 @@ class YamSimBus(can.BusABC):
             while True:
                 packet = sock.recv(launch.MAX_PACKET, socket.MSG_DONTWAIT)
                 if not packet:
-                    if self._arrived:  # frames that the wire has taken are still delivered
+                    if self._arrived:  # frames already on the wire are still delivered
                         return
                     raise self._gone()
                 if packet != packets.WAKE:
@@ -160,10 +160,10 @@ class YamSimBus(can.BusABC):
         return BusError(f"{self.channel_info}: the rig has ended" + (f"; see {crash}" if crash.exists() else ""))
 
     def flush_tx_buffer(self) -> None:
-        """Nothing waits on this side."""
+        """Do nothing: the rig accepts frames at once."""
 
     def fileno(self) -> int:
-        """-1: readiness of the socket is not delivery by the wire, so nothing may select on it."""
+        """Return -1: a readable socket does not mean that the wire has delivered, so nothing may select on it."""
         return -1
 
     def shutdown(self) -> None:
@@ -172,7 +172,7 @@ class YamSimBus(can.BusABC):
         sock, self._socket = self._socket, None
         if sock is not None:
             with contextlib.suppress(OSError):
-                sock.shutdown(socket.SHUT_RDWR)  # also ends the connection that a forked child still holds
+                sock.shutdown(socket.SHUT_RDWR)  # ends also the copy in a forked child
             sock.close()
 
     @staticmethod
@@ -181,7 +181,7 @@ class YamSimBus(can.BusABC):
 
 
 def _wait(sock: socket.socket, event: int, timeout_s: float | None) -> bool:
-    """Wait for a socket. poll counts in milliseconds and rounds up, but select fails for descriptors above 1023."""
+    """Wait for a socket, by select (microseconds), or by poll (milliseconds) for descriptors above 1023."""
     timeout_s = None if timeout_s is None else max(0.0, timeout_s)
     if 0 <= sock.fileno() < _SELECTABLE:
         reads, writes = ([sock], []) if event == select.POLLIN else ([], [sock])

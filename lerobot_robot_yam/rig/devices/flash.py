@@ -1,8 +1,8 @@
-"""Registers of a simulated motor: as set up for an arm, kept when its power goes, and stored when it is told to.
+"""Registers of a simulated motor: as set up for an arm, as its flash keeps them, and as STORE writes them.
 
-No public source says what happens in either bad case, so we chose it:
-- "reverts": STORE keeps the register that was written last; the others in RAM become what flash held.
-- "cut": the power goes in the middle. Half of the changed registers are in flash, and the motor is silent.
+No public source documents a bad STORE, so its two ways are our choice:
+- "reverts": STORE keeps the register that was written last; the others in RAM return to what flash holds.
+- "cut": the power fails in the middle. Half of the changed registers are in flash, and the motor is silent.
 """
 
 import struct
@@ -17,7 +17,7 @@ WAYS = ("all", "reverts", "cut")
 
 
 def factory_registers(motor: ArmMotor | GripperMotor, serial: int) -> dict[int, float | int]:
-    """Value of every register of a motor of a profile, `serial` in SN; 0 where nothing depends on it."""
+    """Return the value of each register of a profile's motor, with `serial` in SN; 0 where nothing depends on it."""
     row = motor_type(motor.type)
     held: dict[int, float | int] = dict.fromkeys(registers.REGISTERS, 0)
     held |= {
@@ -43,7 +43,7 @@ def factory_registers(motor: ArmMotor | GripperMotor, serial: int) -> dict[int, 
         Register.CAN_BR: 4,
         Register.VBUS: 24.0,
     }
-    # A reader gets the float32 that the register holds.
+    # Registers hold float32.
     return {
         key: struct.unpack("<f", struct.pack("<f", value))[0] if registers.REGISTERS[key].kind == "float" else value
         for key, value in held.items()
@@ -54,11 +54,9 @@ class Flash:
     """Flash of one motor.
 
     Attributes:
+        held: its contents, by register number.
         way: how it stores, one of `WAYS`.
-        writes: how often it has stored.
-
-    Args:
-        held: what it holds at first, by number of the register.
+        writes: number of STORE commands so far.
     """
 
     def __init__(self, held: Mapping[int, float | int]):
@@ -66,7 +64,7 @@ class Flash:
         self.way, self.writes = "all", 0
 
     def store(self, ram: Mapping[int, float | int], last: int | None) -> dict[int, float | int]:
-        """Store the registers; `last` was written last. Returns what RAM holds afterwards."""
+        """Store the registers in `ram`, of which `last` was written last; return what RAM holds afterwards."""
         self.writes += 1
         changed = [number for number, value in ram.items() if value != self.held[number]]
         if self.way == "cut":

@@ -1,4 +1,4 @@
-"""Faults of a motor for tests: frames lost on their way, and false measurements."""
+"""Injected faults of a motor: frames lost on their way, and false measurements."""
 
 import random
 from collections.abc import Sequence
@@ -12,16 +12,16 @@ State = tuple[float, float, float]
 
 @dataclass
 class LinkFaults:
-    """Faults between a motor and its driver; by default everything works."""
+    """Faults between a motor and its driver; without an argument there is none."""
 
-    silent: bool = False  # neither obeys nor answers, as if unpowered
-    drop_next: int = 0  # this many answers are lost
+    silent: bool = False  # no frame is obeyed or answered, as without power
+    drop_next: int = 0  # number of answers to lose
     loss_rate: float = 0.0  # share of answers lost
     command_loss_rate: float = 0.0  # share of commands and requests that the motor does not hear
-    delay_s: float = 0.0  # of every answer
-    wrong_id: int | None = None  # answers come under this identifier; the registers do not know it
+    delay_s: float = 0.0  # delay of each answer
+    wrong_id: int | None = None  # identifier of answers instead of the one in the registers
     corrupt_rate: float = 0.0  # share of answers with random contents
-    corrupt_all: bool = False  # also in the first byte: motor number and fault code
+    corrupt_all: bool = False  # random contents also in the first byte: motor number and fault code
     set: bool = field(default=False, init=False)  # whether any other field differs from its default
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -30,15 +30,15 @@ class LinkFaults:
         self.__dict__["set"] = any(self.__dict__.get(row.name, row.default) != row.default for row in others)
 
     def any(self) -> bool:
-        """Whether something is set that concerns the answers on the wire."""
+        """Return whether a fault changes the answers on the wire."""
         return bool(self.drop_next or self.loss_rate or self.delay_s or self.corrupt_rate or self.wrong_id is not None)
 
     def unheard(self, chance: random.Random) -> bool:
-        """Whether the present frame is lost on its way to the motor."""
+        """Draw whether the present frame is lost on its way to the motor."""
         return self.command_loss_rate > 0.0 and chance.random() < self.command_loss_rate
 
     def spoil(self, answer: Frame, chance: random.Random) -> Sequence[Frame]:
-        """The frames that remain of an answer; the caller heeds `delay_s`."""
+        """Return the frames that remain of an answer; the caller applies `delay_s`."""
         if self.drop_next > 0:
             self.drop_next -= 1
             return ()
@@ -56,7 +56,7 @@ class LinkFaults:
 class FalseReading:
     """Offsets (joint sign) of the next `answers` answers, None for all; with `freeze` all repeat the first one.
 
-    The motor's own servo does not know of them.
+    They do not reach the motor's own servo.
     """
 
     position_rad: float = 0.0
@@ -67,7 +67,7 @@ class FalseReading:
     _frozen: State | None = field(default=None, init=False)
 
     def of(self, true: State, direction: int) -> State:
-        """The reported state in place of the true one, both in the motor's sign."""
+        """Return the reported state for a true one, both in the motor's sign."""
         if self.answers is not None:
             if self.answers <= 0:
                 return true

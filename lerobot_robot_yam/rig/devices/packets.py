@@ -1,8 +1,8 @@
-"""Packets between a bus client and the rig, and how long their frames occupy the wire.
+"""Packets between a bus client and the rig, and the time that their frames occupy the wire.
 
 A packet is any number of 24-byte records (stamp, identifier, length, flags, data). Towards the rig the stamp is
-the time of the send call. Towards the client it is the time at which the wire delivers the frame, and the client
-waits for it. So a whole tick travels as one packet each way and takes the time that a real bus would take.
+the time of the send call. Towards the client it is the time at which the wire delivers the frame, until which the
+client waits. So a whole tick travels as one packet each way and takes as long as on a real bus.
 """
 
 import struct
@@ -22,13 +22,13 @@ FLAG_EXTENDED = 1
 FLAG_REMOTE = 2
 FLAG_ERROR = 4  # from the interface itself, never on the wire
 
-WAKE = b"\0"  # a packet without frames: it makes the receiver look at its link
+WAKE = b"\0"  # a packet without frames, after which the receiver checks its link
 
-_OLDEST_SEND_S = 0.05  # a send stamp older than this is taken as that old: the sender was descheduled
+_OLDEST_SEND_S = 0.05  # older send stamps, of a descheduled sender, count as this old
 
 
 class Frame(NamedTuple):
-    """One CAN frame with its time stamp (`time.monotonic()` s, see the module's text for its meaning)."""
+    """One CAN frame with its time stamp (`time.monotonic()` s; the module's docstring says of what)."""
 
     stamp_s: float
     id: int
@@ -37,17 +37,15 @@ class Frame(NamedTuple):
 
 
 def pack(frames: Iterable[Frame]) -> bytes:
-    """Frames as one packet."""
     return b"".join([pack_one(*frame) for frame in frames])
 
 
 def pack_one(stamp_s: float, ident: int, data: bytes | bytearray, flags: int) -> bytes:
-    """One frame as a record."""
     return _RECORD.pack(stamp_s, ident, len(data), flags, data)
 
 
 def unpack(packet: bytes) -> list[Frame]:
-    """The frames of a packet. Raises BusError: it is not a whole number of records."""
+    """Decode a packet. Raises BusError: it is not a whole number of records."""
     if len(packet) % RECORD_SIZE:
         raise BusError(f"a packet of {len(packet)} bytes is not made of {RECORD_SIZE}-byte records")
     return [
@@ -56,7 +54,7 @@ def unpack(packet: bytes) -> list[Frame]:
 
 
 def pack_messages(messages: Sequence[can.Message], now_s: float) -> bytes:
-    """python-can's messages that are sent now, as one packet. Raises BusError: one is not classic CAN."""
+    """Encode python-can's messages, sent at `now_s`, as one packet. Raises BusError: a message is not classic CAN."""
     records = []
     for message in messages:
         if message.is_fd:
@@ -67,7 +65,7 @@ def pack_messages(messages: Sequence[can.Message], now_s: float) -> bytes:
 
 
 def message_of(frame: Frame, channel: str) -> can.Message:
-    """A frame as python-can's message, as a receiver gets it."""
+    """Convert a received frame into python-can's message."""
     stamp_s, ident, data, flags = frame
     return can.Message(
         timestamp=stamp_s,
@@ -83,7 +81,8 @@ def message_of(frame: Frame, channel: str) -> can.Message:
 class Wire:
     """Occupancy of one bus: frames follow one another, `FRAME_TIME_S` each, in the order of the calls.
 
-    Among frames that wait at the same moment the caller chooses: commands before replies, whose identifiers are higher.
+    Frames that are ready at the same time need the order of CAN's arbitration: commands before replies, whose
+    identifiers are higher.
     """
 
     def __init__(self, frame_time_s: float = FRAME_TIME_S):
@@ -92,14 +91,14 @@ class Wire:
         self.frames = 0
 
     def transmit(self, ready_s: float) -> float:
-        """Put a frame that is ready at `ready_s` on the wire; returns the time at which it is through."""
+        """Put a frame that is ready at `ready_s` on the wire; return the time at which it is delivered, s."""
         start = ready_s if ready_s > self.free_at_s else self.free_at_s
         self.free_at_s = start + self.frame_time_s
         self.frames += 1
         return self.free_at_s
 
     def transmit_all(self, ready_s: float, count: int) -> list[float]:
-        """`transmit` for `count` frames, all ready at `ready_s`; returns the time at which each is through."""
+        """Put `count` frames that are ready at `ready_s` on the wire; return the time at which each is delivered, s."""
         start = ready_s if ready_s > self.free_at_s else self.free_at_s
         _, *through_s = accumulate(repeat(self.frame_time_s, count), initial=start)
         self.free_at_s = through_s[-1]
@@ -108,5 +107,5 @@ class Wire:
 
 
 def send_time(stamp_s: float, now_s: float) -> float:
-    """A client's send stamp, kept within what is plausible at `now_s`; NaN counts as old."""
-    return min(max(now_s - _OLDEST_SEND_S, stamp_s), now_s)  # in this order: max keeps the first beside a NaN
+    """Clamp a client's send stamp to the plausible times at `now_s`; NaN counts as old."""
+    return min(max(now_s - _OLDEST_SEND_S, stamp_s), now_s)  # max returns its first argument beside NaN

@@ -19,8 +19,7 @@ _OP_READINGS = 0x06
 class SimHandle:
     """Trigger and two buttons, moved by the operator or a test; answers requests on 0x50E.
 
-    Args:
-        device: its number.
+    device: its number in requests and replies.
     """
 
     travel_rad = encoder.TRIGGER_TRAVEL_RAD
@@ -31,7 +30,7 @@ class SimHandle:
         self.trigger_rate = 0.0  # 1/s
         self.buttons = (False, False)
         self.silent = False
-        self.report_period_s = 0.0  # 0: only on request
+        self.report_period_s = 0.0  # 0: reports on request only
         self._zero_rad = 0.0
         self._event_mask = 0
         self._next_report_s = 0.0
@@ -71,26 +70,26 @@ class SimHandle:
         return None if answer is None else Frame(0.0, encoder.REQUEST_ID, answer)
 
     def set_report_frequency(self, hz: int) -> None:
-        """Reports per second without being asked; 0 reports on request only."""
+        """Set the rate of reports that are sent without a request; 0 for none."""
         hz = min(hz, encoder.REPORT_FREQUENCY_MAX_HZ)
         self.report_period_s = 1.0 / hz if hz else 0.0
         self._eeprom[encoder.EEPROM_REPORT_FREQUENCY_LOW] = hz & 0xFF
         self._eeprom[encoder.EEPROM_REPORT_FREQUENCY_HIGH] = hz >> 8
 
     def due_report(self, now_s: float) -> Frame | None:
-        """A report that is due unasked."""
+        """Return the periodic report that is due, if any."""
         if self.report_period_s == 0.0 or now_s < self._next_report_s or self.silent:
             return None
         self._next_report_s = max(self._next_report_s + self.report_period_s, now_s)
         return self.report()
 
     def report(self, ident: int = encoder.REPORT_ID) -> Frame:
-        """The present state as a report (or event) frame."""
+        """Encode the present state as a report (or event) frame."""
         rate = self._rate_rad_s()
         return Frame(0.0, ident, encoder.encode_report(self._position_rad(), rate, self.buttons, self._device))
 
     def press(self, buttons: tuple[bool, bool]) -> Frame | None:
-        """Set the buttons; returns the event frame that this causes, if events are on."""
+        """Set the buttons; return the event frame that this causes, if events are on."""
         before = self._inputs()
         self.buttons = buttons
         if (before ^ self._inputs()) & self._event_mask and not self.silent:
@@ -108,7 +107,7 @@ class SimHandle:
 
 
 class SimJointEncoder(SimHandle):
-    """A device of its own number whose angle is that of one of the arm's joints in the world."""
+    """Encoder with a device number of its own that reports the angle of one of the arm's joints in the world."""
 
     def __init__(self, world: World, device: int, position: int, velocity: int, sign: int):
         super().__init__(device)
@@ -124,10 +123,10 @@ class SimJointEncoder(SimHandle):
 class SimEncoders(SimHandle):
     """All encoders of a leader without motors, in place of a handle: a device per joint, the last for the trigger.
 
-    They are silent until they are told to report, or asked.
+    They are silent until a request or until their report frequency is set.
 
     Attributes:
-        silent_devices: those that say nothing, from 0.
+        silent_devices: indices, from 0, of encoders that neither report nor answer.
     """
 
     travel_rad = TRIGGER_TRAVEL_RAD
@@ -142,12 +141,11 @@ class SimEncoders(SimHandle):
         self.silent_devices: frozenset[int] = frozenset()
 
     def requests(self, data: bytes) -> list[Frame]:
-        """Answers of all devices to a frame to 0x50E."""
+        """Return all devices' answers to a frame to 0x50E."""
         answers = [device.request(data) for device in self._speaking()]
         return [answer for answer in answers if answer is not None]
 
     def due_reports(self, now_s: float) -> list[Frame]:
-        """Reports that are due unasked."""
         reports = [device.due_report(now_s) for device in self._speaking()]
         return [report for report in reports if report is not None]
 

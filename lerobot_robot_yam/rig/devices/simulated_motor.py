@@ -1,6 +1,6 @@
 """A simulated Damiao motor: frames in, feedback out, registers, states, watchdog.
 
-No public source documents these, so we chose them:
+No public source documents these rules; they are our choice:
 - ENABLE does not clear a fault; CLEAR does, and leaves the motor disabled.
 - Only frames to the motor's own command identifiers feed the watchdog.
 - A command of another mode than CTRL_MODE is answered but not obeyed.
@@ -37,21 +37,21 @@ from lerobot_robot_yam.rig.world.world import World
 # Gains of the motor's own loops in the modes whose commands carry no gains.
 _POSITION_KP, _POSITION_KD = 100.0, 5.0
 _VELOCITY_KD = 5.0
-_NORMAL = int(Fault.NORMAL)  # a plain number: to look it up in its enumeration takes long
+_NORMAL = int(Fault.NORMAL)  # a plain number, because an enumeration look-up is slow
 _RANGES = (Register.PMAX, Register.VMAX, Register.TMAX)
-AHEAD_S = 0.003  # the most by which a sample is carried on
-_TWIN_OFFSET_RAD = 0.3  # of a second motor from where the first one was when the rig started; our choice
-_TWIN_SERIAL = 100_000  # added to the serial number of a second motor
+AHEAD_S = 0.003  # longest time over which a sample is extrapolated
+_TWIN_OFFSET_RAD = 0.3  # second motor's angle minus the first one's at the rig's start; our choice
+_TWIN_SERIAL = 100_000  # second motor's serial number minus the first one's
 
 
 class SimMotor:
     """One motor on one drive.
 
     Args:
-        row: of the profile. Answers to its identifier come from the identifier + 16.
+        row: the motor's row in its profile. Its answers have the row's identifier + 16.
         zero_rad: motor angle at joint angle 0.
         log: called with the kind of an event and its details.
-        serial: its serial number.
+        serial: content of register SN.
     """
 
     def __init__(
@@ -67,32 +67,31 @@ class SimMotor:
         self.name, self.kind, self.direction, self.zero_rad = row.name, row.type, row.direction, zero_rad
         self.fault: int = Fault.DISABLED
         self.faults = LinkFaults()
-        self.sticky_fault = False  # CLEAR does not help
+        self.sticky_fault = False  # CLEAR does not end the fault
         self.unpowered = False
         self.bias_nm = 0.0  # see `set_bias`
-        self.reading: FalseReading | None = None  # its false measurements
+        self.reading: FalseReading | None = None
         self.twin: SimMotor | None = None  # see `plug_in_twin`
         self.drive, self.world, self._log = drive, world, log
         self._start_rad = drive.angle()
         self.ranges = codec.ranges_of(row.type)
         self.thermometer = Thermometer(random.Random(world.scene.options.seed * 1000 + row.can_id))
         self.last_command_s = 0.0  # simulated time
-        self.goal: tuple[float, float] | None = None  # of a position-velocity move under way: target and speed limit
+        self.goal: tuple[float, float] | None = None  # target and speed limit of the present position-velocity move
         self._reference = 0.0
         self._registers = factory_registers(row, serial)
         self.flash = Flash(self._registers)
-        self._written: int | None = None  # the register that was written last
+        self._written: int | None = None  # the last register written
         self._registers_changed()
 
     @property
     def enabled(self) -> bool:
-        """Whether the motor obeys commands."""
         return self.fault == _NORMAL
 
     def plain_settings(self) -> tuple[float, int, int] | None:
-        """Zero and identifiers while it is plain, as `WholeTick` asks; else None.
+        """Return zero and both identifiers if the motor is plain, else None, for `WholeTick`.
 
-        Plain: enabled in MIT mode, without faults and with the settings of its type.
+        Plain means enabled in MIT mode, without faults and with the settings of its type.
         """
         thermometer = self.thermometer
         if (
@@ -118,7 +117,7 @@ class SimMotor:
     # frames
 
     def command(self, offset: int, data: bytes, at_s: float) -> Frame | None:
-        """Obey a frame to identifier can_id + offset that the wire delivers at `at_s`, and answer it. Hot."""
+        """Obey and answer a frame to identifier can_id + offset, delivered at `at_s`. Hot: once per frame."""
         if self.faults.silent:
             return None
         special = codec.SPECIAL_OF.get(data)
@@ -146,19 +145,19 @@ class SimMotor:
             return None
         if request.opcode == Opcode.WRITE and registers.REGISTERS[request.register].writable:
             assert request.value is not None
-            with contextlib.suppress(ConfigError):  # the answer then shows the value still held
+            with contextlib.suppress(ConfigError):  # the answer then shows the old value
                 self.set_register(request.register, request.value)
                 self._written = request.register
         angle = request.register in (Register.P_M, Register.XOUT)
         value = self.motor_angle_rad if angle else self._registers[request.register]
-        # Identifiers may just have changed; the answer still comes from the one that was asked.
+        # The write may have changed the identifier; the answer has the one of the request.
         answer = registers.encode_reply(request.motor_id, request.opcode, request.register, value)
         return Frame(0.0, self.master_id, answer)
 
     def feedback(self, at_s: float) -> Frame:
-        """A feedback frame of the state at monotonic time `at_s`; the caller sets its time stamp. Hot: once per frame.
+        """Encode the state at monotonic time `at_s`; the caller sets the frame's stamp. Hot: once per frame.
 
-        The physics may be behind that time by a packet's way over the wire. The position is carried on with the
+        The physics may be behind that time by a packet's way over the wire. So the position is extrapolated with the
         velocity, which over 3 ms is exact to less than the frame's last bit.
         """
         direction, drive, world = self.direction, self.drive, self.world
@@ -183,7 +182,7 @@ class SimMotor:
     # state
 
     def advance(self, elapsed_s: float) -> None:
-        """Move the reference of a position-velocity move; call while there is a `goal`."""
+        """Move the reference of a position-velocity move; call it while there is a `goal`."""
         if self.goal is None:
             return
         target, speed = self.goal
@@ -193,7 +192,7 @@ class SimMotor:
         self._obey(self._reference, velocity, _POSITION_KP, _POSITION_KD, 0.0, scale=False)
 
     def look_after_itself(self) -> None:
-        """Give up when too hot or without a command for too long; call every few ms of simulated time."""
+        """Enter a fault when too hot, or without a command for too long; call it each few ms of simulated time."""
         sim_s = self.world.sim_s
         if self.thermometer.ramp is not None and self.fault in (Fault.NORMAL, Fault.DISABLED):
             hot = self.thermometer.tripped(self._registers[Register.OT_VALUE], sim_s)
@@ -207,15 +206,15 @@ class SimMotor:
             self.twin.look_after_itself()
 
     def set_bias(self, torque_nm: float) -> None:
-        """Add a torque (joint sign, Nm) while the motor is enabled; it does not report it."""
+        """Add a torque (joint sign, Nm) while the motor is enabled; the motor does not report it."""
         self.bias_nm = torque_nm
         self.drive.load(torque_nm if self.fault == Fault.NORMAL else 0.0)
 
     def plug_in_twin(self, angle_rad: float | None = None) -> None:
-        """Plug in a second motor with the same identifiers: it hears every frame and answers after this one.
+        """Add a second motor with the same identifiers, which hears each frame and answers after this one.
 
-        It is limp at first. It has its own registers, and a bare shaft at `angle_rad` (joint sign). It obeys MIT
-        commands. Its events are called second_motor_enabled and so on.
+        It starts limp, with its own registers and a bare shaft at `angle_rad` (joint sign). It obeys MIT commands. Its
+        events are called second_motor_enabled and so on.
         """
         angle = self._start_rad + _TWIN_OFFSET_RAD if angle_rad is None else angle_rad
         shaft = LooseShaft(self.world, angle, self.ranges[2])
@@ -234,14 +233,13 @@ class SimMotor:
         self._log("motor_fault", motor=self.name, fault=int(fault))
 
     def disable(self) -> None:
-        """Torque off."""
         if self.fault == Fault.NORMAL:
             self._log("motor_disabled", motor=self.name)
             self.fault = Fault.DISABLED
         self._limp()
 
     def set_register(self, register: int, value: float) -> None:
-        """Overwrite a register, read-only ones too. Raises ConfigError: no such register, or it cannot hold that."""
+        """Overwrite a register, also a read-only one. Raises ConfigError: no such register, or value out of range."""
         registers.encode_value(register, value)  # checks
         if register in _RANGES and value <= 0:
             raise ConfigError(f"register {registers.REGISTERS[register].name} must be positive, not {value}")
@@ -251,7 +249,7 @@ class SimMotor:
         self._registers_changed()
 
     def power(self, on: bool) -> None:
-        """Switch its power: off, it is limp and silent; on again, it has the registers that its flash holds."""
+        """Switch the power: off, the motor is limp and silent; on again, its registers are those in flash."""
         if on and self.unpowered:
             self._registers = dict(self.flash.held)
             self._registers_changed()
@@ -283,7 +281,7 @@ class SimMotor:
             self._limp()
 
     def _obey(self, position: float, velocity: float, kp: float, kd: float, torque: float, scale: bool = True) -> None:
-        """Servo to a command in motor coordinates; `scale`: it was packed in the motor's own ranges."""
+        """Servo to a command in motor coordinates; scale: it was packed in the motor's own ranges."""
         if scale:
             self.goal = None
             if self._scales is not None:
@@ -292,12 +290,12 @@ class SimMotor:
         direction = self.direction
         true = self.zero_rad + direction * self.drive.angle()
         p_max = self.ranges[0]
-        if not -p_max <= true <= p_max:  # the command means the turn that feedback reports
+        if not -p_max <= true <= p_max:  # commands count within the turn that feedback reports
             position += true - ((true + p_max) % (2 * p_max) - p_max)
         self.drive.command(direction * (position - self.zero_rad), direction * velocity, kp, kd, direction * torque)
 
     def _obey_floats(self, offset: int, data: bytes) -> None:
-        """Position-velocity or velocity command, if the motor is in that mode and the numbers are finite."""
+        """Obey a position-velocity or velocity command, if CTRL_MODE fits and the numbers are finite."""
         first, second = codec.decode_position_velocity(data)
         if not (math.isfinite(first) and math.isfinite(second)):
             return
@@ -316,7 +314,7 @@ class SimMotor:
         self.mode = int(held[Register.CTRL_MODE])
         self.master_id = int(held[Register.MST_ID])
         self._timeout_s = held[Register.TIMEOUT] * TIMEOUT_COUNT_S
-        # The codec packs with the type's ranges; a motor set to others packs as if every value were scaled.
+        # The codec packs with the type's ranges; for other ranges in the registers the values are scaled.
         scales = tuple(mine / held[register] for mine, register in zip(self.ranges, _RANGES, strict=False))
         self._scales: tuple[float, ...] | None = None if all(abs(s - 1) < 1e-6 for s in scales) else scales
         self._plainly_set = self._scales is None and self.mode == ControlMode.MIT

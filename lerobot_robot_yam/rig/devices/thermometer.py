@@ -1,4 +1,4 @@
-"""Temperatures of one simulated motor: what it reports, and at which it switches itself off."""
+"""Temperatures of one simulated motor, as it reports them, and the faults that it enters when too hot."""
 
 import random
 from dataclasses import dataclass
@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from lerobot_robot_yam.damiao.tables import Fault
 
 COIL_LIMIT_C = 100.0  # our choice for every motor; the power stage's limit is register OT_VALUE
-_REST_C = (35.5, 40.5)  # power stage, coil; these and the gains: the vendor's simulation
+_REST_C = (35.5, 40.5)  # power stage, coil; these and the gains are from the vendor's simulation
 _GAIN_C_PER_W = (0.5, 0.8)
 _TIME_CONSTANT_S = (20.0, 60.0)  # our estimate
-PERIOD_S = 0.02  # of measuring; our choice
+PERIOD_S = 0.02  # between two measurements; our choice
 
 
 @dataclass(frozen=True)
@@ -21,32 +21,31 @@ class Ramp:
     since_s: float
 
     def at(self, sim_s: float) -> float:
-        """The temperature at a simulated time, °C."""
+        """Return the temperature at a simulated time, °C."""
         return self.from_c + self.rate_c_per_s * (sim_s - self.since_s)
 
 
 class Thermometer:
     """Power stage ("mos") and coil ("rotor") of one motor, °C.
 
-    held: fixed readings of sensors that lie; the motor does not act on them. ramp: a real change; the motor does.
-    chance: of the noise.
-    word: the two bytes of a feedback frame for what was measured last.
+    held: fixed false readings, to which the motor does not react. ramp: a real change, to which it does. chance: source
+    of the noise. word: the last measurement as the two bytes of a feedback frame.
     """
 
     def __init__(self, chance: random.Random):
         self.held: tuple[float, float] | None = None
         self.ramp: Ramp | None = None
         self._chance = chance
-        self._warmth = (0.0, 0.0)  # above rest
+        self._warmth = (0.0, 0.0)  # °C above rest
         self.measured_at_s = -PERIOD_S
         self._measured = _REST_C
         self.word = 0
 
     def read(self, velocity_rad_s: float, torque_nm: float, sim_s: float, sample_s: float) -> tuple[int, int]:
-        """Reported power stage and coil of a sample taken at monotonic time `sample_s`.
+        """Return the reported power stage and coil of a sample taken at monotonic time `sample_s`, °C.
 
-        Without a fault it is the vendor simulation's formula, which has no inertia, behind a low-pass filter: metal
-        does not follow the power within a tick.
+        Without a fault this is the formula of the vendor's simulation behind a low-pass filter, because metal does not
+        follow the power within a tick.
         """
         if not 0.0 <= sim_s - self.measured_at_s < PERIOD_S:
             self._measure(abs(velocity_rad_s * torque_nm), sim_s)
@@ -68,7 +67,7 @@ class Thermometer:
         self.word = min(max(int(mos), 0), 0xFF) << 8 | min(max(int(rotor), 0), 0xFF)
 
     def tripped(self, mos_limit_c: float, sim_s: float) -> Fault | None:
-        """The fault that the motor enters because it is too hot."""
+        """Return the fault that the motor enters because it is too hot, if any."""
         if self.ramp is None:
             return None
         warm = self.ramp.at(sim_s)

@@ -6,7 +6,7 @@
         …                                     # send them, let time pass
 
 The operator's script blocks while it waits, so it runs in another thread. Only one of the two threads runs at any
-time. They change places at times of the rig's clock, so that the outcome does not depend on the computer.
+time. They alternate at times of the rig's clock, so that the outcome does not depend on the computer.
 """
 
 import threading
@@ -21,9 +21,9 @@ from lerobot_robot_yam.rig.operator.task_scripts import make_script
 
 
 class Demonstrator:
-    """Implements `hands.Hands` for the script of a task, and gives the targets that follow from it.
+    """Implements `hands.Hands` for the script of a task, and converts its paths into targets.
 
-    rig: with its things laid out. task: of its scene. sides: those that have a follower.
+    rig: with its things laid out. task: a task of its scene. sides: those that have a follower.
 
     Raises:
         ConfigError: the task has no script, or the scene lacks something that the script needs.
@@ -45,7 +45,7 @@ class Demonstrator:
         self._thread.start()
 
     def targets(self) -> dict[str, np.ndarray]:
-        """Each follower's target now: joints and opening (n + 1,); where it was at first until its hand moves.
+        """Return each follower's target now: joints and opening (n + 1,); its start until its hand moves.
 
         Raises:
             YamError: the script failed.
@@ -59,7 +59,7 @@ class Demonstrator:
         return {side: path.at(now) for side, path in self._pulls.items()}
 
     def close(self) -> None:
-        """End the script wherever it is. Idempotent."""
+        """End the script in any state. Idempotent."""
         self._over = True
         if self._thread.is_alive():
             self._script_turn.release()
@@ -81,11 +81,9 @@ class Demonstrator:
     # the operator's hands
 
     def now(self) -> float:
-        """The rig's time in s."""
         return self._rig.now()
 
     def wait(self, seconds: float) -> None:
-        """Let the rig's time pass."""
         self._wake_s = self._rig.now() + seconds
         self._our_turn.release()
         self._script_turn.acquire()
@@ -93,7 +91,6 @@ class Demonstrator:
             raise Interrupted
 
     def look(self) -> Sight:
-        """The world as it is."""
         return sight_of(self._rig.state(brief=True), self._sides)
 
     def pull(self, side: str, times_s: np.ndarray, q_rad: np.ndarray, trigger: np.ndarray) -> None:
@@ -102,8 +99,8 @@ class Demonstrator:
         self._pulls[side] = Path(self._rig.now() + np.asarray(times_s, float), path)
 
     def let_go(self) -> None:
-        """Nothing to let go of: the targets stay."""
+        """Do nothing: the targets stay."""
 
     def put_back(self, position_m: np.ndarray) -> None:
-        """Raises Interrupted: an attempt that needs this has failed."""
+        """Raise Interrupted: an attempt that needs this has failed."""
         raise Interrupted

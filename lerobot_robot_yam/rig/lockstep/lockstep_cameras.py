@@ -1,4 +1,4 @@
-"""Rendered cameras of a rig in lock-step: a picture shows the instant at which it is asked for."""
+"""Rendered cameras of a rig in lock-step: a picture shows the instant of its request."""
 
 import select
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.server.child_processes import CameraService
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
-_TIMEOUT_S = 60.0  # the computer's time: the renderer builds its world first
+_TIMEOUT_S = 60.0  # the computer's time, in which the renderer also builds its world
 
 _renderers: dict[str, "LockstepRenderer"] = {}
 
@@ -27,7 +27,7 @@ def _renderer_of(rig: LockstepRig) -> "LockstepRenderer":
 
 
 class LockstepRenderer:
-    """All cameras of one rig, drawn together by one renderer process. It ends with the rig."""
+    """All cameras of one rig, drawn together by one renderer process, which ends with the rig."""
 
     def __init__(self, rig: LockstepRig):
         self._rig = rig
@@ -38,13 +38,13 @@ class LockstepRenderer:
         self._answers: dict[Any, dict[str, Any]] = {}
 
     def open(self, client: "LockstepCamera", hello: dict[str, Any]) -> Path:
-        """Path of the block that holds the camera's newest frame.
+        """Start drawing a camera; return the path of the block with its newest frame.
 
         Raises:
             ConfigError: unknown camera or impossible settings.
             RigError: no OpenGL.
         """
-        self._rig.show()  # the renderer looks for the world when it starts
+        self._rig.show()  # the renderer opens the world's block at its start
         path = Path(self._service.open(client, hello)["block"])
         self._wait(lambda: client in self._answers)
         checked(self._answers.pop(client))
@@ -52,11 +52,10 @@ class LockstepRenderer:
         return path
 
     def drop(self, client: "LockstepCamera") -> None:
-        """Draw a camera no longer."""
         self._service.drop(client)
 
     def look(self) -> None:
-        """Draw the present state of the world, unless that has been done."""
+        """Draw the present state of the world, unless the pictures show it already."""
         rig = self._rig
         present = rig.restarts, rig.device.world.steps
         if present != self._drawn:
@@ -82,7 +81,7 @@ class LockstepRenderer:
 
 
 class LockstepCamera:
-    """One camera; as `rendered_camera.RigCamera`, but its pictures are never old.
+    """One camera with the methods of `rendered_camera.RigCamera`, whose pictures are never old.
 
     camera: name in the scene. width, height: pixels. fps: without effect, as each request draws a picture.
     """
@@ -98,7 +97,7 @@ class LockstepCamera:
         return self._block is not None
 
     def connect(self) -> None:
-        """Have the camera drawn. Does nothing when connected.
+        """Start drawing the camera. Does nothing when connected.
 
         Raises:
             ConfigError: the scene has no such camera, or it cannot have these settings.
@@ -108,7 +107,7 @@ class LockstepCamera:
             self._block = SharedBlock(_renderer_of(self._rig).open(self, self._hello), self._dtype, create=False)
 
     def latest(self, max_age_s: float = 0.0) -> tuple[np.ndarray, float]:
-        """(height, width, 3) uint8 RGB of this instant, and the rig's time in s.
+        """Return (height, width, 3) uint8 RGB of this instant, and the rig's time in s.
 
         Raises:
             RigError: not connected, or the renderer has ended.
@@ -121,11 +120,11 @@ class LockstepCamera:
         return record["rgb"], float(record["stamp_s"])
 
     def wait_new(self, timeout_s: float = 0.0) -> tuple[np.ndarray, float]:
-        """As `latest`: there is nothing to wait for."""
+        """Return `latest`, without waiting."""
         return self.latest()
 
     def close(self) -> None:
-        """Leave. Idempotent."""
+        """Stop drawing the camera. Idempotent."""
         block, self._block = self._block, None
         if block is not None:
             block.close()

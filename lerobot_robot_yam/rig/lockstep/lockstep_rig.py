@@ -3,7 +3,7 @@
     rig = LockstepRig("tasks", arms=["follower_left", "follower_right"])
     bus = can.Bus(interface="yam_lockstep", channel="follower_left", rig=rig.name)
 
-It has the world, motors and wires of the live rig, without sockets. Nothing in it depends on the computer's clock or
+It has the world, motors and wires of the live rig, without sockets, and does not depend on the computer's clock or
 load: the same calls give the same bits, as fast as the machine allows.
 """
 
@@ -30,15 +30,15 @@ from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations, perfo
 from lerobot_robot_yam.rig.world.world import WorldBlock
 
 BEGIN_S = 100.0  # the rig's time when it starts
-_STEP_S = 0.004  # physics in one go, as the live rig does
-_PATIENCE_S = 60.0  # of a receiver without a time-out
+_STEP_S = 0.004  # physics in one go, as in the live rig
+_PATIENCE_S = 60.0  # longest wait of a receiver without a time-out
 
 _rigs: dict[str, "LockstepRig"] = {}
 _numbers = itertools.count(1)
 
 
 def find_lockstep(name: str | None) -> "LockstepRig | None":
-    """The rig in lock-step of that name, if there is one in this process."""
+    """Return this process's rig in lock-step of that name, if any."""
     return _rigs.get(name or "")
 
 
@@ -49,8 +49,8 @@ class LockstepRig(RigOperations):
         scene, options: see `scene.load_scene`.
 
     Attributes:
-        restarts: how often `restart` was called.
-        at_close: called when the rig is closed.
+        restarts: number of calls of `restart`.
+        at_close: functions that `close` calls.
 
     Raises:
         ConfigError: unknown scene or option.
@@ -70,11 +70,10 @@ class LockstepRig(RigOperations):
         _rigs[self.name] = self
 
     def now(self) -> float:
-        """The rig's time in s."""
         return self._now_s
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass."""
+        """Let the rig's time pass, and simulate it."""
         if not seconds >= 0.0:
             raise ValueError(f"a rig cannot sleep {seconds!r} s")
         until_s = self._now_s + seconds
@@ -88,7 +87,7 @@ class LockstepRig(RigOperations):
         return plain
 
     def restart(self) -> None:
-        """Begin anew, at the same time, in the same world as at first. Open buses are dead afterwards."""
+        """Return to the time and world of the start. Open buses are dead afterwards."""
         for channel in self.device.channels.values():
             channel.clients.clear()
         self.device = RigDevice(self._scene, self)
@@ -101,7 +100,7 @@ class LockstepRig(RigOperations):
         self._block.publish(self.device.world)
 
     def close(self) -> None:
-        """End it. Idempotent."""
+        """End the rig. Idempotent."""
         if _rigs.pop(self.name, None) is not None:
             while self.at_close:
                 self.at_close.pop()()
@@ -113,12 +112,12 @@ class LockstepBus(can.BusABC):
 
     Args:
         channel: a channel of the rig's scene.
-        can_filters: as for any bus.
+        can_filters: see `can.BusABC`.
         rig: name of a `LockstepRig` of this process.
 
     Raises:
-        ConfigError: there is no such rig.
-        BusError: there is no such channel.
+        ConfigError: no such rig.
+        BusError: no such channel.
     """
 
     def __init__(self, channel: str, can_filters: Any = None, *, rig: str | None = None, **foreign_options: Any):
@@ -137,7 +136,6 @@ class LockstepBus(can.BusABC):
         super().__init__(channel=channel, can_filters=can_filters)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Queue one frame for the wire."""
         self.send_many((msg,))
 
     def send_many(self, messages: Sequence[can.Message]) -> None:
@@ -155,7 +153,7 @@ class LockstepBus(can.BusABC):
         self._wire.receive_packet(self._mailbox, pack_messages(messages, now), now)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """The next frame; its time passes on the rig's clock.
+        """Return the next frame; the wait passes on the rig's clock.
 
         Raises:
             can.CanOperationError: the interface is down or gone.
@@ -187,8 +185,6 @@ class LockstepBus(can.BusABC):
 
 
 class _Mailbox:
-    """Takes a channel's packets in a socket's place."""
-
     def __init__(self, arrived: deque[Frame]):
         self._arrived = arrived
 

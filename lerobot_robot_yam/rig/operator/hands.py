@@ -10,31 +10,31 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a thing is: origin (3,) and orientation (4,), w x y z, of its frame in the world."""
+    """Pose of a thing: origin (3,) and orientation (4,), w x y z, of its frame in the world."""
 
     position_m: np.ndarray
     quat_wxyz: np.ndarray
 
     @property
     def rotation(self) -> np.ndarray:
-        """(3, 3)."""
+        """Rotation matrix (3, 3)."""
         matrix = np.empty(9)
         mujoco.mju_quat2Mat(matrix, self.quat_wxyz)
         return matrix.reshape(3, 3)
 
     def point(self, local_m: np.ndarray) -> np.ndarray:
-        """A point (3,) of its frame, in the world."""
+        """Return a point (3,) of the thing's frame in the world."""
         return self.position_m + self.rotation @ local_m
 
     @property
     def yaw_rad(self) -> float:
-        """Direction of its x axis, seen from above."""
+        """Direction of the thing's x axis, seen from above."""
         rotation = self.rotation
         return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
 
     @property
     def edge_yaw_rad(self) -> float:
-        """Direction of its most level axis: of a cube's edge, whichever face it lies on."""
+        """Direction of the most level axis: a cube's edge, whichever face it lies on."""
         axes = self.rotation
         level = axes[:, np.argmin(np.abs(axes[2]))]
         return float(np.arctan2(level[1], level[0]))
@@ -42,7 +42,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Sight:
-    """One look.
+    """State of the rig at one look.
 
     Attributes:
         things: prop or piece of furniture → its pose.
@@ -61,7 +61,7 @@ class Sight:
 
 
 def sight_of(state: Mapping[str, Any], sides: Iterable[str]) -> Sight:
-    """The view of a state as `RigOperations.state` returns it; `sides` are those that have a follower."""
+    """Build the sight from a state of `RigOperations.state`; sides: those with a follower."""
     arms, sides = state["arms"], tuple(sides)
     things = {**state["furniture"], **state["props"]}
     followers = {side: arms[f"follower_{side}"] for side in sides}
@@ -81,7 +81,7 @@ def _willing(arm: Mapping[str, Any]) -> bool:
 
 
 class Hands(Protocol):
-    """Implemented for the live rig, in lock-step, and in tests."""
+    """Seam between scripts and rigs; implemented for the live rig, in lock-step, and in tests."""
 
     def now(self) -> float: ...
 
@@ -98,14 +98,14 @@ class Hands(Protocol):
 
 
 class Interrupted(Exception):  # noqa: N818 - not an error: the session ended
-    """The arms are switched off, or go their own way."""
+    """Raised when the arms are switched off or resist the hand."""
 
 
 def see(hands: Hands) -> Sight:
-    """Look.
+    """Return the present sight.
 
     Raises:
-        Interrupted: the arms are switched off, or have begun to go their own way. The hands have let go.
+        Interrupted: an arm is switched off or resists the hand; the hands have let go.
     """
     sight = hands.look()
     if not sight.willing:
@@ -115,6 +115,6 @@ def see(hands: Hands) -> Sight:
 
 
 def pause(hands: Hands, seconds: float) -> Sight:
-    """Wait, then look, see `see`."""
+    """Wait, then return `see`."""
     hands.wait(max(0.0, seconds))
     return see(hands)

@@ -25,13 +25,13 @@ from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 
 logger = logging.getLogger(__name__)
 
-_READY_S = 1.0  # a person waits a little before taking hold
+_READY_S = 1.0  # a person's wait before taking hold
 _POLL_S = 0.1
-_VERDICT_S = 2.0  # the judge sees a prop rest for a while before it says so
+_VERDICT_S = 2.0  # wait for the verdict, for which a prop has to rest for a while
 
 
 class RigHands:
-    """Implements `hands.Hands` on a live rig. Raises ConfigError: its scene has no leader or no follower of a side."""
+    """Implements `hands.Hands` on a live rig. Raises ConfigError: its scene lacks a side's leader or follower."""
 
     def __init__(self, rig: RigOperations, scene: dict[str, Any]):
         self._rig, self._sides = rig, sides_of(scene)
@@ -62,7 +62,7 @@ class RigHands:
 
 
 def _work(rig: RigControl, script: Script, seed: int) -> int:
-    """Do the script's task once; returns the seed for the next time."""
+    """Do the script's task once; return the seed for the next time."""
     if script.endless:
         script.work()
         return seed
@@ -81,7 +81,7 @@ def operate(rig: RigControl, task: str) -> None:
     """Do the task whenever all arms are energised, until the rig ends.
 
     Raises:
-        ConfigError: unknown task, or a scene that lacks something that it needs.
+        ConfigError: unknown task, or a scene that lacks something that the task needs.
         RigError: the rig has ended.
     """
     scene = rig.scene()
@@ -103,7 +103,6 @@ def operate(rig: RigControl, task: str) -> None:
 
 
 def main() -> int:
-    """Entry point of the operator's process."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rig", required=True, help="name of the running rig")
     parser.add_argument("--task", default="pick_and_place", help="pick_and_place, or a task of the scene")

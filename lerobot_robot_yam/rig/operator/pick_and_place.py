@@ -1,8 +1,8 @@
 """Carry one prop from place A to B and back, handing it over at M in the middle, without end.
 
-Each carry is decided anew from what is seen: the arm that reaches the prop takes it one step towards its goal. So a
-missed grasp, a slip or a displaced prop needs no special case. Where about its place and how turned the prop is put
-down is drawn, so that no two carries are alike. The other arm moves on while fingers close and open.
+Each carry starts from the present state: the arm that reaches the prop carries it one step towards its goal. So a
+missed grasp, a slip or a displaced prop needs no special case. The prop's place and turn when put down are random, so
+that no two carries are alike. The other arm moves on while fingers close and open.
 """
 
 import logging
@@ -16,20 +16,20 @@ from lerobot_robot_yam.rig.operator.worker import Worker
 
 logger = logging.getLogger(__name__)
 
-_GRIP_M = np.array([0.0, 0.0, 0.005])  # above its centre the prop is taken: the tips of a leaning tool go deeper
-_BESIDE_M = 0.07  # nearer to a place than this is at the place
-_ABOUT_M = np.array([0.045, 0.035, 0.0])  # the prop is put down so far from its place at most
-_QUARTER_RAD = np.pi / 4  # and turned so far to either side, which is any way for a cube
-_WAIT_M = np.array([0.05, 0.08, 0.07])  # a free arm waits so far from its home at most, never nearer to the middle
-_WAIT_RAD = 0.5  # and its tool is turned so far
-_STROLL_S = 1.1  # a free arm takes at least so long to another waiting place
-_AHEAD_S = 0.25  # and starts so long before fingers close or open
-_GIVE_UP = 5  # failures in a row
-_PAST_MIDDLE_M = 0.10  # how far beyond the middle an arm takes the prop straight to its own end
+_GRIP_M = np.array([0.0, 0.0, 0.005])  # grasp above the centre: a leaning tool's tips go deeper
+_BESIDE_M = 0.07  # distance to a place below which a prop is there
+_ABOUT_M = np.array([0.045, 0.035, 0.0])  # largest random offset of the prop from its place
+_QUARTER_RAD = np.pi / 4  # largest random turn; covers all turns of a cube
+_WAIT_M = np.array([0.05, 0.08, 0.07])  # free arm's largest offset from home, outward in x
+_WAIT_RAD = 0.5  # largest turn of its tool
+_STROLL_S = 1.1  # least duration of a free arm's way to another waiting place
+_AHEAD_S = 0.25  # lead of its start before the other arm's fingers close or open
+_GIVE_UP = 5  # failures in a row until the prop is put back
+_PAST_MIDDLE_M = 0.10  # reach beyond the middle of an arm that carries the prop straight to its own end
 
 
 class PickAndPlace(Script):
-    """For two arms; `work` carries the scene's first prop one step towards its goal."""
+    """Script for two arms; `work` carries the scene's first prop one step towards its goal."""
 
     endless = True
 
@@ -48,7 +48,7 @@ class PickAndPlace(Script):
         self._random = np.random.default_rng(setup.seed)
 
     def work(self) -> bool:
-        """Carry the prop one step towards its goal; True when it got there."""
+        """Carry the prop one step towards its goal; return True when it got there."""
         prop = self.look_at(self._prop.name)
         if self._is_at(prop, self._goal):
             self._goal = "A" if self._goal == "B" else "B"
@@ -64,7 +64,7 @@ class PickAndPlace(Script):
         (free,) = [other for other in self.workers.values() if other is not worker]
         try:
             done = self._carry(worker, free, prop, place)
-        except RigError as error:  # a point of the way is out of reach: start again from the waiting pose
+        except RigError as error:  # out of reach: start again from the waiting pose
             logger.warning("%s", error)
             if worker.holds:
                 worker.open()
@@ -74,7 +74,7 @@ class PickAndPlace(Script):
         return done
 
     def _choose(self, prop: Pose) -> tuple[str | None, str]:
-        """Side and place: the goal's own arm carries straight to the goal, the other one to the middle."""
+        """Return side and place: the goal's own arm carries straight to the goal, the other one to the middle."""
         finisher, helper = ("right", "left") if self._goal == "B" else ("left", "right")
         if prop.position_m[2] > -self._half_m:
             towards = prop.position_m[1] if finisher == "left" else -prop.position_m[1]
@@ -112,7 +112,7 @@ class PickAndPlace(Script):
         return self._is_at(self.look_at(self._prop.name), place)
 
     def _stroll(self, free: Worker, worker: Worker) -> None:
-        """Start the free arm on its way to another waiting place when the other one is about to arrive."""
+        """Start the free arm to another waiting place when the other one is about to arrive."""
         worker.wait(_AHEAD_S)
         if not free.moves:
             home = self.setup.homes_m[free.side]

@@ -20,23 +20,22 @@ from lerobot_robot_yam.system.strict_yaml import parse
 
 logger = logging.getLogger(__name__)
 
-PUT_DOWN_M = 0.002  # above where it shall lie a prop is let go
-_LIFTED_M = 0.03  # a prop that rose less slipped from the fingers
+PUT_DOWN_M = 0.002  # height above its place at which a prop is released
+_LIFTED_M = 0.03  # least rise of a held prop; one that rose less has slipped
 _TRIES = 4
 SIDES = ("left", "right")
 
 
 @dataclass(frozen=True)
 class Setup:
-    """A task, and the things and arms that do it.
+    """A task, and the things and arms for it.
 
     Attributes:
-        task: the task.
         things: props and furniture by name.
-        planners: side → planner of the follower that stands there.
-        homes_m: side → where its tool waits, (3,).
+        planners: side → planner of its follower.
+        homes_m: side → waiting place of its tool, (3,).
         places_m: named points, (3,).
-        seed: of what the operator draws.
+        seed: for the operator's random choices.
     """
 
     task: Task
@@ -48,27 +47,24 @@ class Setup:
 
     @property
     def last(self) -> Stage:
-        """The last stage of success."""
         return self.task.success[-1]
 
     def home_rad(self, side: str) -> np.ndarray:
-        """The waiting pose of a follower, (n,)."""
+        """Return the waiting pose of a follower, (n,)."""
         return self.planners[side].pose(self.homes_m[side])
 
     def nearest(self, point_m: np.ndarray) -> str:
-        """The side whose base is nearest to a point."""
+        """Return the side whose base is nearest to a point."""
         off = {side: float(np.linalg.norm((planner.base_m - point_m)[:2])) for side, planner in self.planners.items()}
         return min(off, key=lambda side: off[side])
 
 
 def sides_of(scene: Mapping[str, Any]) -> tuple[str, ...]:
-    """Sides on which there is a follower."""
     channels = {row["channel"] for row in scene["arms"]}
     return tuple(side for side in SIDES if f"follower_{side}" in channels)
 
 
 def _planner(row: Mapping[str, Any], tilt_rad: float) -> ArmPlanner:
-    """For an arm of a scene."""
     arm = load_arm(row["arm"])
     names = [motor.name for motor in arm.motors]
     leads = slice(names.index(arm.folding.elbow) if arm.folding.elbow in names else 0, -1)
@@ -77,7 +73,7 @@ def _planner(row: Mapping[str, Any], tilt_rad: float) -> ArmPlanner:
 
 
 def make_setup(scene: Mapping[str, Any], task: str) -> Setup:
-    """The setup for a task. Raises ConfigError: the scene has no such task, no follower or no waiting place for one."""
+    """Build the setup for a task. Raises ConfigError: the scene lacks the task, a follower, or its waiting place."""
     where = f"scene {scene['name']}"
     tasks = {row["name"]: row for row in scene["tasks"]}
     if task not in tasks and task != PICK_AND_PLACE.name:
@@ -100,7 +96,7 @@ def make_setup(scene: Mapping[str, Any], task: str) -> Setup:
 
 
 class Script(ABC):
-    """Does one task, as often as asked. Every method may raise Interrupted: the arms are switched off.
+    """Does one task, as often as requested. Each method may raise Interrupted: the arms are switched off.
 
     Args:
         hands: the operator's eyes, hands and clock.
@@ -108,7 +104,7 @@ class Script(ABC):
 
     Attributes:
         height_m: height of the tool on its way over the table.
-        endless: `work` is done again and again from where it ended; nothing is placed, nothing judged.
+        endless: `work` continues from its own end, without placing things and without a verdict.
         workers: side → its arm.
     """
 
@@ -123,7 +119,7 @@ class Script(ABC):
         }
 
     def begin(self) -> None:
-        """Take all arms from wherever they are to their waiting poses."""
+        """Move all arms from any pose to their waiting poses."""
         for worker in self.workers.values():
             worker.unfold()
         for worker in self.workers.values():
@@ -131,7 +127,7 @@ class Script(ABC):
             worker.settle()
 
     def attempt(self) -> None:
-        """Do the task once, from what is seen, in a few tries where something slips."""
+        """Do the task once, with a few tries in case something slips."""
         for _ in range(_TRIES):
             try:
                 if self.work():
@@ -143,7 +139,7 @@ class Script(ABC):
 
     @abstractmethod
     def work(self) -> bool:
-        """One try; whether it looks done. Raises RigError where a point is out of reach."""
+        """Try once, and return whether it looks done. Raises RigError: a point is out of reach."""
 
     def _retreat(self) -> None:
         for worker in self.workers.values():
@@ -155,7 +151,7 @@ class Script(ABC):
             worker.wait()
 
     def take(self, worker: Worker, thing: Pose, grip: Grip) -> float:
-        """Reach a thing at a grip and close the fingers on it; returns the yaw of the tool."""
+        """Reach a thing at a grip and close the fingers on it; return the yaw of the tool."""
         point = thing.point(grip.point_m)
         thing_yaw = thing.edge_yaw_rad if grip.turns == 4 else thing.yaw_rad
         yaw = worker.planner.grasp_yaw(point, grip.yaw_rad + thing_yaw, grip.turns)
@@ -164,24 +160,24 @@ class Script(ABC):
         return yaw
 
     def look_at(self, thing: str) -> Pose:
-        """Where a thing is now."""
+        """Return the present pose of a thing."""
         return see(self.hands).things[thing]
 
     def grip_of(self, thing: str, number: int = 0) -> Grip:
-        """How to take a thing. Raises ConfigError: the scene does not say."""
+        """Return a grip of a thing. Raises ConfigError: the scene has no such grip."""
         grips = self.setup.things[thing].grips
         if number >= len(grips):
             raise ConfigError(f"task {self.setup.task.name}: {thing} needs {number + 1} grips; it has {len(grips)}")
         return grips[number]
 
     def lies_at_goal(self) -> bool:
-        """Whether the prop of the last stage is in its region, seen from above."""
+        """Return whether the prop of the last stage is in its region, seen from above."""
         goal, region = self.goal(), self.setup.last.inside
         off = self.look_at(self.setup.last.prop).position_m - goal.position_m
         return region is not None and bool(np.linalg.norm(off[:2]) < region.radius_m)
 
     def goal(self) -> Pose:
-        """The pose that the last stage of success asks of its prop: the middle of the region, turned as its frame."""
+        """Return the pose at which the last stage's prop shall end: middle of its region, turned as its frame."""
         region = self.setup.last.inside
         if region is None:
             raise ConfigError(f"task {self.setup.task.name}: its last stage needs a region inside which the prop ends")
@@ -192,5 +188,5 @@ class Script(ABC):
 
 
 def lifted(prop: str, from_m: float, by_m: float = _LIFTED_M) -> Callable[[Sight], bool]:
-    """For `Worker.carry`: whether a prop has risen above the height `from_m` at which it lay."""
+    """Return the test, for `Worker.carry`, whether a prop has risen above the height `from_m` of its place."""
     return lambda sight: bool(sight.things[prop].position_m[2] - from_m > by_m)

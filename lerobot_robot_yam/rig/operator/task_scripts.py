@@ -1,4 +1,4 @@
-"""The scripts of the scenes' tasks, and which script does which task; for the live rig's operator and in lock-step.
+"""Scripts of the scenes' tasks, and the choice of a task's script; for the live rig's operator and in lock-step.
 
 script = make_script(hands, rig.scene(), "lift_and_place")
 script.begin()
@@ -20,24 +20,24 @@ from lerobot_robot_yam.rig.operator.worker import Worker
 from lerobot_robot_yam.rig.scene.props import Grip
 from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
 
-_DRAWER_AWAY_M = 0.04  # the fingers rise so far from the handle of an open drawer
-_PULL_S = 1.2  # to open it
+_DRAWER_AWAY_M = 0.04  # rise of the fingers from the handle of an open drawer
+_PULL_S = 1.2  # duration of opening a drawer
 _MIDDLE = "middle"
 _HAND_AWAY_M = 0.04
 _CLEAR_S = 0.5  # the giver's lead before the bar is moved
 _PEG_LIFTED_M = 0.02
-_HOVER_M = 0.008  # of the peg's foot above the rim
+_HOVER_M = 0.008  # height of the peg's foot above the rim before it enters
 _AIM_M, _AIM_RAD, _AIMS = 0.0005, 0.02, 6
 _ABOVE_M = 0.010
 _ENTRIES = 3
-_ENTERED_M = 0.008  # deeper than this it is in the hole, not on its rim
+_ENTERED_M = 0.008  # depth from which the peg is in the hole, not on its rim
 _PEG_AWAY_M = 0.05
 
 
 class LiftAndPlace(Script):
-    """Lift a prop with the nearest arm and put it where it belongs.
+    """Script that lifts a prop with the nearest arm and puts it in its region.
 
-    Prop and region are those of the last stage of success; the prop is taken by its first grip.
+    Prop and region are those of the last stage of success; the prop is grasped at its first grip.
     """
 
     def work(self) -> bool:
@@ -55,7 +55,7 @@ class LiftAndPlace(Script):
 
 
 class Drawer(Script):
-    """Open a drawer: take its handle and pull it straight along its joint.
+    """Script that opens a drawer: it grasps the handle and pulls it straight along its joint.
 
     Joint and opening are those of the last stage of success; the handle is the first grip.
     """
@@ -80,8 +80,9 @@ class Drawer(Script):
 
 
 class Handover(Script):
-    """The bar is the prop of the last stage of success, with a grip for each hand. Both arms hold it at the place
-    `middle`. The arm nearest to the goal takes it over.
+    """Script that passes a bar from arm to arm at the place `middle`; the arm nearest to the goal receives it.
+
+    The bar is the prop of the last stage of success, with a grip for each hand.
     """
 
     height_m = 0.18
@@ -107,14 +108,14 @@ class Handover(Script):
         return self._lay(taker, takes)
 
     def _grips(self, giver: Worker) -> tuple[Grip, Grip]:
-        """The giver's grip, which is the nearer one, and the taker's."""
+        """Return the giver's grip, which is the nearer one, and the taker's."""
         bar, base = self.look_at(self._bar), giver.planner.base_m
         both = [self.grip_of(self._bar, number) for number in range(2)]
         near, far = sorted(both, key=lambda grip: float(np.linalg.norm(bar.point(grip.point_m) - base)))
         return near, far
 
     def _offer(self, giver: Worker, taker: Worker, gives: Grip, takes: Grip) -> bool:
-        """Lift it and hold it between the arms, pointing from base to base."""
+        """Lift the bar and hold it between the arms, pointing from base to base."""
         bar = self.look_at(self._bar)
         yaw = self.take(giver, bar, gives)
         across, along = taker.planner.base_m - giver.planner.base_m, takes.point_m - gives.point_m
@@ -123,7 +124,7 @@ class Handover(Script):
         return self._bring(giver, target, yaw + bar_yaw - bar.yaw_rad)
 
     def _lay(self, taker: Worker, takes: Grip) -> bool:
-        """Lay it along the goal, the way round that turns the wrist less."""
+        """Lay the bar along the goal, in the direction that turns the wrist less."""
         goal, bar = self.goal(), self.look_at(self._bar)
         _, yaw = taker.planner.tool(taker.q)
         ways = []
@@ -143,14 +144,16 @@ class Handover(Script):
 
 
 def _turned(local_m: np.ndarray, yaw_rad: float) -> np.ndarray:
-    """(3,) turned about the vertical."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     x, y, z = local_m
     return np.array([c * x - s * y, s * x + c * y, z])
 
 
 class Insertion(Script):
-    """Peg and block are prop and frame of the last stage of success; the hole's rim is the block's first grip."""
+    """Script that puts a peg into the hole of a block.
+
+    Peg and block are prop and frame of the last stage of success; the hole's rim is the block's first grip.
+    """
 
     height_m = 0.15
 
@@ -172,7 +175,7 @@ class Insertion(Script):
         if not worker.carry(target, yaw, lifted(self._peg, peg.position_m[2], _PEG_LIFTED_M)):
             return False
         if not any(self._enter(worker) for _ in range(_ENTRIES)):
-            worker.carry(point, grasp_yaw, lambda sight: True)  # back to where it stood, to take it anew
+            worker.carry(point, grasp_yaw, lambda sight: True)  # back to its place for another try
             worker.open()
             return False
         worker.open()
@@ -184,19 +187,19 @@ class Insertion(Script):
         return Pose(block.point(self.grip_of(self._block).point_m), block.quat_wxyz)
 
     def _depth(self) -> float:
-        """How far below the rim the foot is."""
+        """Return the depth of the peg's foot below the rim, m."""
         sight = see(self.hands)
         return float(self._rim(sight).position_m[2] - sight.things[self._peg].position_m[2])
 
     def _off(self, sight: Sight) -> tuple[np.ndarray, float]:
-        """From the peg to above the hole, and the least turn that fits."""
+        """Return the way from the peg to above the hole (3,) m, and the least turn that fits, rad."""
         peg, rim = sight.things[self._peg], self._rim(sight)
         quarter = np.pi / 2
         turn = (rim.edge_yaw_rad - peg.edge_yaw_rad + quarter / 2) % quarter - quarter / 2
         return rim.position_m + [0.0, 0.0, _HOVER_M] - peg.position_m, float(turn)
 
     def _enter(self, worker: Worker) -> bool:
-        """Aim, and down into the hole; False when it stands on the rim."""
+        """Aim, and lower the peg into the hole; return False when it stands on the rim."""
         worker.approach(self._off, _AIM_M, _AIM_RAD, _AIMS, above_m=_ABOVE_M)
         depth = float(self.grip_of(self._block).point_m[2] - self._region.center_m[2])
         point, yaw = worker.planner.tool(worker.q)
@@ -216,14 +219,14 @@ CATALOG: dict[str, type[Script]] = {
     "insertion": Insertion,
     "pick_and_place": PickAndPlace,
 }
-"""A class for each of `tasks.SCRIPTS`, and the endless one for `tasks.PICK_AND_PLACE`."""
+"""Class of each name in `tasks.SCRIPTS`, and of `tasks.PICK_AND_PLACE`."""
 
 
 def make_script(hands: Hands, scene: Mapping[str, Any], task: str) -> Script:
-    """The script of a task of a scene as `RigOperations.scene` returns it.
+    """Make the script of a task of a scene, given as `RigOperations.scene` returns it.
 
     Raises:
-        ConfigError: there is no such task, or the scene lacks something that the operator needs.
+        ConfigError: no such task, or the scene lacks something that the operator needs.
     """
     setup = make_setup(scene, task)
     if setup.task.does not in CATALOG:

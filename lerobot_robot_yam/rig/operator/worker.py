@@ -1,4 +1,4 @@
-"""One arm of the scripted operator: it pulls the leader along paths, and watches whether the follower comes along."""
+"""One arm of the scripted operator: it pulls the leader along paths, and checks that the follower comes along."""
 
 import logging
 from collections.abc import Callable
@@ -16,29 +16,29 @@ _AIMS = 3
 _BIAS_M = 0.03
 _AT_HOME_RAD = 1e-3
 _LOOK_S = 0.05
-_LAG_RAD = 0.35  # a follower further behind than this for _STALL_S does not follow
+_LAG_RAD = 0.35  # lag of a follower that for _STALL_S counts as not following
 _STALL_S = 0.4
 _ARRIVED_RAD = 0.05
-_STILL_RAD = 0.004  # between two looks
+_STILL_RAD = 0.004  # largest motion between two looks that counts as rest
 _SETTLE_S = 0.8
 _PATIENCE_S = 20.0
 _TRIGGER_S = 0.3
-_FINGERS_REST = 0.01  # of the stroke, between two looks
+_FINGERS_REST = 0.01  # the same for the fingers, in parts of the stroke
 
 Off = Callable[[Sight], tuple[np.ndarray, float]]
-"""How far the tool has to go yet: (3,) m in the world and a turn about the vertical, rad."""
+"""Returns the tool's remaining way: (3,) m in the world and a turn about the vertical, rad."""
 
 
 class Worker:
-    """The arm of one side. Every method may raise Interrupted, or RigError where a point is out of reach.
+    """The arm of one side. Each method may raise Interrupted, or RigError for a point out of reach.
 
     Args:
-        planner: of the side's follower.
-        home_m: (3,) where the tool waits.
+        planner: the side's follower's.
+        home_m: (3,) waiting place of the tool.
         height_m: height of the tool on its way over the table.
 
     Attributes:
-        q: (n,) where the hand is, or will be at the end of its path.
+        q: (n,) joints of the hand, or those at the end of its path.
         home_rad: (n,) the waiting pose.
         holds: its trigger is squeezed.
     """
@@ -48,8 +48,8 @@ class Worker:
         self._hands, self._home, self._height = hands, np.asarray(home_m, float), height_m
         self.q = self.home_rad = planner.pose(self._home)
         self.holds = False
-        self._path: tuple[float, Path] | None = None  # the one it is on, and when that began
-        self._bias = np.zeros(3)  # from where the tool is to where it was sent
+        self._path: tuple[float, Path] | None = None  # start time and path
+        self._bias = np.zeros(3)  # offset of targets that corrects the tool's error
 
     def unfold(self) -> None:
         """Take hold, and start towards the waiting pose from any pose, folded ones too."""
@@ -58,9 +58,9 @@ class Worker:
         self._send(self.planner.unfold(start, self.home_rad))
 
     def reach(self, point_m: np.ndarray, yaw_rad: float) -> None:
-        """Over the table and down to a point; then bring the follower's tool to the point itself.
+        """Move over the table and down to a point; then correct until the follower's tool is there.
 
-        Friction and imperfect gravity compensation keep it a few millimetres off; the next time that is allowed for.
+        Friction and imperfect gravity compensation leave it a few millimetres off; later moves include this bias.
         """
         self.set_off(point_m + self._bias, yaw_rad)
         self.wait()
@@ -72,9 +72,9 @@ class Worker:
     def approach(
         self, off: Off, within_m: float = _AIM_M, within_rad: float = np.inf, tries: int = _AIMS, above_m: float = 0.0
     ) -> bool:
-        """Go by `off` until it is small; whether it is.
+        """Move by `off` until it is small; return whether it is.
 
-        above_m: come from so far above each time, so that friction always pulls the same way.
+        above_m: approach from this far above each time, so that friction always pulls the same way.
         """
         for _ in range(tries):
             self.settle()
@@ -88,25 +88,23 @@ class Worker:
         return False
 
     def go(self, point_m: np.ndarray, yaw_rad: float, least_s: float = 0.2) -> None:
-        """Straight to a tool pose."""
+        """Move straight to a tool pose."""
         self._send(self.planner.straight(self.q, point_m, yaw_rad, least_s))
         self.wait()
 
     def rise(self, height_m: float) -> None:
-        """Straight up."""
         point, yaw = self.planner.tool(self.q)
         self.go(point + [0.0, 0.0, height_m], yaw)
 
     def close(self) -> None:
-        """Squeeze until the fingers stand still, closed on something or not."""
+        """Squeeze until the fingers stand still, with or without something between them."""
         self._squeeze(1.0)
 
     def open(self) -> None:
-        """Let go."""
         self._squeeze(0.0)
 
     def carry(self, point_m: np.ndarray, yaw_rad: float, lifted: Callable[[Sight], bool]) -> bool:
-        """Bring a held thing to a tool pose, and settle there; see `holds_on`."""
+        """Carry a held thing to a tool pose, and settle there; return whether it is still held, see `holds_on`."""
         self.set_off(point_m + self._bias, yaw_rad)
         if not self.holds_on(lifted):
             return False
@@ -115,7 +113,7 @@ class Worker:
         return True
 
     def holds_on(self, lifted: Callable[[Sight], bool]) -> bool:
-        """Carry a thing halfway along the path. If `lifted` is False there, stop and let go: returns False."""
+        """Carry a thing halfway along the path; if `lifted` is False there, stop, open and return False."""
         assert self._path is not None
         self._follow(0.5 * self._path[1].duration_s)
         if lifted(see(self._hands)):
@@ -127,7 +125,7 @@ class Worker:
         return False
 
     def go_home(self) -> None:
-        """Start towards the waiting pose, if it is not there."""
+        """Start towards the waiting pose, unless the arm is there."""
         if np.abs(self.q - self.home_rad).max() < _AT_HOME_RAD:
             return
         try:
@@ -136,23 +134,22 @@ class Worker:
             self._send(self.planner.unfold(self.q, self.home_rad))
 
     def wait(self, before_s: float = 0.0) -> None:
-        """Wait for the end of the path that it is on, or until so long before it."""
+        """Wait for the end of the present path, or until `before_s` before it."""
         if self._path is not None:
             self._follow(self._path[1].duration_s - before_s)
 
     def arrive(self) -> None:
-        """Wait for the end of the path, and then only for a follower that stayed behind."""
+        """Wait for the end of the path, and then for a follower that stayed behind."""
         self.wait()
         if _distance(see(self._hands).follower_rad[self.side], self.q) > 2 * _ARRIVED_RAD:
             self.settle()
 
     @property
     def moves(self) -> bool:
-        """Whether it is on a path."""
         return self._path is not None and self._hands.now() < self._path[0] + self._path[1].duration_s
 
     def settle(self) -> None:
-        """Let the follower arrive where the hand is and come to rest; wait for it if it does not."""
+        """Wait until the follower rests at the hand's joints, longer if it stays behind."""
         deadline = self._hands.now() + _SETTLE_S
         before = see(self._hands).follower_rad[self.side]
         while self._hands.now() < deadline:
@@ -172,7 +169,7 @@ class Worker:
         self._send(self.planner.unfold(self.q, self.planner.pose(point_m, yaw_rad), least_s))
 
     def _send(self, path: Path) -> None:
-        """Start a path, after the end of the one that it is still on."""
+        """Start a path after the end of the present one."""
         self.wait()
         self.q = path.end_rad
         self._start(path)
@@ -182,7 +179,7 @@ class Worker:
         self._hands.pull(self.side, path.times_s, path.q_rad, np.full(len(path.times_s), float(self.holds)))
 
     def _squeeze(self, trigger: float) -> None:
-        """Move the trigger, and wait until the fingers have come to rest."""
+        """Move the trigger, and wait until the fingers rest."""
         start, self.holds = float(self.holds), trigger > 0.0
         times = np.linspace(0.0, _TRIGGER_S, 9)
         squeeze = start + (trigger - start) * minimum_jerk(times / _TRIGGER_S)
@@ -195,7 +192,7 @@ class Worker:
                 return
 
     def _follow(self, until_s: float) -> None:
-        """Wait until the hand is until_s into its path; wait there for a follower that stays behind."""
+        """Wait until `until_s` into the path; stop the hand there for a follower that stays behind."""
         assert self._path is not None
         behind_since = None
         ending = self._path[1].duration_s - until_s

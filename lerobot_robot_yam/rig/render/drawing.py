@@ -18,29 +18,29 @@ from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.world.world_model import build_world, world_dtype
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
-# How much a look differs from the usual one
-_LIGHT_TURN = 0.30  # of a direction's components, whose vertical one is 1
-_LIGHT_LEVEL = 0.25  # parts of the level
+# Spreads of looks about the usual one
+_LIGHT_TURN = 0.30  # horizontal components of a direction whose vertical one is 1
+_LIGHT_LEVEL = 0.25  # share of the level
 _HEADLIGHT_LEVEL = 0.12
-_WARMTH = 0.06  # red more, blue less
-_SCENERY_COLOUR, _THING_COLOUR = 0.10, 0.05  # of 1, in all channels alike; `_HUE` of it in each for itself
-_CAMERA_M, _CAMERA_RAD = 0.02, 0.05  # in each axis
+_WARMTH = 0.06  # share of red added and of blue removed
+_SCENERY_COLOUR, _THING_COLOUR = 0.10, 0.05  # of 1, equal in all channels; `_HUE` of it in each channel
+_CAMERA_M, _CAMERA_RAD = 0.02, 0.05  # along and about each axis
 _HUE = 0.4
-_ON_AN_ARM = 0.5  # as much, of cameras that an arm carries
+_ON_AN_ARM = 0.5  # factor for cameras that an arm carries
 _FIELDS = ("light_dir", "light_diffuse", "geom_rgba", "cam_pos", "cam_quat")
-_UNCHANGED = 1e-6  # rad or m; below this in every joint the last picture is still right
+_UNCHANGED = 1e-6  # change in rad or m of each joint up to which the last picture is still right
 _ALL_SEEING = ("overview",)  # cameras that show the leaders too
-_MARGIN = 64  # a larger sheet of noise than the picture, cut elsewhere for each exposure
+_MARGIN = 64  # pixels by which the sheet of noise is larger than the picture, for a random cut per exposure
 
 
 class Look:
     """The usual look of a model, and others near it: light, colours and the cameras' poses, drawn from a seed.
 
-    Only pictures know of them. A policy that has seen many looks depends less on any of them.
+    Only pictures show them. A policy that has seen many looks depends less on any of them.
 
     Args:
-        model: whose lights, colours and cameras are changed.
-        amount: 0 … 1, of the spreads above.
+        model: model whose lights, colours and cameras are changed.
+        amount: 0 … 1, factor on the spreads above.
         things: bodies whose colours vary a little, as colours tell things apart.
         scenery: bodies whose colours vary more.
     """
@@ -85,7 +85,7 @@ class Look:
 class Sensor:
     """A camera's sensor: it adds Gaussian noise of `sigma` grey levels to pictures of one size.
 
-    Every exposure differs, also of a still scene, so that a frame delivered twice can be told from two frames.
+    Each exposure differs, even of a still scene, which distinguishes two frames from one delivered twice.
     """
 
     def __init__(self, width: int, height: int, sigma: float):
@@ -93,17 +93,17 @@ class Sensor:
         self._lighter, self._darker = _noise(width, height, sigma)
 
     def expose(self, clean: np.ndarray, out: np.ndarray) -> None:
-        """One exposure of the picture `clean` into `out`, both (height, width, 3) uint8."""
+        """Expose the picture `clean` into `out`, both (height, width, 3) uint8."""
         height, width, _ = clean.shape
         top, left = self._random.integers(_MARGIN, size=2)
         cut = (slice(top, top + height), slice(left, left + width))
-        cv2.add(clean, self._lighter[cut], dst=out)  # both end at 0 and 255
+        cv2.add(clean, self._lighter[cut], dst=out)  # both calls saturate at 0 and 255
         cv2.subtract(out, self._darker[cut], dst=out)
 
 
 @functools.cache
 def _noise(width: int, height: int, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """What a sensor adds and what it takes away, one sheet for all cameras of a size: each exposure reads all of it."""
+    """Return what a sensor adds and what it subtracts, one cached sheet for all cameras of a size."""
     sheet = np.round(np.random.default_rng(1).normal(0.0, sigma, (height + _MARGIN, width + _MARGIN, 3)))
     lighter, darker = (np.clip(sign * sheet, 0, 255).astype(np.uint8) for sign in (1.0, -1.0))
     return lighter, darker
@@ -111,7 +111,7 @@ def _noise(width: int, height: int, sigma: float) -> tuple[np.ndarray, np.ndarra
 
 @dataclass
 class View:
-    """One camera that is being drawn."""
+    """One camera that is drawn, and its block."""
 
     settings: Settings
     block: SharedBlock
@@ -127,7 +127,7 @@ class View:
 
 
 class Drawing:
-    """All views of a rig, which simulates this scene. Raises RigError: no OpenGL, or no block of the world."""
+    """All views of a rig of this scene. Raises RigError: no OpenGL, or no block of the world."""
 
     def __init__(self, rig: str, scene: Scene):
         self._rig = rig
@@ -147,8 +147,8 @@ class Drawing:
         self._stalled_until_s: dict[str, float] = {}
 
     def open(self, settings: Settings) -> None:
-        """Start drawing a camera; its block exists when this returns. Does nothing where it is drawn already."""
-        if settings in self._views:  # a second client asked before the first was answered
+        """Start drawing a camera; its block exists on return. Does nothing for a camera that is drawn already."""
+        if settings in self._views:  # for a second client, before the first had its answer
             return
         _, width, height, _ = settings
         dtype, now = frame_dtype(width, height), time.monotonic()
@@ -168,29 +168,27 @@ class Drawing:
         self._stalled_until_s[camera] = until_s
 
     def close_all(self) -> None:
-        """Remove every block and give OpenGL back."""
         for settings in list(self._views):
             self.close(settings)
         self._world.close()
         self._painter.close()
 
     def next_due_s(self) -> float | None:
-        """Monotonic time of the next frame, None without cameras."""
+        """Return the monotonic time of the next frame, None without cameras."""
         return min((view.due_s for view in self._views.values()), default=None)
 
     def draw_due(self, now_s: float) -> None:
-        """Draw and publish every view whose time has come, all from one state of the world while that is new."""
+        """Draw and publish the due views, all from one state of the world while that is new."""
         due = [view for view in self._views.values() if view.due_s <= now_s]
         for view in due:
-            view.due_s = _next_beat(now_s, view.period_s)  # late frames are skipped: no burst
+            view.due_s = _next_beat(now_s, view.period_s)  # skips late frames, without a burst
         self._draw([view for view in due if self._stalled_until_s.get(view.settings[0], 0.0) <= now_s])
 
     def draw_all(self) -> None:
-        """Draw and publish every view."""
         self._draw(list(self._views.values()))
 
     def begin_anew(self) -> None:
-        """The world has been restarted: so are the sensors' noise and the frames' times."""
+        """Reset the sensors' noise and the frames' times after a restart of the world."""
         for view in self._views.values():
             _, width, height, _ = view.settings
             view.sensor, view.drawn_qpos = Sensor(width, height, self._noise), None
@@ -200,10 +198,10 @@ class Drawing:
         state, read_s = None, -math.inf
         posed = False
         for view in views:
-            if time.monotonic() - read_s > view.period_s:  # at once, or on a machine that has no time for us
+            if time.monotonic() - read_s > view.period_s:  # at first, and after a pause on a busy machine
                 state, read_s, posed = self._world.read(), time.monotonic(), False
             if state is None or float(state["stamp_s"]) <= float(view.record["stamp_s"]):
-                continue  # nothing new to show; the frame's age tells
+                continue  # no new state; the frame's age shows it
             if self._look is not None and int(state["look_seed"]) != self._look_seed:
                 self._take_look(self._look, int(state["look_seed"]))
                 posed = False
@@ -228,5 +226,5 @@ class Drawing:
 
 
 def _next_beat(now_s: float, period_s: float) -> float:
-    """The next multiple of the period: cameras of one rate show the same instant, from one state."""
+    """Return the next multiple of the period, at which cameras of one rate show the same state."""
     return (int(now_s / period_s + 1e-6) + 1) * period_s

@@ -1,6 +1,6 @@
-"""Paints a model's cameras by software OpenGL, cheap enough for three cameras beside a control loop.
+"""Renders a model's cameras by software OpenGL, cheap enough for three cameras beside a control loop.
 
-Only a process that set MUJOCO_GL before importing mujoco may use this, as `renderer` does.
+Only a process that set MUJOCO_GL before importing mujoco may use it, as `renderer` does.
 """
 
 import math
@@ -15,7 +15,7 @@ from lerobot_robot_yam.rig.render.shade import Shade
 
 # Measured here: 12 slices, 2 stacks, no shadow maps and no multisampling cost a quarter of MuJoCo's defaults.
 _SLICES, _STACKS = 12, 2
-_BALL_STACKS = 6  # where something is not a box, rod or plane: two stacks of a ball are an octahedron
+_BALL_STACKS = 6  # with balls in the model, which in two stacks are octahedra
 _SPHERE, _ELLIPSOID = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID
 _PLANE, _BOX = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX
 _CORNERS = np.array([[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0], [-1.0] * 4])  # right, up, backward
@@ -30,7 +30,7 @@ class Painter:
 
     Args:
         model: the world; its visual quality settings are overwritten.
-        hidden: prefixes of bodies that are left out, with all they carry (leaders, which no camera is for).
+        hidden: prefixes of bodies to leave out, with all that they carry (leaders, which no camera is for).
 
     Raises:
         RigError: no OpenGL context can be made.
@@ -52,13 +52,13 @@ class Painter:
             self._gl = mujoco.GLContext(width, height)
             self._gl.make_current()
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
-        except Exception as error:  # each OpenGL backend raises other errors, some of them plain Exception
+        except Exception as error:  # OpenGL backends raise various errors, even plain Exception
             raise RigError(
                 f"rendered cameras need OpenGL through EGL, which failed ({error}); install a software one "
                 "(Debian and Ubuntu: libegl1 libgl1-mesa-dri) or run without rendered cameras"
             ) from error
         self._shade = Shade(model, self._context)
-        self._shaded: bool | None = None  # with hidden bodies or not; None: not in this state
+        self._shaded: bool | None = None  # with hidden bodies or not; None for a new state
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._scene = mujoco.MjvScene(model, _MAX_GEOMS)
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
@@ -69,7 +69,6 @@ class Painter:
         self._raw: dict[tuple[int, int], np.ndarray] = {}
 
     def pose(self, qpos: np.ndarray) -> None:
-        """Take a state, (nq,)."""
         self.data.qpos[:] = qpos
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
@@ -80,7 +79,7 @@ class Painter:
         """Render one camera of the model into out, (height, width, 3) uint8 RGB, first row on top."""
         height, width, _ = out.shape
         context = self._context
-        if width > context.offWidth or height > context.offHeight:  # no larger than needed: clearing it costs time
+        if width > context.offWidth or height > context.offHeight:  # no larger than needed, as clearing costs time
             mujoco.mjr_resizeOffscreen(max(width, context.offWidth), max(height, context.offHeight), context)
         if self._shaded is not show_hidden:
             groups = (*_VISUAL_GROUPS, _HIDDEN_GROUP) if show_hidden else _VISUAL_GROUPS
@@ -104,13 +103,12 @@ class Painter:
         cv2.flip(raw, 0, dst=out)
 
     def close(self) -> None:
-        """Give the OpenGL context back."""
         self._context.free()
         self._gl.free()
 
 
 def _regroup(model: mujoco.MjModel, hidden: Sequence[str]) -> None:
-    """Move the visible shapes of bodies whose names begin with one of `hidden` into another group."""
+    """Move the visible shapes of bodies with one of these prefixes into another group."""
     for geom in range(model.ngeom):
         name = model.body(model.geom_bodyid[geom]).name
         if model.geom_group[geom] in _VISUAL_GROUPS and name.startswith(tuple(hidden)):
@@ -130,10 +128,10 @@ class Sight:
         up = math.tan(math.radians(model.cam_fovy[camera]) / 2.0)
         self._corners = _CORNERS * [[aspect * up], [up], [1.0]]
         sides = [(sign, 0.0, aspect * up) for sign in (-1.0, 1.0)] + [(0.0, sign, up) for sign in (-1.0, 1.0)]
-        self._sides = np.array([np.divide(side, np.linalg.norm(side)) for side in sides]).T  # they point outward
+        self._sides = np.array([np.divide(side, np.linalg.norm(side)) for side in sides]).T  # normals, outward
 
     def seen(self, data: mujoco.MjData) -> tuple[np.ndarray, bool]:
-        """Shapes that may be in the picture, (ngeom,) bool, and whether the sky may be."""
+        """Return the shapes that may be in the picture, (ngeom,) bool, and whether the sky may be."""
         eye, turn = data.cam_xpos[self._camera], data.cam_xmat[self._camera].reshape(3, 3)
         outside_m = ((data.geom_xpos - eye) @ (turn @ self._sides)).max(axis=1)
         within = outside_m <= self._radius
@@ -142,9 +140,9 @@ class Sight:
         return within, True
 
     def _is_filled(self, data: mujoco.MjData, eye: np.ndarray, turn: np.ndarray) -> bool:
-        """Whether the top of the largest box fills the picture: floor and sky are behind it.
+        """Return whether the top of the largest box fills the picture, in front of floor and sky.
 
-        The picture's corners are seen at  o + t d;  t is their depth.
+        The picture's corners are at  o + t d;  t is their depth.
         """
         model, table = self._model, self._table
         own, half_m = data.geom_xmat[table].reshape(3, 3).T, model.geom_size[table]

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 
 def _serve(drawing: "Drawing", answers: int, on_demand: bool) -> None:
-    """Obey standard input until it ends."""
     requests = LineReader()
     while True:
         due_s = None if on_demand else drawing.next_due_s()
@@ -67,9 +66,9 @@ def _answer(answers: int, message: dict[str, Any]) -> None:
 
 
 def _draw_for(rig: str) -> "Drawing":
-    # mujoco reads this once, when it is imported, and fails there where OpenGL's libraries are missing.
+    # mujoco reads it at its import, and fails there if OpenGL's libraries are missing.
     os.environ["MUJOCO_GL"] = "egl"
-    # Software OpenGL draws in our thread: it must not take both cores. A separate thread cost a fifth more, and two
+    # Software OpenGL draws in this thread, so as not to use both cores. A separate thread cost a fifth more, and two
     # waits for a processor per picture on a busy machine.
     os.environ["LP_NUM_THREADS"] = "0"
     from lerobot_robot_yam.rig.render.drawing import Drawing
@@ -78,7 +77,6 @@ def _draw_for(rig: str) -> "Drawing":
 
 
 def main() -> int:
-    """Entry point of the renderer's process."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rig", required=True, help="name of the running rig")
     parser.add_argument("--on-demand", action="store_true", help="draw when told to, for a rig in lock-step")
@@ -93,7 +91,7 @@ def main() -> int:
     except YamError as error:
         _answer(answers, {"error": str(error)})
         return 1
-    except (ImportError, AttributeError) as error:  # PyOpenGL reports a missing library so
+    except (ImportError, AttributeError) as error:  # PyOpenGL's error for a missing library
         missing = f"rendered cameras need OpenGL through EGL, whose libraries are not installed ({error})"
         _answer(answers, {"error": f"{missing}; sudo apt install libegl1 libgl1-mesa-dri"})
         raise

@@ -1,6 +1,6 @@
-"""Grain and shadows of a scene's table: the outline of every shape, slid along the light onto it, softened.
+"""Grain and shadows of a scene's table: the outline of each shape, projected along the light onto it, softened.
 
-Only the table is shaded, and what lies flat on it; things cast no shadow on each other. MuJoCo's shadow maps do that,
+Only the table and flat things on it are shaded; things cast no shadow on each other. MuJoCo's shadow maps do that,
 but with them a picture takes three to four times as long on software OpenGL.
 """
 
@@ -15,16 +15,16 @@ from OpenGL import GL
 from lerobot_robot_yam.rig.world.world_model import FLAT, TABLE
 
 _TABLE_PIXELS, _FLAT_PIXELS = (1024, 640), (96, 96)  # along x and y
-_CORNERS = 20  # of an outline
-_ANGLES = np.arange(_CORNERS) * (2 * np.pi / _CORNERS) + 0.01  # a box's corners, not the middles of its sides
+_CORNERS = 20  # per outline
+_ANGLES = np.arange(_CORNERS) * (2 * np.pi / _CORNERS) + 0.01  # offset: a box's corners, not the middles of its sides
 _DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])  # (2, k)
-_DARKNESS, _DARKEST = 0.42, 0.6  # parts of the table's brightness; the former under a light of `_USUAL_LEVEL`
+_DARKNESS, _DARKEST = 0.42, 0.6  # shares of the table's brightness, the former at `_USUAL_LEVEL`
 _USUAL_LEVEL = 0.45
 _SOFT_M = 0.016  # width of a shadow's edge
 _SUBPIXEL_BITS = 4
-_PLANK_M = 0.175  # of the table's grain: planks along x
-_LEVEL = 224.0  # grey levels, by which the table's colour is multiplied; 255 is all of it
-_TONE, _GRAIN, _SEAM = 6.0, 11.0, 38.0  # from plank to plank (sigma), within one (sigma), darker between two
+_PLANK_M = 0.175  # width of a plank of the table, along x
+_LEVEL = 224.0  # mean grey level; the table's colour is multiplied by level / 255
+_TONE, _GRAIN, _SEAM = 6.0, 11.0, 38.0  # grey levels: sigma between planks, sigma within one, darker seam
 _BOX = mujoco.mjtGeom.mjGEOM_BOX
 _NOWHERE = np.zeros((2, 2), int)
 _ROUND = (mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_CAPSULE)
@@ -33,11 +33,11 @@ _SOLID = (_BOX, *_ROUND, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 
 @dataclass
 class _Surface:
-    """The top of a box.
+    """The top of a box with a shaded texture.
 
     Attributes:
-        geom: of the model.
-        texture: OpenGL's.
+        geom: number in the model.
+        texture: OpenGL's number.
         bright: (height, width) uint8 without shadows.
         shaded: lowest and highest x, y that the last shadows touched, pixels of a mask; (2, 2).
     """
@@ -49,7 +49,7 @@ class _Surface:
 
 
 class Shade:
-    """Draws the textures of the surfaces that `world_model.add_shaded_surfaces` has marked; the model may have none."""
+    """Draws the textures of the surfaces, maybe none, that `world_model.add_shaded_surfaces` has marked."""
 
     def __init__(self, model: mujoco.MjModel, context: mujoco.MjrContext):
         self._model = model
@@ -107,7 +107,7 @@ def _surfaces(model: mujoco.MjModel, context: mujoco.MjrContext) -> Iterator[_Su
 
 
 def _grain(pixels: tuple[int, int], width_m: float) -> np.ndarray:
-    """(height, width) uint8 of a table that is `width_m` wide along y, the same each time. pixels: along x and y."""
+    """Return the fixed grain (height, width) uint8 of a table `width_m` wide along y. pixels: along x and y."""
     width, height = pixels
     random = np.random.default_rng(7)
     planks = max(1, round(width_m / _PLANK_M))
@@ -121,7 +121,7 @@ def _grain(pixels: tuple[int, int], width_m: float) -> np.ndarray:
 
 
 def _along(noise: np.ndarray, length: int) -> np.ndarray:
-    """Moving average of `length` along rows that go round, with standard deviation 1."""
+    """Return the moving average of `length` along cyclic rows, scaled to standard deviation 1."""
     padded = np.concatenate([noise, noise[:, : length - 1]], axis=1)
     total = np.cumsum(np.pad(padded, ((0, 0), (1, 0))), axis=1)
     mean: np.ndarray = (total[:, length:] - total[:, :-length]) / length
@@ -129,7 +129,7 @@ def _along(noise: np.ndarray, length: int) -> np.ndarray:
 
 
 def _begin(texture: int, bright: np.ndarray) -> None:
-    """Make a texture of one channel and without smaller copies: `mjr_uploadTexture` takes 5 ms."""
+    """Make a texture of one channel without smaller copies: `mjr_uploadTexture` takes 5 ms."""
     height, width = bright.shape
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
     GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR)
@@ -139,7 +139,7 @@ def _begin(texture: int, bright: np.ndarray) -> None:
 
 
 def _upload(texture: int, at: np.ndarray, bright: np.ndarray) -> None:
-    """Replace the part of a texture whose first column and row are `at`."""
+    """Replace the part of a texture with first column and row `at`."""
     height, width = bright.shape
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
     GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
@@ -148,7 +148,7 @@ def _upload(texture: int, at: np.ndarray, bright: np.ndarray) -> None:
 
 
 def _touched(corners: np.ndarray, soft: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Lowest and highest x, y (2, 2) of outlines with their soft edges, within a mask; a rim is around them."""
+    """Return lowest and highest x, y (2, 2) of outlines with their soft edges and a rim, within a mask."""
     if not len(corners):
         return _NOWHERE
     low = np.floor(corners.min(axis=(0, 1))).astype(int) - soft - 2
@@ -157,7 +157,7 @@ def _touched(corners: np.ndarray, soft: np.ndarray, pixels: np.ndarray) -> np.nd
 
 
 def _union(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The smallest area (lowest and highest x, y) that has both in it; an empty one has no say."""
+    """Return the smallest area (lowest and highest x, y) with both in it; an empty one does not count."""
     if (a[1] <= a[0]).any():
         return b
     if (b[1] <= b[0]).any():
@@ -166,7 +166,7 @@ def _union(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _filled(corners: np.ndarray, soft: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(height, width) uint8: 255 within outlines (n, k, 2) pixels; soft at their edges."""
+    """Return (height, width) uint8: 255 within outlines (n, k, 2) pixels, with soft edges."""
     mask = np.zeros(pixels[::-1], np.uint8)
     polygons: np.ndarray = np.round(corners * (1 << _SUBPIXEL_BITS)).astype(np.int32)
     for polygon in polygons:
@@ -175,14 +175,14 @@ def _filled(corners: np.ndarray, soft: np.ndarray, pixels: np.ndarray) -> np.nda
 
 
 def _outlines(axes: np.ndarray, sizes: np.ndarray, is_box: np.ndarray, is_rod: np.ndarray) -> np.ndarray:
-    """Corners (n, k, 2) of convex shadows about their centres: the farthest point in each of k directions.
+    """Return corners (n, k, 2) of convex shadows about their centres: the farthest point in each of k directions.
 
     axes: (n, 2, 3) shadows of each shape's unit axes. sizes: MuJoCo's. is_box, is_rod: (n,); others are ellipsoids.
     """
     toward = np.swapaxes(axes, 1, 2) @ _DIRECTIONS  # (n, 3, k)
     size = sizes[:, :, None]
     farthest = np.sign(toward) * size
-    # A rod's size is radius, half its length, 0. The round ends of a capsule are taken for flat ones.
+    # A rod's size is radius, half its length, 0. The round ends of a capsule count as flat.
     across, radius = toward[is_rod, :2], size[is_rod, :1]
     farthest[is_rod, :2] = across * (radius / (np.sqrt((across**2).sum(axis=1, keepdims=True)) + 1e-12))
     farthest[is_rod, 2:] = np.sign(toward[is_rod, 2:]) * size[is_rod, 1:2]

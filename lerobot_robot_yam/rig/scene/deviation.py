@@ -1,4 +1,4 @@
-"""How an arm of the rig differs from its profile, which is all that a driver knows of it."""
+"""Deviations of an arm of the rig from its profile, which is all that a driver knows of it."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -12,14 +12,14 @@ from lerobot_robot_yam.system.strict_yaml import array_field
 
 @dataclass(frozen=True, eq=False)
 class Deviation:
-    """What is different, in the scene's row of an arm. n joints.
+    """Differences of one arm of the scene from its profiles. n joints.
 
     Attributes:
-        mass: factors on the masses of links, by name.
-        centre: factors (3,) on the coordinates of their centres of mass, by name.
+        mass: link name → factor on its mass.
+        centre: link name → factors (3,) on the coordinates of its centre of mass.
         friction: (n,) factors on the joints' dry friction, which then holds as firmly as a real one.
         viscous_nm_s: (n,) viscous friction, Nm s/rad.
-        payload_mass_kg, payload_com_m: what is fixed to the tool, (3,) m in the frame of the tcp.
+        payload_mass_kg, payload_com_m: payload fixed to the tool, (3,) m in the frame of the tcp.
     """
 
     mass: dict[str, float] | None = None
@@ -30,7 +30,7 @@ class Deviation:
     payload_com_m: np.ndarray = array_field(3, default=(0, 0, 0))
 
     def check(self, arm: ArmProfile, gripper: GripperProfile, where: str) -> None:
-        """Refuse what does not fit the arm. Raises ConfigError: says what."""
+        """Raise ConfigError if a name, length or value does not fit the arm."""
         links = [body.name for body in (*arm.bodies, *gripper.bodies)]
         unknown = sorted({*(self.mass or ()), *(self.centre or ())} - set(links))
         if unknown:
@@ -43,7 +43,7 @@ class Deviation:
             raise ConfigError(f"{where}: deviation: factors of masses are above zero, and a payload is not below")
 
     def apply(self, arm: ArmProfile, gripper: GripperProfile) -> tuple[ArmProfile, GripperProfile]:
-        """The profiles of the arm as it is."""
+        """Return the profiles of the arm as the rig builds it."""
         mass, centre = self.mass or {}, self.centre or {}
         rubs = arm.friction_nm if self.friction is None else arm.friction_nm * self.friction
         return (

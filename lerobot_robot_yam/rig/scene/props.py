@@ -1,4 +1,4 @@
-"""The things of a scene file: made of boxes and cylinders, fixed, loose or jointed."""
+"""Things of a scene file: made of boxes and cylinders, fixed, loose or jointed."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -17,8 +17,8 @@ JOINT_KINDS = ("slide", "hinge")
 class Part:
     """One box or upright cylinder of a thing, in the thing's frame.
 
-    size_m: full size along x, y, z; of a cylinder diameter, diameter, length along z. rgba: None takes the thing's.
-    solid: False is only visible, and touches nothing.
+    size_m: full size along x, y, z; for a cylinder diameter, diameter, length along z. rgba: None for the thing's.
+    solid: False for a part that is visible but touches nothing.
     """
 
     size_m: np.ndarray = array_field(3)
@@ -30,15 +30,15 @@ class Part:
 
     @property
     def volume_m3(self) -> float:
-        """Volume, by which a thing's mass is shared out."""
+        """Volume, m³; a thing's mass is split by it."""
         return float(np.prod(self.size_m)) * (math.pi / 4 if self.shape == "cylinder" else 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """How a thing moves on another one, or on the table: along or about `axis` through `pivot_m`, in its own frame.
+    """Joint of a thing to another one, or to the table: along or about `axis` through `pivot_m`, in its own frame.
 
-    range: least and largest position, m of a slide, rad of a hinge; it starts at 0. friction: N or Nm. damping: N s/m
+    range: least and largest position, m for a slide, rad for a hinge; it starts at 0. friction: N or Nm. damping: N s/m
     or Nm s/rad.
     """
 
@@ -52,9 +52,9 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """Where a gripper takes a thing: a point of its frame; the fingers close along its y axis turned by `yaw_rad`.
+    """Point of a thing's frame at which a gripper grasps it; the fingers close along its y axis turned by `yaw_rad`.
 
-    turns: number of ways to take it in a whole turn: 4 a cube, 2 a bar.
+    turns: number of ways to grasp it in a whole turn: 4 for a cube, 2 for a bar.
     """
 
     name: str
@@ -65,10 +65,10 @@ class Grip:
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """A prop or a piece of furniture: a box of `size_m`, `parts`, or both. Its frame stands at `center_m`.
+    """A prop or a piece of furniture: a box of `size_m`, `parts`, or both, with its frame at `center_m`.
 
-    carrier: the thing that carries it, in whose frame `center_m` and `yaw_rad` are; it then needs a joint.
-    friction: sliding coefficient. mass_kg: 0 is fixed.
+    carrier: name of the thing that carries it, in whose frame `center_m` and `yaw_rad` are; it then needs a joint.
+    friction: sliding coefficient. mass_kg: 0 if fixed.
     """
 
     name: str
@@ -85,17 +85,16 @@ class Thing:
 
     @property
     def all_parts(self) -> tuple[Part, ...]:
-        """The box of `size_m`, if any, and its parts."""
+        """The box of `size_m`, if any, and `parts`."""
         return self.parts if self.size_m is None else (Part(self.size_m), *self.parts)
 
     @property
     def fixed(self) -> bool:
-        """Whether nothing moves it."""
         return self.mass_kg == 0.0
 
 
 def check_things(props: Sequence[Thing], furniture: Sequence[Thing], where: str) -> None:
-    """Raise ConfigError for a thing that physics cannot make."""
+    """Raise ConfigError for a thing that physics cannot simulate."""
     things = (*furniture, *props)
     names = [thing.name for thing in things]
     if len(set(names)) < len(names) or not all(names):

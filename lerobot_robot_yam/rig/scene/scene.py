@@ -1,8 +1,8 @@
 """Scenes: arms and their CAN channels, things on the table, tasks, and the rig's options.
 
-A scene is a YAML file, packaged (`SCENES`) or the user's. With `extends: NAME` it takes from another one every key that
-it does not give itself, and every camera whose name it does not give. Any field of its `options` can be replaced when
-the rig is started: `RigControl.start(friction=0)`, `can.Bus(..., friction=0)`.
+A scene is a YAML file, packaged (`SCENES`) or the user's. With `extends: NAME` it inherits each key that it does not
+set, and each camera whose name it does not use. Any field of its `options` can be replaced when the rig is started:
+`RigControl.start(friction=0)`, `can.Bus(..., friction=0)`.
 """
 
 from collections.abc import Mapping
@@ -25,24 +25,25 @@ _DIRECTORY = Path(__file__).parent / "scenes"
 SCENES = tuple(sorted(path.stem for path in _DIRECTORY.glob("*.yaml")))
 DEFAULT_SCENE = "bimanual_table"
 ROLES = ("follower", "leader")
-OPERATORS = ("none", PICK_AND_PLACE.name)  # and those tasks of the scene that it has a script for
+OPERATORS = ("none", PICK_AND_PLACE.name)  # besides the scene's tasks that have a script
 SERIALS = ("unique", "same")
 PICTURES = ("full", "plain")
 _TIMESTEPS_S = (1e-4, 0.01)
-_ARM_SERIALS = 1000  # serial numbers that belong to one arm
+_ARM_SERIALS = 1000  # serial numbers reserved for each arm
 
 
 @dataclass(frozen=True, eq=False)
 class ArmPlacement:
-    """An arm on the table. Base at `position_m`, turned by `yaw_rad` about the vertical.
+    """An arm on the table with its base at `position_m`, turned by `yaw_rad` about the vertical.
 
-    tilt_rad: [roll, pitch] of a base that does not stand upright, see `model.base_quat`.
-
-    q_rad: start pose (n,), default the rest pose. stops_rad: gripper stops [closed, open] in joint space (motor
-    angle * direction), default the profile's. zero_offset_rad: motor angle at joint value 0, per motor (gripper
-    last), default 0. passive: of a leader without motors, the kind of station that it is from (`passive_config`);
-    encoders tell its joints. deviation: how the arm differs from its profiles. number: 1 for the scene's first arm,
-    whichever are selected; filled in by `load_scene`.
+    Attributes:
+        tilt_rad: [roll, pitch] of a base that does not stand upright, see `model.base_quat`.
+        q_rad: start pose (n,), default the rest pose.
+        stops_rad: gripper stops [closed, open] in joint space (motor angle * direction), default the profile's.
+        zero_offset_rad: motor angle at joint value 0, per motor (gripper last), default 0.
+        passive: kind of station (`passive_config`) of a leader without motors, whose joints encoders measure.
+        deviation: differences of the arm from its profiles.
+        number: 1 for the scene's first arm, whichever are selected; set by `load_scene`.
     """
 
     channel: str
@@ -62,9 +63,9 @@ class ArmPlacement:
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera at `position_m` that looks at `target_m`, in the frame of `body` ("" is the world).
+    """A camera at `position_m` that looks at `target_m`, both in the frame of `body` ("" is the world).
 
-    `up` is the direction that points up in the picture; `fovy_deg` the vertical field of view.
+    up: direction that points up in the picture. fovy_deg: vertical field of view.
     """
 
     name: str
@@ -79,17 +80,20 @@ class Camera:
 class Options:
     """Options that can be changed per start.
 
-    arm, gripper: replace every follower's (tests of other hardware). arms: only these channels.
-    friction, armature: factors on the profiles' dry friction and rotor inertia.
-    latency_s: the CAN adapter's, each way. operator: the scripted operator's task: "none", "pick_and_place" or a task
-    of the scene.
-    swapped: two channels whose cables are exchanged: each arm, where it stands, is found on the other's channel.
-    serials: numbers in the motors' SN registers, "unique" or "same" on every arm (then no register tells arms apart).
-    pictures: "full" has shadows and a grain on the table, "plain" neither, for weak machines.
-    randomise_look: how much light, colours and the cameras' poses vary with the seed of an attempt at a task (before
-    the first with `seed`): 0 not at all … 1, see `render.drawing`.
-    camera_noise: grey levels (sigma) that the cameras' sensors add. seed: of lost and garbled frames and
-    temperature noise, of the operator's first attempt at a task, and of where it puts things in "pick_and_place".
+    Attributes:
+        arm, gripper: replace those of each follower, for tests of other hardware.
+        arms: the only channels to simulate; None for all.
+        friction, armature: factors on the profiles' dry friction and rotor inertia.
+        latency_s: the CAN adapter's, each way.
+        operator: task of the scripted operator: "none", "pick_and_place" or a task of the scene.
+        swapped: two channels with exchanged cables: each of their arms answers on the other's channel.
+        serials: contents of the SN registers: "unique", or "same" on each arm, so that no register tells arms apart.
+        pictures: "full" has shadows and a grain on the table, "plain" neither, for weak machines.
+        randomise_look: spread, 0 … 1, of light, colours and camera poses with the seed of an attempt at a task (before
+            the first one with `seed`), see `render.drawing`.
+        camera_noise: noise of the cameras' sensors, sigma in grey levels.
+        seed: for lost and garbled frames, temperature noise, the operator's first attempt at a task, and the places of
+            "pick_and_place".
     """
 
     arm: str | None = None
@@ -110,8 +114,9 @@ class Options:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A whole scene. `places` are named points (x, y, z) m of the operator's tasks; `homes` are the points (x, y, z) m
-    at which its tools wait, by side.
+    """A whole scene.
+
+    places: named points (x, y, z) m of the operator's tasks. homes: side → waiting point (x, y, z) m of its tool.
     """
 
     name: str
@@ -126,17 +131,15 @@ class Scene:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """CAN channel of each arm."""
         return tuple(arm.channel for arm in self.arms)
 
     @property
     def things(self) -> tuple[Thing, ...]:
-        """Furniture and props."""
         return (*self.furniture, *self.props)
 
 
 def load_scene(name: str | Path | None = None, options: Mapping[str, Any] | None = None) -> Scene:
-    """The scene of that name (`SCENES`) or YAML path, with options replaced.
+    """Load the scene of that name (`SCENES`) or YAML path, with options replaced.
 
     Raises:
         ConfigError: unknown scene, option or value.
@@ -163,7 +166,7 @@ def load_scene(name: str | Path | None = None, options: Mapping[str, Any] | None
 
 
 def _document(name: str, folder: Path) -> dict[str, Any]:
-    """The mapping in a scene's file; a path is relative to `folder`."""
+    """Read a scene's file; a path is relative to `folder`."""
     if name in SCENES:
         return read_yaml(_DIRECTORY / f"{name}.yaml")
     if name.endswith((".yaml", ".yml")):
@@ -172,7 +175,10 @@ def _document(name: str, folder: Path) -> dict[str, Any]:
 
 
 def _cameras(inherited: Any, own: Any) -> Any:
-    """The inherited cameras, each replaced by an own one of its name, then the others; `parse` refuses nonsense."""
+    """Return the inherited cameras, replaced by own ones of the same name, then the other own ones.
+
+    Wrong types pass through, as `parse` refuses them.
+    """
     if not (isinstance(inherited, list) and isinstance(own, list)):
         return own
     given = {str(row.get("name")): row for row in own if isinstance(row, Mapping)}
@@ -213,7 +219,7 @@ def _check(scene: Scene) -> None:
 
 
 def _check_things(scene: Scene) -> None:
-    """Check things, tasks and cameras."""
+    """Raise ConfigError for a thing, task or camera that does not fit."""
     where = f"scene '{scene.name}'"
     check_things(scene.props, scene.furniture, where)
     followers = [arm.channel for arm in scene.arms if arm.role == "follower"]
@@ -229,7 +235,7 @@ def _check_things(scene: Scene) -> None:
 
 
 def _check_placement(row: ArmPlacement) -> None:
-    """Check that poses, zeros and stops fit the arm and its gripper."""
+    """Raise ConfigError for a pose, zero or stop that does not fit the arm and its gripper."""
     arm, gripper = load_arm(row.arm), load_gripper(row.gripper)
     motors = arm.joint_count + (gripper.motor is not None)
     for key, value, n in (("q_rad", row.q_rad, arm.joint_count), ("zero_offset_rad", row.zero_offset_rad, motors)):
@@ -242,7 +248,7 @@ def _check_placement(row: ArmPlacement) -> None:
 
 
 def _selected(scene: Scene) -> Scene:
-    """The scene with the options swapped, arms, arm and gripper applied."""
+    """Apply the options swapped, arms, arm and gripper."""
     options = scene.options
     arms = []
     first, second = options.swapped or ("", "")
@@ -263,6 +269,6 @@ def _selected(scene: Scene) -> Scene:
 
 
 def serial_number(scene: Scene, row: ArmPlacement, can_id: int) -> int:
-    """Content of the SN register of motor `can_id` of an arm: stable for a scene, unique where its options say so."""
+    """Return the SN register of motor `can_id` of an arm: stable for a scene, unique if its options say so."""
     arm = row.number if scene.options.serials == "unique" else 1
     return arm * _ARM_SERIALS + can_id

@@ -21,14 +21,14 @@ from lerobot_robot_yam.rig.scene.props import Thing
 from lerobot_robot_yam.system.strict_yaml import array_field
 
 SCRIPTS = ("lift_and_place", "handover", "drawer", "insertion")
-"""The scripted operator's scripts for tasks, see `operator.task_scripts`."""
+"""Names of the scripted operator's scripts, see `operator.task_scripts`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """Where a thing is at the start: drawn evenly from [least, largest] of each; the rest is as the scene has it.
+    """Random start of one thing, drawn evenly from [least, largest] of each given value; the rest is as in the scene.
 
-    x_m, y_m, yaw_rad: of a prop, in the world. position: of a jointed thing, m or rad.
+    x_m, y_m, yaw_rad: for a prop, in the world. position: for a jointed thing, m or rad.
     """
 
     thing: str
@@ -42,7 +42,7 @@ class Draw:
 class Region:
     """An upright cylinder: `radius_m` about `center_m`, `height_m` above and below; in the world, or the thing `frame`.
 
-    A prop is in it if the origin of its frame is.
+    It contains a prop if it contains the origin of the prop's frame.
     """
 
     center_m: np.ndarray = array_field(3)
@@ -53,11 +53,17 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A stage is reached when all its conditions hold at once for `for_s`.
+    """A stage of success, reached when all its conditions hold at once for `for_s`.
 
-    Of the prop: lifted_m: it is this far above where it was placed. inside: it is in the region. held_by: both fingers
-    of that follower touch it. released: no arm touches it. still: it rests. airborne: since the stage before nothing
-    but arms has touched it; else all stages begin anew. Of the joint: its position is in joint_range.
+    Attributes:
+        prop: the thing that the next six conditions concern.
+        lifted_m: least height above its place at the start.
+        inside: region that it is in.
+        held_by: follower whose two fingers touch it.
+        released: no arm touches it.
+        still: it rests.
+        airborne: only arms have touched it since the stage before; another touch restarts all stages.
+        joint, joint_range: jointed thing, and the range of its position.
     """
 
     prop: str = ""
@@ -76,8 +82,8 @@ class Stage:
 class Task:
     """A task: success is reaching all stages of `success`, one after the other, within `time_limit_s`.
 
-    description: the text for data sets and policies. script: the scripted operator's, one of `SCRIPTS`, if it is not
-    called as the task. tilt_rad: how far its tools lean back from straight down, so that what they hold is seen.
+    description: the text for data sets and policies. script: the scripted operator's, one of `SCRIPTS`, if not of the
+    task's name. tilt_rad: lean of the tools back from straight down, so that cameras see what they hold.
     """
 
     name: str
@@ -90,18 +96,18 @@ class Task:
 
     @property
     def does(self) -> str:
-        """The operator's script for it."""
+        """Name of the operator's script for the task."""
         return self.script or self.name
 
 
 PICK_AND_PLACE = Task(
     "pick_and_place", "Carry the prop from A to B and back, handing it over at M.", math.inf, (), tilt_rad=0.45
 )
-"""The scripted operator does this without end in any scene that has these places; no verdict is given."""
+"""Endless task of the scripted operator in any scene with these places; it has no verdict."""
 
 
 def check_tasks(tasks: Sequence[Task], things: Sequence[Thing], followers: Collection[str], where: str) -> None:
-    """Raise ConfigError for a task with impossible values, or one that names a thing or arm that is not there."""
+    """Raise ConfigError for a task with impossible values, or with a thing or arm that the scene lacks."""
     names = [task.name for task in tasks]
     if len(set(names)) < len(names) or not all(names):
         raise ConfigError(f"{where}: tasks need unique, non-empty names, not {names}")

@@ -1,6 +1,6 @@
 """The rig server's child processes: the renderer of its cameras, and the scripted operator.
 
-The server never waits for them. It hands over hellos of kind "camera", and sends the answers of `poll` to clients.
+The server never waits for them. It passes hellos of kind "camera" on, and sends the answers of `poll` to clients.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from lerobot_robot_yam.rig.simulation.operation import number
 logger = logging.getLogger(__name__)
 
 NO_OPERATOR = "none"
-_SETTLE_S = 0.5  # from the leaders' torque to the operator's start
+_SETTLE_S = 0.5  # delay of the operator's start after the leaders' torque
 _END_TIMEOUT_S = 2.0
 _DEAD = "camera {camera} has died: it delivers no more frames; check its cable, then connect again"
 
@@ -31,7 +31,7 @@ _DEAD = "camera {camera} has died: it delivers no more frames; check its cable, 
 class CameraService:
     """All rendered cameras of one rig, drawn by one child process, which the first camera starts.
 
-    cameras: names of the scene's. on_demand: draw only when told to, see `draw`.
+    cameras: their names in the scene. on_demand: the renderer draws only for `draw`.
     """
 
     def __init__(self, rig: str, cameras: Collection[str], on_demand: bool = False):
@@ -39,12 +39,12 @@ class CameraService:
         self._cameras = tuple(cameras)
         self._on_demand = on_demand
         self._process: subprocess.Popen[bytes] | None = None
-        self._users: dict[Settings, set[Hashable]] = {}  # those of settings that are not ready wait for an answer
-        self._opened: set[Settings] = set()  # ever; a renderer that hangs or crashes leaves their blocks
+        self._users: dict[Settings, set[Hashable]] = {}  # clients; those of settings not in `_ready` wait
+        self._opened: set[Settings] = set()  # all so far; a crashed renderer leaves their blocks
         self._ready: set[Settings] = set()
         self._answers: list[tuple[Hashable, dict[str, Any]]] = []
         self._answers_read = LineReader()
-        self._stalls: dict[str, float] = {}  # camera → monotonic time until which it delivers nothing new
+        self._stalls: dict[str, float] = {}  # camera → monotonic time of its next frame
         self._dead: set[str] = set()
         self.drawn = True
 
@@ -79,7 +79,7 @@ class CameraService:
         return {"block": str(frame_path(self._rig, *settings))}
 
     def drop(self, client: Hashable) -> None:
-        """Forget a client that has left; a camera without clients is not drawn. Unknown clients are ignored."""
+        """Remove a client; a camera without clients is not drawn. Unknown clients are ignored."""
         for settings in [settings for settings, users in self._users.items() if client in users]:
             self._users[settings].discard(client)
             if not self._users[settings]:
@@ -110,7 +110,7 @@ class CameraService:
                 self.drop(client)
 
     def draw(self, anew: bool) -> None:
-        """Have a renderer that works on demand draw every open camera; `drawn` is True when it has.
+        """Request one picture of each open camera from a renderer on demand; `drawn` is True when it has drawn them.
 
         anew: the world was restarted since the last picture.
         """
@@ -123,12 +123,12 @@ class CameraService:
         return str(name)
 
     def fileno(self) -> int | None:
-        """Descriptor to watch for reading, None while no renderer runs. It changes when one starts or ends."""
+        """Return the descriptor to watch for reading, which changes with the renderer; None while none runs."""
         stdout = None if self._process is None else self._process.stdout
         return None if stdout is None else stdout.fileno()
 
     def poll(self) -> list[tuple[Hashable, dict[str, Any]]]:
-        """New answers for clients: from the renderer, or that it died. Never blocks."""
+        """Return new answers for clients: the renderer's, or the error of its end. Never blocks."""
         fileno = self.fileno()
         if fileno is not None:
             with contextlib.suppress(BlockingIOError):
@@ -140,7 +140,6 @@ class CameraService:
         return answers
 
     def close(self) -> None:
-        """End the renderer and remove its blocks."""
         process, self._process = self._process, None
         if process is not None:
             _end(process)
@@ -151,7 +150,7 @@ class CameraService:
         command = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.render.renderer", "--rig", self._rig]
         command += ["--on-demand"] * self._on_demand
         pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "bufsize": 0}
-        self._process = subprocess.Popen(command, start_new_session=True, **pipes)  # a session that gives way
+        self._process = subprocess.Popen(command, start_new_session=True, **pipes)  # own session for `give_way`
         assert self._process.stdout is not None
         os.set_blocking(self._process.stdout.fileno(), False)
         self._answers_read = LineReader()
@@ -160,7 +159,7 @@ class CameraService:
 
     def _tell(self, verb: str, **details: Any) -> None:
         if self._process is not None and self._process.stdin is not None:
-            with contextlib.suppress(BrokenPipeError):  # poll() sees its end
+            with contextlib.suppress(BrokenPipeError):  # poll() reports the end
                 self._process.stdin.write(to_line({"do": verb, **details}))
 
     def _heard(self, message: dict[str, Any]) -> None:
@@ -185,7 +184,7 @@ class CameraService:
         self.close()
 
     def _fail_all(self, error: str) -> None:
-        """Tell every client why it gets nothing, and forget them."""
+        """Answer all clients with an error, and remove them."""
         failed = {"error": error, "kind": "RigError"}
         self._answers += [(client, failed) for client in set().union(*self._users.values())]
         self._users.clear()
@@ -193,19 +192,19 @@ class CameraService:
 
 
 class OperatorService:
-    """Starts the operator of a rig's scene when every leader motor is enabled, ends it when one is not."""
+    """Starts the operator of a rig's scene when all leader motors are enabled, ends it when one is not."""
 
     def __init__(self, rig: str, device: RigDevice):
         self._rig, self._device = rig, device
         self._task = device.scene.options.operator
         self._process: subprocess.Popen[bytes] | None = None
-        self._leaving: subprocess.Popen[bytes] | None = None  # told to end, not yet gone
+        self._leaving: subprocess.Popen[bytes] | None = None  # ending, but still alive
         self._leaving_since_s = 0.0
         self._energised_s: float | None = None
         self._failed = False
 
     def keep(self, now_s: float) -> None:
-        """Start or end the operator; call several times a second."""
+        """Start or end the operator; call it several times a second."""
         if self._task == NO_OPERATOR:
             return
         if self._leaving is not None:
@@ -216,7 +215,7 @@ class OperatorService:
         if not self._device.leaders_energised():
             self._energised_s, self._failed = None, False
             if self._process is not None:
-                # Without waiting: motors that are not answered for 0.1 s count as lost.
+                # Without waiting: a server that pauses for 0.1 s would pass for lost motors.
                 self._process.terminate()
                 self._leaving, self._leaving_since_s, self._process = self._process, now_s, None
             return
@@ -234,7 +233,6 @@ class OperatorService:
             self._device.events.add("operator_started", task=self._task)
 
     def close(self) -> None:
-        """End the operator and wait for it: the rig is ending."""
         for process in (self._process, self._leaving):
             if process is not None:
                 process.terminate()
@@ -243,7 +241,7 @@ class OperatorService:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """Close a process's pipes and wait for its end: the renderer ends when its input does."""
+    """Close a process's pipes, at which the renderer ends, and wait for its end."""
     try:
         process.communicate(timeout=_END_TIMEOUT_S)
     except subprocess.TimeoutExpired:

@@ -1,4 +1,4 @@
-"""When a rig ends: a while after its last client, at once when told to, and some time after its owner."""
+"""Life time of a rig: it ends a while after its last client, at once on request, and some time after its owner."""
 
 import os
 import select
@@ -10,18 +10,18 @@ from lerobot_robot_yam.system.runtime_files import FileLock
 
 LINGER_S = 1.0  # after the last client
 FIRST_CLIENT_S = 10.0  # after the start, without any client
-ORPHAN_S = 30.0  # after the owner's death, in which clients may land their arms
+ORPHAN_S = 30.0  # after the owner's death, so that clients can land their arms
 
 
 class Lifetime:
     """Decides when to end, under the lock that starters of this rig take.
 
-    owner: process whose rig this is, None for a named rig. Times are monotonic, s.
+    owner: process of an unnamed rig, None for a named rig. Times are monotonic, s.
     """
 
     def __init__(self, name: str, owner: int | None, now_s: float):
         self._lock = FileLock(rig_path(name, "lock"), f"the end of rig {name}")
-        self._held_s = now_s  # when a client last kept it alive
+        self._held_s = now_s  # last time with a client that keeps the rig alive
         self._orphaned_s: float | None = None
         self._met = False
         self._told = False
@@ -33,17 +33,18 @@ class Lifetime:
                 self._orphaned_s = now_s
 
     def met_a_client(self) -> None:
-        """A client has come: from now on the rig lingers less long."""
+        """Note the first client: from now on the rig lingers `LINGER_S` instead of `FIRST_CLIENT_S`."""
         self._met = True
 
     def end(self) -> None:
-        """End, clients or not, as soon as nobody is starting this rig."""
+        """End the rig, with or without clients, as soon as nobody is starting it."""
         self._told = True
 
     def is_over(self, held: bool, now_s: float, somebody_waits: Callable[[], bool]) -> bool:
-        """Whether to end now. If so the lock is held, and nobody can start this rig until `close`.
+        """Return whether to end now; if True, the lock is held, and nobody can start this rig until `close`.
 
-        held: a client keeps the rig alive. somebody_waits: called under the lock; a waiting connection does so too.
+        held: a client keeps the rig alive. somebody_waits: called under the lock; a connection not yet accepted keeps
+        it alive too.
         """
         if self._orphaned_s is None and self._owner_fd >= 0 and select.select([self._owner_fd], [], [], 0)[0]:
             self._orphaned_s = now_s
@@ -64,7 +65,7 @@ class Lifetime:
         return True
 
     def close(self) -> None:
-        """Let starters go on; call when the rig's files are gone."""
+        """Release the lock for starters; call it when the rig's files are removed."""
         if self._owner_fd >= 0:
             os.close(self._owner_fd)
         self._lock.release()

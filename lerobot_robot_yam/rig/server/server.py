@@ -41,15 +41,15 @@ from lerobot_robot_yam.system.realtime import request_realtime
 
 logger = logging.getLogger(__name__)
 
-PRIORITY = 10  # below the control loops, above everything ordinary
-_BATCH_S = 0.004  # the longest that physics waits between two packets
+PRIORITY = 10  # real-time priority, below the control loops'
+_BATCH_S = 0.004  # longest wait of the physics between two packets
 _PUBLISH_S = 1 / 60
 _HOUSE_S = 0.05
-_MALFORMED = (ValueError, KeyError, TypeError, AttributeError, YamError)  # of requests and hellos
+_MALFORMED = (ValueError, KeyError, TypeError, AttributeError, YamError)  # errors of requests and hellos
 
 
 class Client:
-    """A connection; `channel` is set by the hello of a bus client."""
+    """A connection; the hello of a bus client sets its `channel`."""
 
     def __init__(self, sock: socket.socket):
         self.socket = sock
@@ -114,7 +114,7 @@ class RigServer:
                 self._keep_house(now)
 
     def close(self) -> None:
-        """Remove the rig's files, drop the clients, end the children; after a crash a successor may start during it."""
+        """Remove the rig's files, drop the clients, end the children; after a crash a successor may start meanwhile."""
         self._path.unlink(missing_ok=True)
         self._links.close()
         for suffix in ("scene", "log"):
@@ -143,7 +143,7 @@ class RigServer:
                 self._poll.register(sock.fileno(), select.EPOLLIN)
 
     def _hear(self, client: Client) -> None:
-        """Take everything that a client has sent; queued packets count as one, as those of a tick do."""
+        """Read all that a client has sent; its queued packets count as one, as those of a tick do."""
         frames, gone = b"", False
         try:
             while packet := client.socket.recv(launch.MAX_PACKET):
@@ -225,7 +225,7 @@ class RigServer:
         except BlockingIOError:
             logger.warning("a client does not read its answers")
         except OSError:
-            pass  # it has gone, which epoll reports
+            pass  # the client has gone, which epoll reports
 
     def _drop(self, client: Client) -> None:
         fd = client.socket.fileno()
@@ -268,7 +268,6 @@ class RigServer:
 
 
 def main() -> None:
-    """Entry point of the server process."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--name", required=True, help="the rig's name")
     parser.add_argument("--scene", help="scene name or YAML path")

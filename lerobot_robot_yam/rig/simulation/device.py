@@ -22,15 +22,14 @@ from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import gripper_stroke
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
-_SLOW_PERIOD_S = 0.005  # of watchdogs and the judge, simulated time
+_SLOW_PERIOD_S = 0.005  # period of watchdogs and the judge, simulated time
 _EVENTS_KEPT = 20_000
 
 
 class EventLog:
-    """Numbered events in order, with simulated times and those of the rig's clock; the oldest are forgotten.
+    """Numbered events in order, with simulated times and those of the rig's clock; the oldest are dropped.
 
-    Attributes:
-        next_number: the number that the next event will have.
+    next_number: number of the next event.
     """
 
     def __init__(self, world: World, clock: Clock) -> None:
@@ -54,9 +53,9 @@ class RigDevice:
     """Everything simulated. Owned by one thread, driven by `advance` with the time of `clock`.
 
     Attributes:
-        operations: what clients may ask for by name, besides the methods of `RigOperations`.
-        each_step: called after every step of the physics, which is then simulated step by step.
-        each_advance: called after every `advance` that has simulated a step.
+        operations: further operations for clients, by name, besides those of `RigOperations`.
+        each_step: called after each step of the physics, which is then simulated step by step.
+        each_advance: called after each `advance` that has simulated a step.
         loaded: files that `RigOperations.load` has run.
     """
 
@@ -125,7 +124,7 @@ class RigDevice:
 
     @property
     def due_s(self) -> float:
-        """When a channel's adapter next has something to do; infinity for never."""
+        """Time at which an adapter next has a command to deliver; infinity for none."""
         return min([adapter.due_s for adapter in self._adapters])
 
     def advance(self, now_s: float) -> None:
@@ -192,13 +191,13 @@ class RigDevice:
         return any(motor.enabled for motor in self.channels[channel].motors)
 
     def push(self, body: int, force_n: np.ndarray, seconds: float, site: int | None = None) -> None:
-        """Push a body with a force (3,) in world axes for a time, at a site of it or at its centre of mass."""
+        """Push a body with a force (3,) N in world axes for a time, at a site of it or at its centre of mass."""
         source = f"push {body}"
         self.forces.apply(source, body, force_n, site=site)
         self._pushes[source] = self.world.sim_s + seconds
 
     def leaders_energised(self) -> bool:
-        """Whether there are leaders and every motor of theirs is enabled."""
+        """Return whether there are leaders and all their motors are enabled."""
         return bool(self.leaders) and all(
             motor.enabled for channel in self.leaders for motor in self.channels[channel].motors
         )

@@ -1,4 +1,4 @@
-"""Operations that make channels, motors and cameras of a rig fail: what each kind of fault does, and what ends it."""
+"""Operations that make channels, motors and cameras of a rig fail: the effect of each kind of fault, and its end."""
 
 import math
 from collections.abc import Callable
@@ -22,7 +22,7 @@ _COUNT_MAX = 1_000_000
 _DELAY_MAX_S = 10.0
 _EVERY_MAX_S = 1000.0
 _MASS_MAX_KG = 50.0
-_RATE_MAX_HZ = 5000.0  # one wire carries less than 8000 frames a second
+_RATE_MAX_HZ = 5000.0  # frames; one wire carries less than 8000 a second
 _TORQUE_MAX_NM = 100.0
 _BYTE_MAX = 255.0
 _TEMPERATURE_MAX_C = 1000.0
@@ -92,7 +92,7 @@ CHANNEL_KINDS: dict[str, Callable[[RigDevice, Channel, Any], None]] = {
 
 
 def _link_fault(name: str, check: Callable[[Any], Any]) -> Callable[[SimMotor, Any, _Details], None]:
-    """A kind that sets the field of that name of `LinkFaults`."""
+    """Return the kind that sets the field of that name of `LinkFaults`."""
     return lambda motor, value, details: setattr(motor.faults, name, check(value))
 
 
@@ -181,48 +181,46 @@ class FaultOperations(Operations):
     def fault(self, channel: str, motor: str | int | None, kind: str, value: Any = True, **details: Any) -> None:
         """Make something fail, until `clear_faults` or the same kind with False, 0 or its usual value.
 
-        Of one motor (name or CAN id) or, with None, of every motor of the channel:
-            "silent" (bool): neither obeys nor answers.
-            "power" (bool): False cuts its power; True gives it back, with the registers that its flash holds.
-            "storing" ("reverts" or "cut", or False): what STORE does: other registers become what flash held; or the
-                power goes in the middle.
+        Kinds for one motor (name or CAN id) or, with None, for all motors of the channel:
+            "silent" (bool): obeys and answers nothing.
+            "power" (bool): False cuts its power; True restores it, with the registers that its flash holds.
+            "storing" ("reverts" or "cut", or False): effect of STORE: other registers return to what flash holds; or
+                the power fails in the middle.
             "drop_next" (answers), "loss_rate" (0 … 1), "delay_s" (s): answers are lost or late.
-            "command_loss_rate" (0 … 1): share of frames that it does not hear.
+            "command_loss_rate" (0 … 1): share of lost frames to the motor.
             "duplicate" (bool, or {"q_rad": rad}): a second motor has its identifiers, see "second_arm".
-            "wrong_id" (identifier, or False): answers come under it; the registers do not know it.
+            "wrong_id" (identifier, or False): answers have this identifier instead of the one in the registers.
             "corrupt_rate" (0 … 1; all_bytes=True): share of answers with random contents; motor number and fault
                 code stay right without all_bytes.
             "reading" ({"position_rad", "velocity_rad_s", "torque_nm", "answers", "freeze"}, each optional, or False):
-                its answers lie, and its own servo does not know. They add these offsets (joint sign; positions wrap at
-                the end of the frame's range), the next `answers` of them or all. With "freeze": true all repeat the
-                first one's position, velocity and torque.
-            "temperatures_c" ([power stage, coil] °C, or False): its sensors lie; the motor does not act on them.
+                answers are false, for the next `answers` of them or all; the motor's own servo is not affected. These
+                offsets are added (joint sign; positions wrap at the end of the frame's range). With "freeze": true all
+                repeat the first one's position, velocity and torque.
+            "temperatures_c" ([power stage, coil] °C, or False): false readings; the motor does not react.
             "temperature_ramp" ({"rate_c_per_s", "from_c"}, or False): it warms or cools from from_c on. At OT_VALUE
-                (power stage, 0xB) or 100 °C (coil, 0xC) it switches itself off, and again after each CLEAR while it is
-                as hot.
-            "torque_bias_nm" (Nm, joint sign): while enabled it adds this torque, and does not report it.
+                (power stage, 0xB) or 100 °C (coil, 0xC) it switches itself off, again after CLEAR while as hot.
+            "torque_bias_nm" (Nm, joint sign): torque that it adds while enabled, and does not report.
             "stuck" (bool): jammed. "friction_nm" (Nm): additional dry friction.
             "nibble" (fault code; sticky=True survives CLEAR): it fails with that code now.
-            "register" (value; register=number): overwrites a register, read-only ones too.
-        Of the channel, motor None:
+            "register" (value; register=number): overwrites a register, also a read-only one.
+        Kinds for the channel, motor None:
             "link_down" (bool): as `ip link set canX down`: send and receive raise "Network is down".
             "adapter_gone" (bool): open buses are dead for good ("No such device"), opening raises BusError.
-            "bus_off" (bool): one error frame (0x40), nothing gets through, sends raise "No buffer space available"
+            "bus_off" (bool): one error frame (0x40), no frame passes, sends raise "No buffer space available"
                 after 10 frames; ended by False, or by link_down.
-            "cable_out" (bool): nothing gets through, and nobody is told.
+            "cable_out" (bool): no frame passes, without an error.
             "foreign" ({"id", "rate_hz", "payload": "hold" or "zero"}, or False): another computer sends frames to
-                that identifier: MIT commands to stay where the motor is, or eight zero bytes. Motors obey and answer.
-            "latency_s" (s): each way; commands reach the motors late, and answers the host. Time stamps are those of
-                the arrival at the host.
-            "hold_back" ({"seconds", "every_s"}, or False): from now on, again every every_s or once, the adapter keeps
-                received frames back for so long and then gives them all at once, in order, stamped with that moment.
+                that identifier: MIT commands to stay at the motor's position, or zero bytes. Motors obey and answer.
+            "latency_s" (s): delay of commands and of answers. Time stamps are those of the arrival at the host.
+            "hold_back" ({"seconds", "every_s"}, or False): from now on, once or again every every_s, the adapter keeps
+                received frames back for `seconds`, then delivers them at once, in order, stamped with that moment.
             "second_arm" (bool, or {"q_rad": rad per motor, joint sign}): another arm with the same identifiers is on
-                the bus. Each of its motors hears every frame and answers after the first arm's, with its own registers,
-                fault code and bare shaft. It is limp until it is enabled. Without q_rad the shafts are 0.3 rad from
-                where the arm was when the rig started. `state` shows them as second_motors.
+                the bus. Each of its motors receives all frames and answers after the first arm's, with its own
+                registers, fault code and bare shaft. It is limp until it is enabled. Without q_rad the shafts are 0.3
+                rad from the arm's pose at the rig's start. `state` shows them as second_motors.
             "payload_kg" (kg): a point mass at the tool.
             "handle_silent" (bool).
-            "encoders_silent" (bool, or numbers of devices from 0): of a leader without motors.
+            "encoders_silent" (bool, or numbers of devices from 0): encoders of a leader without motors.
         """
         device, where = self.device, self._channel_of(channel)
         try:
@@ -259,16 +257,16 @@ class FaultOperations(Operations):
         device.events.add("faults_cleared", channel=channel)
 
     def camera_fault(self, camera: str, kind: str | None, seconds: float | None = None) -> None:
-        """Make a camera of the scene fail for every client of a live rig.
+        """Make a camera of the scene fail for all clients of a live rig.
 
-        "stall": no new frames, for `seconds` or until None. "dead": its clients are told, and it cannot be opened. None
-        ends both; clients of a dead camera connect anew.
+        "stall": no new frames, for `seconds` or until None. "dead": its clients receive an error, and it cannot be
+        opened. None ends both; clients of a dead camera connect again.
         """
         self.request("camera_fault", camera=camera, kind=kind, seconds=seconds)
 
 
 def _repair(motor: SimMotor) -> None:
-    """Undo every fault of a motor; registers, and the fault code that the motor is in, stay."""
+    """Undo all faults of a motor, except its registers and latched fault code."""
     if motor.unpowered:
         motor.power(True)
     motor.faults = LinkFaults()
@@ -282,7 +280,7 @@ def _repair(motor: SimMotor) -> None:
 
 
 def _fields(value: Any, needed: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, Any]:
-    """A mapping with these keys."""
+    """Return a mapping with these keys. Raises ConfigError."""
     if not isinstance(value, dict) or set(needed) - set(value) or set(value) - {*needed, *optional}:
         parts = [f"{{{', '.join(needed)}}}"] * bool(needed) + [f"maybe {', '.join(optional)}"] * bool(optional)
         raise ConfigError(f"expected {' and '.join(parts)}, or false, not {value!r}")
@@ -290,7 +288,7 @@ def _fields(value: Any, needed: tuple[str, ...], optional: tuple[str, ...]) -> d
 
 
 def _motors_of(channel: Channel, which: str | int | None) -> list[SimMotor]:
-    """Return the motor of that name or CAN id; None: all."""
+    """Return the motor of that name or CAN id; all for None."""
     found = [motor for motor in channel.motors if which in (None, motor.name, motor.can_id)]
     if which is not None and not found:
         raise ConfigError(f"{channel.name} has no motor {which!r}; it has {[m.name for m in channel.motors]}")

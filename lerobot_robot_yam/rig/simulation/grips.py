@@ -12,15 +12,15 @@ from lerobot_robot_yam.rig.world.shafts import Drive
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP, HAND_TORQUE_NM
 
-_RESIST_NM = 2.5  # a leader that floats takes less than 1 Nm at any joint
-_RESIST_N = 25.0  # the same at the tool
-_PULL_N, _TURN_NM = 60.0, 6.0  # the most that a soft hand does
-FIST_M = 0.06  # a hand holds orientation with its stiffness at this lever; also its radius of gyration
+_RESIST_NM = 2.5  # joint torque that counts as resistance; a floating leader needs less than 1 Nm
+_RESIST_N = 25.0  # the same for the force at the tool
+_PULL_N, _TURN_NM = 60.0, 6.0  # limits of a soft hand's force and torque
+FIST_M = 0.06  # lever at which a hand's stiffness holds orientation; also its radius of gyration
 _STIFFNESS_N_M, _MASS_KG, _DAMPING_RATIO = (0.0, 5000.0), (0.05, 5.0), (0.0, 2.0)
 
 
 class Softness(NamedTuple):
-    """A hand as a mass that is fixed to the tool, on a damped spring to where the hand wants it.
+    """A hand as a mass fixed to the tool, on a damped spring to the hand's target.
 
     Damping of the spring:  c = 2 ζ √(k m).
     """
@@ -31,11 +31,10 @@ class Softness(NamedTuple):
 
     @property
     def damping_n_s_m(self) -> float:
-        """c."""
         return 2.0 * self.damping_ratio * math.sqrt(self.stiffness_n_m * self.mass_kg)
 
     def check(self) -> "Softness":
-        """Itself. Raises ConfigError: a value is out of range."""
+        """Return itself. Raises ConfigError: a value is out of range."""
         for name, (low, high) in zip(self._fields, (_STIFFNESS_N_M, _MASS_KG, _DAMPING_RATIO), strict=True):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
@@ -44,29 +43,29 @@ class Softness(NamedTuple):
 
 
 class Grip(Protocol):
-    """How a hand acts on an arm, once it has been told where to."""
+    """Seam of the ways in which a hand acts on an arm."""
 
     def aim(self, q_rad: list[float], rates_rad_s: list[float]) -> None:
-        """Pull to joints (n,) that move so, from now on."""
+        """Pull to joints (n,) that move at these rates, from now on."""
 
     def step(self) -> None:
         """Act in the next step of the physics."""
 
     def strained(self) -> bool:
-        """Whether the arm works against the hand."""
+        """Return whether the arm works against the hand."""
 
     def let_go(self) -> None:
-        """Act no more."""
+        """Stop acting."""
 
 
 class FirmGrip:
     """A stiff and damped spring at each joint, integrated with the physics.
 
-    MuJoCo integrates damping implicitly, but not that of an actuator whose force is at its limit. There a damper that
-    turns a light joint's speed round within one step goes on doing so for ever, at half the rate of the steps. So a
-    joint at its limit has a weaker one, with which energy decays in every pose, whatever else moves:
+    MuJoCo integrates damping implicitly, but not that of an actuator at its force limit. There a damper that reverses a
+    light joint's speed within one step would go on doing so for ever, at half the rate of the steps. So a joint at its
+    limit has a weaker one, with which energy decays in each pose, whatever else moves:
 
-        kd < 2 I / dt,   I the joint's rotor inertia, a lower bound of what it moves
+        kd < 2 I / dt,   I the joint's rotor inertia, a lower bound of the moved inertia
     """
 
     def __init__(self, world: World, channel: str):
@@ -78,7 +77,6 @@ class FirmGrip:
         self._kd_at_limit = np.minimum(HAND_KD, inertia / world.timestep_s).tolist()
 
     def take_hold(self) -> None:
-        """Begin to act."""
         for drive in self._drives:
             drive.set_gains(HAND_KP, HAND_KD)
 
@@ -90,7 +88,7 @@ class FirmGrip:
             drive.command(target, rate, HAND_KP, kd, 0.0)
 
     def step(self) -> None:
-        """Nothing: the physics does it."""
+        """Do nothing: the physics integrates the springs."""
 
     def strained(self) -> bool:
         force = self._world.force
@@ -102,11 +100,11 @@ class FirmGrip:
 
 
 class SoftGrip:
-    """A mass at the tool that a damped spring pulls to where the arm's tool would be at the joints aimed at:
+    """A mass at the tool on a damped spring to the tool's pose at the target joints:
 
         F = k (x* − x) + c (ẋ* − ẋ) + m g,     T = FIST_M² · (k φ + c (ω* − ω)),  φ the turn from here to there.
 
-    The force is computed anew in each step from the state of that step: an older one would feed energy in.
+    Each step computes the force from the state of that step: an older state would feed energy in.
     """
 
     def __init__(self, world: World, channel: str, forces: OuterForces, ballast: Ballast):
@@ -117,14 +115,14 @@ class SoftGrip:
         self._addresses = world.joint_addresses(channel)
         self.source = f"hand on {channel}"
         self._softness = Softness()
-        self._elsewhere: mujoco.MjData | None = None  # the arm where the hand wants it
+        self._elsewhere: mujoco.MjData | None = None  # the arm at the target joints
         self._jacobian = np.zeros((2, 3, model.nv))
         self._aimed: tuple[np.ndarray, np.ndarray] | None = None
         self._rate, self._spin = np.zeros(3), np.zeros(3)
         self._aimed_s = 0.0
 
     def take_hold(self, softness: Softness) -> None:
-        """Begin to act, or go on with another mass, stiffness or damping."""
+        """Begin to act, or continue with another mass, stiffness or damping."""
         if softness.mass_kg != self._ballast.hand_kg:
             self._ballast.hold(softness.mass_kg, FIST_M)
         self._softness = softness
@@ -161,14 +159,14 @@ class SoftGrip:
         self._forces.apply(self.source, self._body, pull + self._weight(), torque, self._site)
 
     def force_n(self) -> np.ndarray:
-        """The spring's force (3,) in world axes, N."""
+        """Return the spring's force (3,) in world axes, N."""
         return self._forces.force_n(self.source) - self._weight()
 
     def strained(self) -> bool:
         return bool(np.linalg.norm(self.force_n()) >= _RESIST_N)
 
     def _weight(self) -> np.ndarray:
-        """What carries the hand's own weight, (3,) N."""
+        """Return the force (3,) N that carries the hand's own weight."""
         return -self._softness.mass_kg * self._world.model.opt.gravity
 
     def let_go(self) -> None:
@@ -183,7 +181,7 @@ def _within(vector: np.ndarray, most: float) -> np.ndarray:
 
 
 def _turn(here: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Rotation vector (3,) in world axes that turns `here` (3, 3) to `there`."""
+    """Return the rotation vector (3,) in world axes that turns `here` (3, 3) to `there`."""
     quat, vector = np.empty(4), np.empty(3)
     mujoco.mju_mat2Quat(quat, (there @ here.T).ravel())
     mujoco.mju_quat2Vel(vector, quat, 1.0)

@@ -1,7 +1,7 @@
 """A person's hands: they pull arms along trajectories, with limited force, squeeze triggers and press buttons.
 
-An arm's own motors work against or with it. As a person would, the hand lets go of an arm that works against it, as
-one does that lands.
+An arm's own motors work against or with the hand. As a person would, it lets go of an arm that works against it, such
+as one that lands.
 """
 
 import bisect
@@ -16,24 +16,24 @@ from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.simulation.grips import FirmGrip, Grip, SoftGrip, Softness
 from lerobot_robot_yam.rig.world.world import World
 
-_BUTTONS = ("sync", "record")  # of a handle: the top one, the second one
-_PERIOD_S = 0.002  # of the target's interpolation
-# A joint's way to a path that begins elsewhere: faster than the planner's paths (1.2), slower than a fall (3). A path
-# begins elsewhere when the simulated clock slipped, or when a floating arm moved after its mover had looked at it.
+_BUTTONS = ("sync", "record")  # the top and the second one of a handle
+_PERIOD_S = 0.002  # between two interpolations of the target
+# Speed of a joint to a path that begins elsewhere: above the planner's paths (1.2), below a fall (3). A path begins
+# elsewhere after a slip of the simulated clock, or when a floating arm has moved since the path was made.
 _JOIN_RAD_S = 2.0
-_RESIST_S = 0.4  # shorter peaks are the jerk of starting and stopping
+_RESIST_S = 0.4  # least duration of resistance; shorter peaks come from starting and stopping
 
 
 class Hand:
     """A hand on the arm of a channel, and on its handle encoder if it has one.
 
     Attributes:
-        due_s: simulated time from which on `advance` is to be called while it is `gripping`.
+        due_s: simulated time of the next `advance` while `gripping`.
 
     Args:
-        firm: how it holds a leader unless it is told otherwise; None on a follower, which it always holds softly.
-        soft: the other way.
-        told: gets the kind of an event, when the path is done or the hand gives way.
+        firm: the usual grip on a leader; None on a follower.
+        soft: the other grip.
+        told: called with the kind of an event, when the path is done or the hand gives way.
     """
 
     def __init__(
@@ -52,15 +52,15 @@ class Hand:
         self._count = count
         self._addresses = world.joint_addresses(channel)
         self._start_s = 0.0
-        # Plain lists, as `advance` takes single numbers from them. Each row: the joints, then the trigger.
+        # Lists, as `advance` reads single numbers. Each row: the joints, then the trigger.
         self._times: list[float] = [0.0]
         self._path: list[list[float]] = [[0.0] * (count + 1)]
         self._rates: list[list[float]] = self._path
-        self._targets = self._path[0][:count]  # of the joints, at `_advanced_s`
+        self._targets = self._path[0][:count]  # joints at `_advanced_s`
         self._advanced_s = self.due_s = 0.0
         self.gripping = False
-        self.resisted = False  # the arm worked against the hand; it takes hold again once the arm was limp
-        self._easy_s = 0.0  # when the arm last gave way
+        self.resisted = False  # until the arm was limp, the hand does not grip again
+        self._easy_s = 0.0  # last time without resistance
         self._gives_way = True
         self._then_release = self._arrived = False
 
@@ -73,13 +73,13 @@ class Hand:
         gives_way: bool = True,
         then_release: bool = False,
     ) -> None:
-        """Grip and pull from where the hand is along q_rad (k, n) at times_s (k,) from now, then hold the last.
+        """Grip and pull from the hand's place along q_rad (k, n) at times_s (k,) from now, then hold the last.
 
-        A hand that takes hold is where the arm is. Joints that are elsewhere than q_rad join it at `_JOIN_RAD_S`.
+        A hand that takes hold starts at the arm's pose. Joints that are elsewhere than q_rad join it at `_JOIN_RAD_S`.
 
         Args:
             trigger: (k,) or one number, 0 released … 1 squeezed.
-            softness: None: firmly on a leader, else of a usual softness.
+            softness: None for a firm grip on a leader, and the usual softness on a follower.
             gives_way: let go of an arm that works against the hand.
             then_release: let go at the end of the path.
 
@@ -127,16 +127,15 @@ class Hand:
 
     @property
     def soft(self) -> bool:
-        """Whether it holds the arm now, in the way that has to be computed in each step."""
+        """Whether the hand holds the arm by the soft grip, which acts in each step."""
         return self.gripping and self._grip is self._soft
 
     @property
     def force_n(self) -> np.ndarray:
-        """What a soft hand does to the tool (3,), its own weight left out; zeros of any other."""
+        """Force of a soft hand on the tool (3,) N without its own weight; zeros for any other."""
         return self._soft.force_n() if self.soft else np.zeros(3)
 
     def step(self) -> None:
-        """Act in the next step of the physics."""
         self._grip.step()
 
     def release(self) -> None:
@@ -147,9 +146,9 @@ class Hand:
             self._handle.trigger = self._handle.trigger_rate = 0.0
 
     def advance(self, energised: bool) -> None:
-        """Follow the trajectory; call once it is due, at least every few milliseconds of simulated time.
+        """Follow the trajectory; call it once due, at least every few milliseconds of simulated time.
 
-        A limp arm (not `energised`) is heavy, which is no resistance.
+        energised: False for a limp arm, which is heavy but does not resist.
         """
         now = self._world.sim_s
         self.due_s = now + _PERIOD_S
@@ -189,8 +188,7 @@ class Hand:
 class ButtonPresses:
     """The thumb on the handles' buttons.
 
-    Args:
-        log: gets the channel, the button, and whether it is down now, at each edge.
+    log: called at each edge with the channel, the button, and whether it is down.
     """
 
     def __init__(self, log: Callable[[str, str, bool], None]):
@@ -216,7 +214,7 @@ class ButtonPresses:
             self._move(channel, index, one, now_s)
 
     def advance(self, sim_s: float, now_s: float) -> None:
-        """Let go of the buttons whose time has come."""
+        """Release the buttons whose time has come."""
         for key, (channel, end_s) in list(self._ends.items()):
             if sim_s >= end_s:
                 del self._ends[key]
@@ -224,7 +222,7 @@ class ButtonPresses:
 
     def _move(self, channel: Channel, index: int, down: bool, now_s: float) -> None:
         handle = channel.handle
-        assert handle is not None  # the caller has looked
+        assert handle is not None  # the caller has checked
         if handle.buttons[index] is down:
             return
         first, second = handle.buttons

@@ -1,4 +1,4 @@
-"""Operations that play a person's hands: they move arms, squeeze triggers and press buttons."""
+"""Operations of a person's hands: they move arms, squeeze triggers and press buttons."""
 
 import math
 from collections.abc import Sequence
@@ -11,11 +11,11 @@ from lerobot_robot_yam.rig.simulation.grips import Softness
 from lerobot_robot_yam.rig.simulation.operation import Operations, number, operation
 
 _PATH_POINTS = 30
-_PRESS_S = (0.005, 60.0)  # a press ends at the next look of the rig, every 5 ms
+_PRESS_S = (0.005, 60.0)  # shortest and longest press; the rig checks for its end each 5 ms
 
 
 class HandOperations(Operations):
-    """Operations of hands."""
+    """Operations of a person's hands."""
 
     @operation
     def trigger(self, channel: str, value: float) -> None:
@@ -31,7 +31,7 @@ class HandOperations(Operations):
 
     @operation
     def press(self, channel: str, button: str, seconds: float = 0.1) -> None:
-        """Press a handle's button, "sync" (the top one) or "record", and let it go after so long (0.005 … 60 s).
+        """Press a handle's button, "sync" (the top one) or "record", for 0.005 … 60 s.
 
         Each edge of a button is an event "button" with channel, button and down.
         """
@@ -53,11 +53,11 @@ class HandOperations(Operations):
         gives_way: bool = True,
         then_release: bool = False,
     ) -> None:
-        """Grip an arm and pull it with limited force, from where it is, along q (k, n) at times (k,) s from now.
+        """Grip an arm and pull it with limited force, from its pose, along q (k, n) at times (k,) s from now.
 
         Then hold it there. Joints that are elsewhere than q join it at 2 rad/s. A leader is held firmly at each joint
-        (200 Nm/rad, at most 12 Nm). A follower, and a leader for which one of the next three is given, is held softly:
-        the hand is a mass that is fixed to the tool, on a damped spring to where the tool would be at q, at most 60 N.
+        (200 Nm/rad, at most 12 Nm). A follower, and a leader with one of the next three arguments, is held softly: the
+        hand is a mass fixed to the tool, on a damped spring to the tool's place at q, at most 60 N.
 
         Args:
             stiffness_n_m, mass_kg, damping_ratio: a soft hand's; 0 … 5000 (1000), 0.05 … 5 (0.5), 0 … 2 (0.7).
@@ -73,13 +73,12 @@ class HandOperations(Operations):
 
     @operation
     def release(self, channel: str) -> None:
-        """Let an arm go."""
         self.device.hands[self._channel_of(channel).name].release()
 
     def lift(self, channel: str, q: Sequence[float], seconds: float = 1.5, **options: Any) -> None:
-        """Take an arm by hand to q (n,), a straight way in the joints with a soft start and end, and hold it there.
+        """Move an arm by hand to q (n,), straight in joint space with a soft start and end, and hold it there.
 
-        Event "hand_arrived" at the end. `options`: as of `hand`, such as trigger or mass_kg.
+        Event "hand_arrived" at the end. options: those of `hand`, such as trigger or mass_kg.
         """
         first, last = np.array(self.joints(channel)["q"]), np.asarray(q, float)
         if first.shape != last.shape or not np.isfinite(last).all():

@@ -14,7 +14,7 @@ from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import yaw_quat
 
 REST_SPEED_M_S = 0.01
-FALL_M = -0.05  # lower than this a prop lies beside the table
+FALL_M = -0.05  # height below which a prop has fallen off the table
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class View:
         frames: thing → origin (3,) and rotation (3, 3) of its frame, in the world.
         speeds: prop → m/s of its centre of mass.
         joints: jointed thing → position, m or rad.
-        touching: prop → what touches it: channels of arms, names of things.
+        touching: prop → channels of arms and names of things that touch it.
         held: prop → channels of arms whose two fingers both touch it.
     """
 
@@ -41,12 +41,12 @@ class View:
 class TaskJudge:
     """Follows one attempt at a task through its stages of success. Pure: `Judge` feeds it.
 
-    arms: channels. begin: the world at the start. time_limit_s: in place of the task's, if not None.
+    arms: channels. begin: the world at the start. time_limit_s: replaces the task's, if not None.
 
     Attributes:
         stage: number of stages reached so far.
-        success, failed: the verdict; once one of them is true it stands.
-        reason: of the failure.
+        success, failed: the verdict, which stays once given.
+        reason: text for a failure.
     """
 
     def __init__(self, task: Task, arms: frozenset[str], begin: View, time_limit_s: float | None = None):
@@ -61,11 +61,10 @@ class TaskJudge:
 
     @property
     def decided(self) -> bool:
-        """Whether the verdict is given."""
         return self.success or self.failed
 
     def update(self, view: View) -> list[dict[str, Any]]:
-        """Look at the world; returns what this decides, as events.
+        """Judge the world at one instant; return the decisions as events.
 
         Their `kind` is "task_stage" (with `stage`, the number reached, 0 after a setback), "task_success" or
         "task_failed" (with `reason`). All have `task`, and in `since_s` the simulated time since the start.
@@ -127,11 +126,11 @@ def _contains(region: Region, point: np.ndarray, view: View) -> bool:
 
 
 Touches = Mapping[str, frozenset[str]]
-"""Prop → what touches it."""
+"""Prop → names of bodies that touch it."""
 
 
 class Contacts:
-    """Touches of the scene's props, as of the last step."""
+    """Touches of the scene's props in the last step."""
 
     def __init__(self, world: World):
         model = world.model
@@ -147,7 +146,7 @@ class Contacts:
                 self._fingers[int(model.joint(f"{channel}/{name}").bodyid[0])] = number
 
     def look(self) -> tuple[Touches, Touches]:
-        """For each prop the channels, things and "world" that touch it, and the channels whose two fingers both do."""
+        """Return for each prop the channels, things and "world" that touch it, and channels with both fingers on it."""
         touching: dict[str, set[str]] = {name: set() for name in self._props.values()}
         fingers: dict[str, set[tuple[str, int]]] = {name: set() for name in self._props.values()}
         for body, other in self._pairs():
@@ -162,7 +161,7 @@ class Contacts:
         return {prop: frozenset(others) for prop, others in touching.items()}, held
 
     def _pairs(self) -> set[tuple[int, int]]:
-        """(prop, other body) of every contact of a prop."""
+        """Return (prop, other body) of each contact of a prop."""
         touching = self._data.contact.dist[: self._data.ncon] <= 0.0
         bodies = self._bodies[self._data.contact.geom[: self._data.ncon][touching]].tolist()
         pairs = {pair for first, second in bodies for pair in ((first, second), (second, first))}
@@ -187,9 +186,9 @@ class Judge:
         self._begin_s = self._decided_s = 0.0
 
     def place(self, task_name: str, seed: int, time_limit_s: float | None = None) -> None:
-        """Begin an attempt: every thing where `seed` has it, at rest. The arms stay as they are.
+        """Begin an attempt: each thing at its place by `seed`, at rest. The arms stay as they are.
 
-        `time_limit_s`: in place of the task's own, if not None.
+        time_limit_s: replaces the task's own, if not None.
 
         Raises:
             ConfigError: the scene has no such task.
@@ -211,7 +210,7 @@ class Judge:
             usual = ((draw.x_m, thing.center_m[0]), (draw.y_m, thing.center_m[1]), (draw.yaw_rad, thing.yaw_rad))
             x, y, yaw = (value if bounds is None else random.uniform(*bounds) for bounds, value in usual)
             world.put(thing.name, np.array([x, y, thing.center_m[2]]), yaw_quat(yaw))
-        world.data.qacc_warmstart[:] = 0.0  # the past leaves no trace
+        world.data.qacc_warmstart[:] = 0.0  # no trace of the past
         mujoco.mj_forward(world.model, world.data)
         world.refresh()
         self._task, self._seed, self._begin_s = task, seed, world.sim_s
@@ -219,14 +218,14 @@ class Judge:
         self._attempt = TaskJudge(task, self._arms, self._view(), time_limit_s)
 
     def update(self) -> list[dict[str, Any]]:
-        """Look at the world; return what was decided: the events of `TaskJudge.update`, with the seed."""
+        """Judge the present world; return the events of `TaskJudge.update`, with the seed."""
         if self._attempt is None or self._attempt.decided:
             return []
         self._decided_s = self._world.sim_s
         return [{**event, "seed": self._seed} for event in self._attempt.update(self._view())]
 
     def state(self) -> dict[str, Any]:
-        """How the attempt stands, see `RigOperations.task_state`."""
+        """Return the progress of the attempt, see `RigOperations.task_state`."""
         task, attempt = self._task, self._attempt
         if task is None or attempt is None:
             return {"task": None}

@@ -1,6 +1,6 @@
 """Operations of a rig: methods that act in the rig's process, wherever they are called.
 
-A client sends an operation's name and arguments as JSON, and gets its result. The rig checks the arguments by the
+A client sends an operation's name and arguments as JSON, and receives its result. The rig checks the arguments by the
 signature of the same method.
 """
 
@@ -20,24 +20,20 @@ from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.simulation.device import RigDevice
 
 REGISTERED: dict[str, Callable[..., Any]] = {}
-"""The bodies of all operations by name, as functions of an `Operations` and the arguments."""
+"""Bodies of all operations by name, as functions of an `Operations` and the arguments."""
 
 
 class Operations(ABC):
-    """A rig that operations are asked of. `device` is there where they act, in the rig's process."""
+    """Base class of operations. Only the rig's own end has a `device`."""
 
     device: RigDevice
 
     @abstractmethod
     def request(self, op: str, **arguments: Any) -> dict[str, Any]:
-        """Have the rig carry out an operation; return its result.
-
-        Raises:
-            ConfigError: the rig refuses.
-        """
+        """Have the rig carry out an operation; return its result. Raises ConfigError: the rig refuses."""
 
     def _channel_of(self, name: str) -> Channel:
-        """Return a channel of the device. Raises ConfigError: there is none of that name."""
+        """Return a channel of the device. Raises ConfigError: no channel of that name."""
         channels = self.device.channels
         if name not in channels:
             raise ConfigError(f"no channel {name!r}; the scene has {', '.join(channels)}")
@@ -52,7 +48,7 @@ class Operations(ABC):
 
 
 def operation[S: Operations, **P, R](method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
-    """Make a method of `Operations` an operation: its body acts on `self.device`, a call of it asks the rig."""
+    """Make a method of `Operations` an operation: its body acts on `self.device`, its call sends a request."""
     name = method.__name__
     REGISTERED[name] = method
     signature = inspect.signature(method)
@@ -70,7 +66,7 @@ def operation[S: Operations, **P, R](method: Callable[Concatenate[S, P], R]) -> 
 
 
 def checked(signature: inspect.Signature, given: dict[str, Any]) -> dict[str, Any]:
-    """Check arguments by the annotations of single numbers, flags and texts."""
+    """Check single numbers, flags and texts by their annotations. Raises ConfigError."""
     signature.bind(**given)
     found = {}
     for key, value in given.items():
@@ -96,7 +92,6 @@ def number(value: Any, low: float = -math.inf, high: float = math.inf) -> float:
 
 
 def flag(value: Any) -> bool:
-    """Return True or False, else raise ConfigError."""
     if not isinstance(value, bool):
         raise ConfigError(f"expected true or false, not {value!r}")
     return value

@@ -30,7 +30,7 @@ _PLACEMENT = ("channel", "role", "arm", "gripper", "position_m", "yaw_rad")
 
 
 class RigOperations(HandOperations, FaultOperations):
-    """The operations. Each raises ConfigError when the rig refuses: an unknown name, or a value that does not fit."""
+    """All operations. Each raises ConfigError when the rig refuses: an unknown name, or a value that does not fit."""
 
     name: str
 
@@ -56,8 +56,7 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def state(self, bodies: bool = False, brief: bool = False) -> dict[str, Any]:
-        """Read the true state of the world; `brief`, which takes less time, leaves out sites and all but `enabled` of
-        motors.
+        """Read the true state of the world; `brief` is faster, without sites and with motors' `enabled` only.
 
         Returns:
             sim_s, monotonic_s; arms[channel]: q and dq (n,), opening 0 … 1 or None, trigger, buttons, held,
@@ -108,10 +107,10 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def forces(self, channel: str) -> dict[str, Any]:
-        """Read what acts on an arm from outside, except pushes. Forces are (3,) N in world axes.
+        """Read the outer forces on an arm, except pushes, each (3,) N in world axes.
 
         Returns:
-            tool_n: the sum of all contacts of the tool with other things than the arm; hand_n: of a soft hand;
+            tool_n: sum of all contacts of the tool with things other than the arm; hand_n: a soft hand's force;
             contacts: body, other, point_m, force_n of each contact of the arm with other things.
         """
         world, name = self.device.world, self._channel_of(channel).name
@@ -136,11 +135,11 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def task_state(self) -> dict[str, Any]:
-        """Read how the attempt at the task stands.
+        """Read the progress of the attempt at the task.
 
         Returns:
             task (None before the first), seed, success, failed, reason (of the failure), since_s (simulated time from
-            the placing to the verdict, or to now), stage (stages reached) of stages.
+            the placing to the verdict, or to now), stage (number of stages reached), stages (of the task).
         """
         return self.device.judge.state()
 
@@ -169,11 +168,11 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def trace_start(self, channel: str) -> None:
-        """Record every frame that clients send to the channel from now on."""
+        """Record each frame that clients send to the channel from now on."""
         self._channel_of(channel).trace = deque(maxlen=_TRACE_LENGTH)
 
     def trace(self, channel: str) -> list[tuple[float, float, int, int]]:
-        """Read (sent, arrived, identifier, first data byte) of every frame since `trace_start`; monotonic s."""
+        """Read (sent, arrived, identifier, first data byte) of each frame since `trace_start`; monotonic s."""
         found: list[tuple[float, float, int, int]] = []
         while chunk := self.some_frames(channel, len(found))["frames"]:
             found += [(sent, arrived, ident, first) for sent, arrived, ident, first in chunk]
@@ -202,7 +201,7 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def set_pose(self, channel: str, q: Sequence[float] | None = None, opening: float | None = None) -> None:
-        """Put an arm to joints q (n,) and its gripper to an opening 0 … 1, at rest, at once."""
+        """Set an arm's joints q (n,) and its gripper's opening 0 … 1, at rest, at once."""
         pose = None if q is None else vector(q, len(q))
         self.device.world.set_pose(
             self._channel_of(channel).name, pose, None if opening is None else number(opening, 0.0, 1.0)
@@ -212,7 +211,7 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def push(self, channel: str, body: str, force: Sequence[float], seconds: float) -> None:
-        """Push a body of an arm with a force (3,) in world axes: "tool", at its frame, or "link4", at its centre."""
+        """Push a body of an arm with a force (3,) N in world axes: "tool", at its frame, or "link4", at its centre."""
         model, name, site = self.device.world.model, f"{self._channel_of(channel).name}/{body}", None
         if body == "tool":
             site = int(model.site(f"{channel}/tcp_site").id)
@@ -226,13 +225,13 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def cut_torque(self, channel: str) -> None:
-        """Disable every motor of the arm at once, as an emergency stop of its supply would."""
+        """Disable all motors of the arm at once, as an emergency stop of its supply would."""
         for motor in self._channel_of(channel).motors:
             motor.disable()
 
     @operation
     def load(self, path: str) -> None:
-        """Run a Python file in the rig's process, once, and call its `install(device)`: for measurements of your own.
+        """Run a Python file in the rig's process, once, and call its `install(device)`: for your own measurements.
 
         `device` is the rig's `RigDevice`. `install` may add to its `operations`, `each_step` and `each_advance`.
         """
@@ -245,7 +244,7 @@ def perform(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     """Carry out a request: {"op": name, and the arguments of the operation}.
 
     Raises:
-        ConfigError: it names something unknown, or a value that does not fit.
+        ConfigError: an unknown name, or a value that does not fit.
     """
     name, given = request.get("op", ""), {key: value for key, value in request.items() if key != "op"}
     known: dict[str, Callable[..., Any]] = REGISTERED | device.operations
@@ -261,7 +260,7 @@ def perform(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
 
 
 class _OnDevice(RigOperations):
-    """The rig's own end: here operations act."""
+    """The rig's own end, where operations act."""
 
     def __init__(self, device: RigDevice):
         self.device = device

@@ -1,4 +1,4 @@
-"""What acts on arms from outside: pushes and hands, which add up, masses that they carry, and contacts."""
+"""Outer influences on arms: pushes and hands, which add up, carried masses, and contacts."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ _MASS_FIELDS = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "body_sa
 
 class _Applied(NamedTuple):
     body: int
-    site: int | None  # the force acts there; None: at the body's centre of mass
+    site: int | None  # point of attack; None for the body's centre of mass
     force_n: np.ndarray
     torque_nm: np.ndarray
 
@@ -22,7 +22,7 @@ _NO_TORQUE = np.zeros(3)
 
 
 class OuterForces:
-    """What acts on bodies, by its source. Forces (3,) N and torques (3,) Nm in world axes."""
+    """Forces (3,) N and torques (3,) Nm in world axes on bodies, by their source."""
 
     def __init__(self, world: World):
         self._world = world
@@ -36,7 +36,7 @@ class OuterForces:
         torque_nm: np.ndarray = _NO_TORQUE,
         site: int | None = None,
     ) -> None:
-        """From now on a source does this to a body, instead of what it did before."""
+        """Set what a source does to a body from now on; it replaces what that source did before."""
         before = self._applied.get(source)
         self._applied[source] = _Applied(body, site, force_n, torque_nm)
         if before is not None and before.body != body:
@@ -44,18 +44,18 @@ class OuterForces:
         self._add_up(body)
 
     def end(self, source: str) -> None:
-        """A source does nothing any more. Idempotent."""
+        """Remove the force of a source. Idempotent."""
         before = self._applied.pop(source, None)
         if before is not None:
             self._add_up(before.body)
 
     def refresh(self) -> None:
-        """Have the forces that act at a site follow it; call every few milliseconds."""
+        """Move forces that act at a site along with it; call it every few milliseconds."""
         for body in {applied.body for applied in self._applied.values() if applied.site is not None}:
             self._add_up(body)
 
     def force_n(self, source: str) -> np.ndarray:
-        """The force of a source, zeros without it."""
+        """Return the force of a source (3,) N, zeros without it."""
         applied = self._applied.get(source)
         return np.zeros(3) if applied is None else applied.force_n
 
@@ -81,7 +81,7 @@ class Contact(NamedTuple):
 
 
 def contacts_of(world: World, channel: str) -> Iterator[Contact]:
-    """The contacts of the last step between an arm and what does not belong to it."""
+    """Yield the contacts of the last step between an arm and everything else."""
     model, data = world.model, world.data
     for index in range(data.ncon):
         contact = data.contact[index]
@@ -98,18 +98,18 @@ def contacts_of(world: World, channel: str) -> Iterator[Contact]:
 
 
 def tool_bodies(world: World, channel: str) -> set[str]:
-    """Names of the bodies of an arm's tool: the one that carries its frame, and what moves on that."""
+    """Return the bodies of an arm's tool: the one with the tcp frame, and those that it carries."""
     model = world.model
     tool = int(model.site(f"{channel}/tcp_site").bodyid[0])
     found = {tool}
-    for body in range(tool + 1, model.nbody):  # a body comes after its parent
+    for body in range(tool + 1, model.nbody):  # parents come first
         if int(model.body_parentid[body]) in found:
             found.add(body)
     return {model.body(body).name for body in found}
 
 
 class Ballast:
-    """A payload and a person's hand at an arm's tool, which the profile, and so the driver's model, does not know of.
+    """A payload and a person's hand at an arm's tool, which the profile, and so the driver's model, lacks.
 
     Attributes:
         hand_kg: mass of the hand that is fixed to the tool.
@@ -124,13 +124,13 @@ class Ballast:
         self._payload_kg = self.hand_kg = self._fist_m = 0.0
 
     def carry(self, payload_kg: float) -> None:
-        """Put a point mass at the tool, 0 to take it away."""
+        """Fix a point mass to the tool; 0 removes it."""
         if payload_kg != self._payload_kg:
             self._payload_kg = payload_kg
             self._apply()
 
     def hold(self, hand_kg: float, fist_m: float) -> None:
-        """Fix a hand of that radius of gyration to the tool, 0 kg to take it away."""
+        """Fix a hand with the radius of gyration `fist_m` to the tool; 0 kg removes it."""
         if hand_kg != self.hand_kg:
             self.hand_kg, self._fist_m = hand_kg, fist_m
             self._apply()
@@ -146,7 +146,7 @@ class Ballast:
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
     def _add_mass(self, mass_kg: float, gyration_m: float = 0.0) -> None:
-        """Give the tool's body mass, centre and inertia of itself together with a ball at the tcp."""
+        """Merge a ball at the tcp into mass, centre and inertia of the tool's body."""
         model, body = self._model, self._tool
         old_kg, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
         rotation = np.empty(9)
@@ -162,7 +162,7 @@ class Ballast:
         model.body_ipos[body] = centre + mass_kg / (old_kg + mass_kg) * arm
         model.body_inertia[body] = moments
         mujoco.mju_mat2Quat(model.body_iquat[body], vectors.ravel())
-        # Neither the body's frame nor that of anything on it is the inertia's any more.
+        # The frames of the body, its shapes and its sites no longer coincide with that of the inertia.
         model.body_sameframe[body] = model.body_simple[body] = 0
         model.geom_sameframe[model.geom_bodyid == body] = 0
         model.site_sameframe[model.site_bodyid == body] = 0

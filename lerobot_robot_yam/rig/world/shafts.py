@@ -1,4 +1,4 @@
-"""Shafts of motors: how the physics is read, driven and disturbed there."""
+"""Shafts of motors: they read, drive and disturb the physics."""
 
 import math
 
@@ -6,15 +6,15 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import FIRM_FRICTION
 
-_CONTROL_MAX = 1e9  # MuJoCo drops all controls of the world when one exceeds 1e10; forces are limited far below
+_CONTROL_MAX = 1e9  # above 1e10 MuJoCo drops all controls; forces are limited far below
 _JAMMED = 1e5  # Nm s/rad: 10 Nm turn a jammed shaft by 0.1 mrad/s
-_INERTIA_KG_M2 = 0.05  # of a loose shaft, between an arm's shoulder (0.2) and its wrist (0.005); our choice
-_DAMPING_NM_S_RAD = 0.2  # of its gear and bearings; our choice
-_CATCH_UP_S = 2.0  # left alone for longer, it is at rest
+_INERTIA_KG_M2 = 0.05  # a loose shaft's, between an arm's shoulder (0.2) and its wrist (0.005); our choice
+_DAMPING_NM_S_RAD = 0.2  # of a loose shaft's gear and bearings; our choice
+_CATCH_UP_S = 2.0  # longest time that a loose shaft simulates at once; after it the shaft rests
 
 
 class Drive:
-    """One actuator of the world, seen from its shaft: angle u = base + Σ coefficient · q of one or two joints.
+    """One actuator of the world as its shaft: angle u = base + Σ coefficient · q of one or two joints.
 
     actuator, joints: names in the arm. base_rad: shaft angle at joint value 0. coefficient: rad per joint value.
     """
@@ -36,23 +36,23 @@ class Drive:
         self._impedance = model.dof_solimp[self.v, :2].copy()
 
     def angle(self) -> float:
-        """Shaft angle in rad."""
+        """Return the shaft angle, rad."""
         q = self._world.qpos
         own = self.q
         return self.base_rad + self.coefficient * (q[own[0]] if self._single else q[own[0]] + q[own[1]])
 
     def velocity(self) -> float:
-        """Shaft velocity in rad/s."""
+        """Return the shaft velocity, rad/s."""
         v = self._world.qvel
         own = self.v
         return self.coefficient * (v[own[0]] if self._single else v[own[0]] + v[own[1]])
 
     def torque(self) -> float:
-        """Shaft torque of the last step in Nm."""
+        """Return the shaft torque of the last step, Nm."""
         return self._world.force[self.actuator]
 
     def command(self, angle: float, velocity: float, kp: float, kd: float, torque: float) -> None:
-        """From now on  kp (angle − u) + kd (velocity − u̇) + torque.  Units: rad, rad/s, Nm."""
+        """Servo from now on by  kp (angle − u) + kd (velocity − u̇) + torque.  Units: rad, rad/s, Nm."""
         if (kp, kd) != self.gains:
             self.set_gains(kp, kd)
         control = kp * (angle - self.base_rad) + kd * velocity + torque
@@ -65,7 +65,7 @@ class Drive:
         self.gains = kp, kd
 
     def load(self, torque_nm: float) -> None:
-        """Let an outer torque act on the shaft from now on; the actuator does not report it."""
+        """Apply an outer torque to the shaft from now on; the actuator does not report it."""
         self._world.data.qfrc_applied[self.v] = self.coefficient * torque_nm
 
     def jam(self, jammed: bool) -> None:
@@ -74,7 +74,7 @@ class Drive:
         self._world.model.dof_damping[self.v] = jam if jammed else self._damping
 
     def rub(self, friction_nm: float) -> None:
-        """Add dry friction to that of the profile, from now on."""
+        """Set dry friction in addition to the profile's."""
         model = self._world.model
         model.dof_frictionloss[self.v] = self._friction + abs(self.coefficient) * friction_nm
         model.dof_solimp[self.v, :2] = FIRM_FRICTION if friction_nm else self._impedance
@@ -83,7 +83,7 @@ class Drive:
 class LooseShaft:
     """A second arm's shaft, without gravity:  I ω̇ = clip(kp (u* − u) + kd (u̇* − ω) + tau) + load − b ω.
 
-    It has a `Drive`'s methods, and is simulated when it is looked at. At first it rests at `angle_rad`.
+    It has the methods of `Drive`, whose calls simulate it up to now. It starts at rest at `angle_rad`.
     """
 
     actuator = -1  # the world has no actuator for it
@@ -97,37 +97,30 @@ class LooseShaft:
         self._sim_s = world.sim_s
 
     def angle(self) -> float:
-        """Shaft angle in rad."""
         self._catch_up()
         return self._angle
 
     def velocity(self) -> float:
-        """Shaft velocity in rad/s."""
         self._catch_up()
         return self._rate
 
     def torque(self) -> float:
-        """Shaft torque of the last step in Nm."""
         self._catch_up()
         return self._torque
 
     def command(self, angle: float, velocity: float, kp: float, kd: float, torque: float) -> None:
-        """From now on  kp (angle − u) + kd (velocity − u̇) + torque.  Units: rad, rad/s, Nm."""
         self._catch_up()
         self._command = (angle, velocity, kp, kd, torque)
 
     def load(self, torque_nm: float) -> None:
-        """Let an outer torque act on the shaft from now on."""
         self._catch_up()
         self._load = torque_nm
 
     def jam(self, jammed: bool) -> None:
-        """Hold the shaft where it is, or free it."""
         self._catch_up()
         self._jammed = jammed
 
     def rub(self, friction_nm: float) -> None:
-        """Brake the shaft by dry friction from now on."""
         self._catch_up()
         self._friction = friction_nm
 
@@ -140,7 +133,7 @@ class LooseShaft:
         self._sim_s = now_s
 
     def _step(self, step_s: float) -> None:
-        """Implicit in the velocity, as the world's own integration is."""
+        """Integrate implicitly in the velocity, as the world does."""
         angle, velocity, kp, kd, torque = self._command
         push, gain = kp * (angle - self._angle) + torque, step_s / _INERTIA_KG_M2
         driven = self._rate + gain * (push + kd * velocity + self._load)

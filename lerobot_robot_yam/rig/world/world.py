@@ -15,20 +15,20 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 
 logger = logging.getLogger(__name__)
 
-_SLIP_S = 0.05  # further behind than this, simulated time is given up
-_SLIP_TELL_S = 5.0  # between two log messages about it
+_SLIP_S = 0.05  # lag at which simulated time is skipped, a slip
+_SLIP_TELL_S = 5.0  # least time between two log messages about slips
 
 
 class World:
-    """Model, state and simulated time. `qpos`, `qvel` and `force` are lists, fresh after each step.
+    """Model, state and simulated time. `qpos`, `qvel` and `force` are lists, updated after each step.
 
     Attributes:
-        ctrl: the actuators' controls, as a view of `data.ctrl`: it takes single numbers faster.
+        ctrl: the actuators' controls, a view of `data.ctrl` with faster access to single numbers.
         sim_s: simulated time in s.
-        stamp_s: monotonic time that the present state stands for.
-        slips: how often simulated time was given up; `slipped_s`: how much, the last time.
-        steps: done so far.
-        look_seed: of the pictures' look, see `Options.randomise_look`.
+        stamp_s: monotonic time of the present state.
+        slips: number of slips; `slipped_s`: time skipped by the last one.
+        steps: number of steps done.
+        look_seed: seed of the pictures' look, see `Options.randomise_look`.
     """
 
     def __init__(self, scene: Scene):
@@ -53,12 +53,12 @@ class World:
         self.refresh()
 
     def start(self, now_s: float) -> None:
-        """Simulated time runs from now on."""
+        """Start simulated time at monotonic time `now_s`."""
         self._anchor_s = now_s - self.sim_s
         self._tell_time()
 
     def due(self, now_s: float) -> int:
-        """Steps to do until now; gives time up (a slip) when too far behind."""
+        """Return the number of steps until now; skip time (a slip) when too far behind."""
         behind = now_s - self.stamp_s
         if behind <= _SLIP_S:
             return max(0, int(behind / self.timestep_s))
@@ -74,7 +74,6 @@ class World:
         return 0
 
     def step(self, count: int) -> None:
-        """Simulate `count` steps."""
         mujoco.mj_step(self.model, self.data, count)
         self.steps += count
         self._tell_time()
@@ -85,34 +84,34 @@ class World:
         self.stamp_s = self._anchor_s + self.sim_s
 
     def refresh(self) -> None:
-        """Copy the state into plain lists: the motors read single numbers, which numpy makes slow."""
+        """Copy the state into lists: the motors read single numbers, which is slow in numpy."""
         qpos, qvel, force = self._state
         self.qpos: list[float] = qpos.tolist()
         self.qvel: list[float] = qvel.tolist()
         self.force: list[float] = force.tolist()
 
     def _look_up(self, channel: str) -> list[tuple[list[int], list[int]]]:
-        """Addresses in qpos and qvel, of the joints and of the fingers; to look names up again would delay replies."""
+        """Return addresses in qpos and qvel of the joints, then of the fingers; cached, as look-ups delay replies."""
         arm, gripper = self.profiles[channel]
         names = [f"joint{i + 1}" for i in range(arm.joint_count)], gripper.finger_joints
         found = [[self.model.joint(f"{channel}/{name}") for name in row] for row in names]
         return [([int(j.qposadr[0]) for j in row], [int(j.dofadr[0]) for j in row]) for row in found]
 
     def joint_addresses(self, channel: str) -> list[int]:
-        """Positions of an arm's joints in qpos."""
+        """Return the positions of an arm's joints in qpos."""
         return self._addresses[channel][0][0]
 
     def joint_dofs(self, channel: str) -> list[int]:
-        """Positions of an arm's joints in qvel."""
+        """Return the positions of an arm's joints in qvel."""
         return self._addresses[channel][0][1]
 
     def bodies(self, of: str = "") -> dict[str, list[float]]:
-        """Position of each body whose name begins so, (3,) m."""
+        """Return the position (3,) m of each body whose name begins with `of`."""
         names = [self.model.body(i).name for i in range(1, self.model.nbody)]
         return {name: self.data.body(name).xpos.tolist() for name in names if name.startswith(of)}
 
     def opening(self, channel: str) -> float | None:
-        """Gripper opening, 0 closed … 1 open; None without fingers."""
+        """Return the gripper's opening, 0 closed … 1 open; None without fingers."""
         _, gripper = self.profiles[channel]
         if gripper.finger_range_m is None:
             return None
@@ -133,7 +132,7 @@ class World:
             self.data.qpos[fingers], self.data.qvel[finger_dofs] = low + opening * (high - low), 0.0
 
     def put(self, prop: str, position_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
-        """Teleport a loose thing (3,), (4,); at rest."""
+        """Teleport a loose thing to a position (3,) and an orientation (4,); at rest."""
         joint = self.data.joint(prop)
         joint.qpos[:] = [*position_m, *(quat_wxyz / np.linalg.norm(quat_wxyz))]
         joint.qvel[:] = 0.0
@@ -145,14 +144,14 @@ class World:
 
 
 class WorldBlock:
-    """The block at `path` that shows a world's state to the renderer."""
+    """Shared block at `path` through which the renderer reads a world's state."""
 
     def __init__(self, path: Path, world: World):
         self._record = np.zeros((), world_dtype(world.model))
         self._block = SharedBlock(path, self._record.dtype, create=True)
 
     def publish(self, world: World) -> None:
-        """Show the present state of a world of the same scene."""
+        """Write the present state of a world of the same scene."""
         record = self._record
         record["sim_s"], record["stamp_s"] = world.sim_s, world.stamp_s
         record["look_seed"] = world.look_seed
@@ -160,5 +159,4 @@ class WorldBlock:
         self._block.write(record)
 
     def close(self) -> None:
-        """Remove the block."""
         self._block.close()

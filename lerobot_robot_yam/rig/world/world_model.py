@@ -1,7 +1,7 @@
 """A scene as a MuJoCo model: arms with a servo per motor, things, cameras and scenery.
 
-Every motor is one actuator with force  kp (u* − u) + kd (u̇* − u̇) + tau,  integrated implicitly in the velocity
-(implicitfast): an explicit kd at 1 ms would make the light wrist joints limit-cycle. u is the joint angle, or the
+Each motor is one actuator with force  kp (u* − u) + kd (u̇* − u̇) + tau,  integrated implicitly in the velocity
+(implicitfast): with an explicit kd at 1 ms the light wrist joints would limit-cycle. u is the joint angle, or the
 gripper motor's angle through a tendon over both fingers.
 """
 
@@ -20,21 +20,21 @@ from lerobot_robot_yam.rig.scene.deviation import Deviation
 from lerobot_robot_yam.rig.scene.props import Part, Thing
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Camera, Scene
 
-HAND_KP, HAND_KD = 200.0, 20.0  # Nm/rad, Nm s/rad: a firm grip on the leader's joints
-HAND_TORQUE_NM = 12.0  # the most that the operator's pull does at a joint
-FIRM_FRICTION = 0.999  # impedance: a shaft that friction holds creeps by 5 mrad/s; by default it is 0.5 rad/s
-TABLE, FLAT = "table top", "flat thing"  # materials begin so; the renderer draws their textures, see `render.shade`
-_FLAT_M = 0.002  # thinner things show shadows as the table does
-_FLOOR_Z_M = -0.74  # the table's top is z = 0
+HAND_KP, HAND_KD = 200.0, 20.0  # Nm/rad, Nm s/rad of a firm grip on the leader's joints
+HAND_TORQUE_NM = 12.0  # limit of the operator's pull at a joint
+FIRM_FRICTION = 0.999  # solver impedance with which a braked shaft creeps by 5 mrad/s; 0.5 rad/s by default
+TABLE, FLAT = "table top", "flat thing"  # first words of materials whose textures the renderer draws (`render.shade`)
+_FLAT_M = 0.002  # things thinner than this show shadows as the table does
+_FLOOR_Z_M = -0.74  # with the table's top at z = 0
 _SHAPES = {"box": mujoco.mjtGeom.mjGEOM_BOX, "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER}
 _JOINTS = {"slide": mujoco.mjtJoint.mjJNT_SLIDE, "hinge": mujoco.mjtJoint.mjJNT_HINGE}
 
 
 def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
-    """The compiled world. Names of an arm's parts carry its channel: "follower_left/joint1".
+    """Compile the world's model. Names of an arm's parts carry its channel: "follower_left/joint1".
 
-    Every process of the rig that needs the model builds it anew from the scene; the result is the same. Without
-    `visible` it lacks the shapes that only a camera sees, and each step costs a tenth less.
+    Each process of the rig that needs the model builds it from the scene, with the same result. Without `visible` it
+    lacks the shapes that only a camera sees, and each step costs a tenth less.
 
     Raises:
         ConfigError: a profile is unknown or does not fit.
@@ -59,13 +59,13 @@ def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
 
 
 def world_dtype(model: mujoco.MjModel) -> np.dtype:
-    """One record of the world block: simulated and monotonic time in s, the seed of its look, qpos, qvel."""
+    """Return the record of the world block: simulated and monotonic time in s, the look's seed, qpos, qvel."""
     fields = [("sim_s", "f8"), ("stamp_s", "f8"), ("look_seed", "i8")]
     return np.dtype([*fields, ("qpos", "f8", (model.nq,)), ("qvel", "f8", (model.nv,))])
 
 
 def gripper_stroke(row: ArmPlacement, gripper: GripperProfile) -> tuple[float, float]:
-    """(closed stop rad, radians per metre of one finger / 2), joint space."""
+    """Return (closed stop rad, radians per metre of one finger / 2), joint space."""
     assert gripper.calibration is not None and gripper.finger_range_m is not None
     stops = gripper.calibration.nominal_stops_rad if row.stops_rad is None else row.stops_rad
     travel = float(gripper.finger_range_m[1] - gripper.finger_range_m[0])
@@ -73,12 +73,12 @@ def gripper_stroke(row: ArmPlacement, gripper: GripperProfile) -> tuple[float, f
 
 
 def yaw_quat(yaw_rad: float) -> np.ndarray:
-    """Quaternion (4,) w x y z of a turn about the vertical."""
+    """Return the quaternion (4,) w x y z of a turn about the vertical."""
     return np.array([math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)])
 
 
 def add_things(spec: mujoco.MjSpec, things: Sequence[Thing]) -> None:
-    """Add a body for each thing, named after it, as is its joint; a thing on another one comes after that."""
+    """Add for each thing a body, and maybe a joint, of its name; carriers come before what they carry."""
     for thing in sorted(things, key=lambda thing: bool(thing.carrier)):
         parent = spec.body(thing.carrier) if thing.carrier else spec.worldbody
         body = parent.add_body(name=thing.name, pos=thing.center_m, quat=yaw_quat(thing.yaw_rad))
@@ -92,7 +92,7 @@ def add_things(spec: mujoco.MjSpec, things: Sequence[Thing]) -> None:
         for i, part in enumerate(thing.all_parts):
             _add_part(body, thing, part, f"{thing.name}_{i}" if i else thing.name, solid_m3)
         if thing.carrier:
-            # Between a body and its parent MuJoCo leaves contacts out anyway, but for a parent that is fixed.
+            # MuJoCo leaves out contacts between a body and its parent by itself, unless the parent is fixed.
             spec.add_exclude(bodyname1=thing.carrier, bodyname2=thing.name)
 
 
@@ -123,7 +123,7 @@ def _add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
 
 
 def carried(deviation: Deviation) -> Load:
-    """What the tool of an arm carries that its profile knows nothing of."""
+    """Return the payload of an arm's tool that its profile lacks."""
     x, y, z = deviation.payload_com_m.tolist()
     return Load(payload_mass_kg=deviation.payload_mass_kg, payload_com_m=(x, y, z))
 
@@ -189,7 +189,7 @@ def add_scenery(spec: mujoco.MjSpec) -> None:
 
 
 def add_shaded_surfaces(spec: mujoco.MjSpec, furniture: Sequence[Thing]) -> None:
-    """Give the table, and flat things of the furniture that lie still, materials whose textures are drawn anew.
+    """Give the table, and flat furniture that never moves, materials whose textures the renderer redraws.
 
     The table is the largest fixed box whose top is at z = 0.
     """
