@@ -126,7 +126,7 @@ class MotorChain:
         """Send one MIT command per motor, then the handle's request, without waiting for anything.
 
         The torques make up for what packing loses of positions and velocities, see `codec.pack_mit`.
-        After losses, a motor is now and then left out of one tick; see `requests`. It keeps its last command.
+        After losses a motor is left out of some ticks, see `reply_matching`. It keeps its last command.
 
         Args:
             commands: (n, 5), columns q*, dq*, kp, kd, tau in motor coordinates: rad, rad/s, Nm/rad, Nm s/rad, Nm.

@@ -5,8 +5,8 @@ An answer does not say what it answers. Three rules find it out, for an adapter 
 1. A motor answers in the order in which it was asked. The oldest open question is the one that is answered.
 2. A wire keeps the order of ticks. Once a motor has answered tick k, what others owe for earlier ticks is lost.
 3. A channel that has lost whole ticks looks like one that has become slow. So, when every motor has owed more than
-   before for a while, two motors are left out of one tick each: the group of answers in which one is missing belongs
-   to the tick in which it was not asked. A single motor that owes more than the others is left out of one tick, too;
+   before for a while, the first one is not asked for some ticks: if its answers end before its debt does, the rest is
+   lost, and rule 2 clears the others' debts. A single motor that owes more than the others is left out of one tick;
    rule 2 then clears its debt.
 
 Until a loss is told from a delay an answer counts as that to the older question: it is taken for too old, never for
@@ -21,7 +21,8 @@ _OPEN_MAX = 128  # per motor: half a second at 250 Hz, and no motor is silent fo
 _BEHIND_TICKS = 2  # in a row that one motor owes more than the others, before it is left out of one
 _APART_TICKS, _APART_MAX_TICKS = 8, 128  # between two ticks without the same motor
 _SLOW_TICKS = 50  # in a row that all owe more than they used to, before it is found out why
-_GROUP_MIN = 3  # motors, of whose answers one can be missing and be missed
+_ENDED_TICKS = 4  # in a row in which others answer, and a motor that is not asked does not: its answers have ended
+_REST_TICKS = 30  # for so many at most, 0.12 s: after 0.4 s without a command it lets go
 
 
 class Request:
@@ -80,39 +81,51 @@ class Requests:
         self._usual = 0  # what every motor owes as it is asked again: more on a slow adapter
         self._slow_ticks = 0
         self._losses = 0  # in all, a tick ago
-        self._probe: dict[int, int] = {}  # motor → number of the question that went out without it
-        self._shifts: dict[int, int] = {}  # motor → by how many questions it has shown answers to be taken for too old
-        self._silence: list[int] | None = None  # what each motor owed when no motor was asked
+        # While the first motor is not asked (rule 3): what it owed a tick ago, which question had been answered then,
+        # how many ticks its answers have ended for, and how many it has not been asked.
+        self._rest: tuple[int, int, int, int] | None = None
+        self._losses_of_first = 0  # before that
 
     def absent(self) -> Sequence[int]:
         """Motors to leave out of the next tick, to learn whose answers come (rule 3)."""
         owed = [len(waiting) for waiting in self._open]
-        if self._silence is not None:
-            self._end_silence(owed)
-            return ()
-        if max(owed) == 0 == self._usual and not self._probe:  # nearly always
+        if self._rest is not None:
+            return [0] if self._go_on_resting(owed[0]) else ()
+        if max(owed) == 0 == self._usual:  # nearly always
             self._slow_ticks = 0
             return ()
         number = self.newest.number + 1
         losses, self._losses = self._losses, sum(self.lost)
-        if losses != self._losses:  # an answer that is missing for this reason looks like a question that was not asked
-            self._slow_ticks, self._probe = 0, {}
-        if self._probe:
-            return self._go_on_probing(number)
-        least = min(owed)
-        self._usual = min(self._usual, least)
+        if losses != self._losses:  # answers that are missing for this reason end, too
+            self._slow_ticks = 0
+        least = min(owed[1:] or owed)  # after a rest the first one owes less
+        if len(owed) > 1:
+            self._usual = min(self._usual, least)
         self._slow_ticks = self._slow_ticks + 1 if least > self._usual else 0
         absent = [i for i, count in enumerate(owed) if self._is_behind(i, count > least, number)]
         if self._slow_ticks < _SLOW_TICKS or absent:
             return absent
-        self._slow_ticks = 0
-        if len(owed) < _GROUP_MIN:
-            self._silence = owed
-            return range(len(owed))
-        # The last in the order of identifiers: the first of a group are answered before it is known to have begun.
-        last = len(owed) - 1
-        self._shifts, self._probe = {}, {last: number}
-        return [last]
+        self._slow_ticks, self._usual = 0, least
+        self._rest, self._losses_of_first = (owed[0], self._answered, 0, 0), self.lost[0]
+        return [0]
+
+    def _go_on_resting(self, owed: int) -> bool:
+        """One tick in which the first motor has not been asked; whether to leave it out of the next one, too."""
+        assert self._rest is not None
+        before, answered, ended, ticks = self._rest
+        if owed != before:
+            ended = 0
+        elif self._answered != answered or len(self._open) == 1:
+            ended += 1
+        self._rest = owed, self._answered, ended, ticks + 1
+        if ended == _ENDED_TICKS:
+            self._give_up(0)
+        if self._open[0] and ticks < _REST_TICKS:
+            return True
+        if self._open[0] or self.lost[0] > self._losses_of_first:  # else all its answers came: the channel is slow
+            self._usual = 0
+        self._rest = None
+        return False
 
     def _is_behind(self, motor: int, owes_more: bool, number: int) -> bool:
         """Whether to leave out a motor that owes more than the others; less and less often if that does not help."""
@@ -127,27 +140,6 @@ class Requests:
         self._left_out[motor], self._behind[motor] = number, 0
         self._apart[motor] = min(2 * self._apart[motor], _APART_MAX_TICKS)
         return True
-
-    def _go_on_probing(self, number: int) -> Sequence[int]:
-        second = len(self._open) - 2
-        if second not in self._probe:
-            self._probe[second] = number
-            return [second]
-        if self._answered > self._probe[second]:  # no motor was missing in an earlier group: the channel is slow
-            if not self._shifts:
-                self._usual = min(len(waiting) for waiting in self._open)
-            self._probe = {}
-        elif number - self._probe[second] > _OPEN_MAX:
-            self._probe = {}
-        return ()
-
-    def _end_silence(self, owed: list[int]) -> None:
-        """Too few motors for a group, so no motor was asked for a tick. Answers that did not come in it are lost."""
-        if owed == self._silence:
-            self.forget()
-        else:
-            self._usual = min(self._silence or owed)
-        self._silence = None
 
     def begin(self, motors: Iterable[int], handle: bool, repeats: int) -> Request:
         """Open a question that every motor answers `repeats` times."""
@@ -172,40 +164,13 @@ class Requests:
             return None
         self.heard.add(index)
         request = waiting.popleft()
-        if request.number > self._answered:
-            request = self._pass_on(request, index)
+        if request.number > self._answered:  # the first answer to a question: those before it are over (rule 2)
+            self._answered = request.number
+            for i, others in enumerate(self._open):
+                while others and others[0].number < request.number:
+                    others.popleft()
+                    self.lost[i] += 1
         request.motors.discard(index)
-        return request
-
-    def _pass_on(self, request: Request, index: int) -> Request:
-        """The first answer to a question: those before it are over (rule 2)."""
-        number = self._answered = request.number
-        for i, others in enumerate(self._open):
-            if i in self._probe and i not in self._shifts and others and others[0].number < number:
-                if others[0].number < self._probe[i]:
-                    self._shifts[i] = self._probe[i] - others[0].number
-                continue  # what it owes tells nothing until the other one has been heard of
-            while others and others[0].number < number:
-                others.popleft()
-                self.lost[i] += 1
-        if len(self._shifts) == 2 and self._probe:
-            first, second = self._shifts.values()
-            self._probe, self._shifts = {}, {}
-            if first == second:
-                return self._catch_up(number + first, request, index)
-        return request
-
-    def _catch_up(self, number: int, request: Request, index: int) -> Request:
-        """The answer at hand is really that to question `number`: all before it are lost."""
-        self._answered, waiting = number, self._open[index]
-        while waiting and waiting[0].number <= number:
-            request = waiting.popleft()
-            self.lost[index] += 1
-        self._usual = 0
-        for i, others in enumerate(self._open):
-            while others and others[0].number < number:
-                others.popleft()
-                self.lost[i] += 1
         return request
 
     def withdraw(self) -> None:
@@ -222,9 +187,12 @@ class Requests:
 
     def forget(self) -> None:
         """Count answers that have not come by now as lost."""
-        for i, waiting in enumerate(self._open):
-            self.lost[i] += len(waiting)
-            waiting.clear()
+        for i in range(len(self._open)):
+            self._give_up(i)
+
+    def _give_up(self, motor: int) -> None:
+        self.lost[motor] += len(self._open[motor])
+        self._open[motor].clear()
 
     def handle_answer(self) -> None:
         """The handle has answered."""

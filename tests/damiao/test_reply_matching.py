@@ -23,7 +23,8 @@ class Channel:
         self.release_s = 0.0
         self.under_way = []  # (when it arrives, motor, number of the question that it answers)
         self.too_old = 0
-        self.left_out = 0
+        self.left_out = self.unasked = 0
+        self.asked = [0] * motors
         self._last_s = 0.0
 
     def tick(self, lost=lambda motor: False):
@@ -32,6 +33,7 @@ class Channel:
         self.left_out += len(absent)
         request = self.requests.begin([i for i in range(len(self.requests.lost)) if i not in absent], False, 1)
         for motor in sorted(request.motors):
+            self.asked[motor] += 1
             if not lost(motor):
                 self._last_s = max(self._last_s, self.now + self.delay_s + 1e-5 * motor)
                 self.under_way.append((self._last_s, motor, request.number))
@@ -108,10 +110,32 @@ def test_whole_ticks_are_lost(ticks, delay_ms, motors):
     channel.ticks(300)
     channel.ticks(ticks, lost=lambda _: True)
     channel.ticks(1)
-    if motors < 3 and delay_ms > 4.0:
-        return  # silence for a tick does not tell; what comes is taken for too old, never for too new
     assert channel.settled()
     assert channel.requests.lost == [ticks] * motors
+
+
+@pytest.mark.parametrize("losses", [1, 3])
+@pytest.mark.parametrize("after_ticks", range(45, 75, 3))
+def test_a_channel_that_becomes_slower_and_loses_answers_while_that_is_found_out(after_ticks, losses):
+    channel = Channel()
+    channel.ticks(100)
+    channel.delay_s = 0.042
+    channel.ticks(after_ticks)
+    channel.ticks(losses, lost=lambda motor: motor == 0)
+    assert channel.settled()
+
+
+@pytest.mark.parametrize("motors", [1, 7])
+def test_no_motor_goes_without_commands_for_long_while_nothing_is_heard(motors):
+    """Commands may arrive all the same, and a motor without them lets go after 0.4 s."""
+    channel = Channel(motors)
+    channel.ticks(300)
+    for _ in range(1000):
+        before = channel.asked[0]
+        channel.tick(lost=lambda _: True)
+        channel.unasked = channel.unasked + 1 if channel.asked[0] == before else 0
+        assert channel.unasked <= 32
+    assert channel.settled()
 
 
 @pytest.mark.parametrize("seed", range(20))
