@@ -1,4 +1,4 @@
-"""The caller's handle on one arm: its state block to read, its command block to write."""
+"""Client of one arm of a session: reads the arm's state block, writes its command block."""
 
 import dataclasses
 import logging
@@ -21,10 +21,10 @@ from lerobot_robot_yam.state.records import ArmState, Descriptors, Limited, Requ
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
 REQUEST_TIMEOUT_S = 1.0  # wait for the loop's answer to a request, s
-_LET_GO_S = 1.0  # in which a hand lets go of an arm that shall float, s
+_LET_GO_S = 1.0  # time for a hand to let go of an arm before it floats, s
 _SEARCH_TIMEOUT_S = 20.0  # wait for the gripper's stops, s
-_TRIGGER_S = 8.0  # in which a person squeezes the trigger, s
-_TRIGGER_POLL_S = 0.01  # between two readings of the trigger, s
+_TRIGGER_S = 8.0  # time for a person to squeeze the trigger, s
+_TRIGGER_POLL_S = 0.01  # period of reading the trigger, s
 
 Numbers = Sequence[float]
 Vector = Numbers | np.ndarray
@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 
 
 class ArmClient:
-    """One arm of a running session. One thread writes; reading is free.
+    """Client of one arm of a running session. Only one thread may write; any thread may read.
 
     Args:
         hardware: the arm.
@@ -67,7 +67,7 @@ class ArmClient:
         return Descriptors(self._states.block.descriptor, self._commands.descriptor)
 
     def payload(self) -> bytes | None:
-        """Read the newest state record as bytes, for a process that passes it on; None before the first.
+        """Read the newest state record as bytes, to pass it on; None before the first record.
 
         Raises:
             LifeCycleError: closed.
@@ -75,16 +75,16 @@ class ArmClient:
         return self._states.block.read_bytes()
 
     def close(self) -> None:
-        """Close both blocks; the arm is not touched."""
+        """Close both blocks; the arm goes on."""
         self._commands.close()
         self._states.close()
 
     def mode(self) -> Mode:
-        """Read the mode as last published, however old."""
+        """Read the last published mode, however old."""
         return self.published().mode
 
     def observe(self) -> ArmState:
-        """Read the newest state of the arm, see `await_fresh`.
+        """Read the newest state of the arm, after waiting as in `await_fresh`.
 
         Raises:
             MotorError: a motor has a fault; names it.
@@ -110,20 +110,20 @@ class ArmClient:
         Args:
             q: (n,) rad.
             gripper: 0 closed … 1 open; None keeps the present set-point.
-            dq: (n,) rad/s with which the target moves on, if known; see `YamArm.command`.
+            dq: (n,) speed at which the target moves on, rad/s; see `YamArm.command`.
             kp, kd: (n,) gains for this target instead of the configured ones, Nm/rad and Nm s/rad.
-            coupled: channel key of the leader whose present action the target is, and for how many seconds from now on
-                the loop may take the targets of each tick from that leader.
+            coupled: channel key of the leader that the target comes from, and for how many seconds from now on the loop
+                may read later targets directly from that leader.
             given_s: clock's time at which another computer gave the target; None: now.
 
         Returns:
             Joints and gripper after the limits; while the arm takes no targets (emergency stop, trouble of the other
-            arm), those that it holds.
+            arm), the joints and gripper that it holds.
 
         Raises:
             ActionError: wrong shape, not finite, or more than a motor takes; nothing was sent.
-            LifeCycleError: it floats or lands; nothing was sent.
-            YamError: it has failed or is silent, see `observe`.
+            LifeCycleError: the arm floats or lands; nothing was sent.
+            YamError: the arm has failed or is silent, see `observe`; nothing was sent.
         """
         hw, name, relative = self.hardware, self.config.name, self.config.max_relative_target
         target = finite_floats(name, "q", q, hw.joints)
@@ -150,7 +150,7 @@ class ArmClient:
         return np.array(target[: hw.joints]), target[-1] if hw.has_gripper else None
 
     def _validated_options(self, **given: Vector | None) -> dict[str, np.ndarray]:
-        """Check the speed and gains (n,) of a target that are given; ActionError: a motor cannot have them."""
+        """Check the given speed and gains (n,) of a target. Raises ActionError: out of a motor's range."""
         options = {}
         for field, value in given.items():
             if value is not None:
@@ -159,11 +159,11 @@ class ArmClient:
         return options
 
     def hold(self) -> None:
-        """Keep the set-point, or the measured pose when floating. Raises LifeCycleError: not from this state."""
+        """Keep the set-point, or the measured pose when floating. Raises LifeCycleError: not from this mode."""
         self._request(Request.HOLD)
 
     def guide(self, within_s: float = _LET_GO_S) -> None:
-        """Float, but the gripper keeps its set-point; without `guide_on` the arm holds after `command_timeout_s`.
+        """Float, with the gripper at its set-point. Without further `guide_on` the arm holds after `command_timeout_s`.
 
         Raises:
             LifeCycleError: as `float`.
@@ -209,7 +209,7 @@ class ArmClient:
         self._request(Request.LAND)
 
     def change_gains(self, kp: Vector, kd: Vector) -> None:
-        """Change the gains of targets that bring none, within half a second; the arm lands with the configured gains.
+        """Change the default gains of targets, within half a second; the arm lands with the configured gains.
 
         Args:
             kp, kd: (joints,) Nm/rad and Nm s/rad.
@@ -225,11 +225,11 @@ class ArmClient:
         self.kp, self.kd = np.array(own_gains[:j]), np.array(own_gains[self.hardware.n :][:j])
 
     def checked_gains(self, kp: Vector, kd: Vector) -> Numbers:
-        """Check gains of the joints, and return those of all motors: kp, then kd; NaN for the gripper.
+        """Check gains of the joints; return the gains of all motors: kp, then kd, NaN for the gripper.
 
         Raises:
             ActionError: wrong shape or not finite.
-            ConfigError: what a configuration would be refused for, such as damping that is too weak.
+            ConfigError: a configuration with these gains would be refused, such as for damping that is too weak.
         """
         hw, name = self.hardware, self.config.name
         given = [finite_vector(name, what, value, hw.joints).tolist() for what, value in (("kp", kp), ("kd", kd))]
@@ -254,13 +254,10 @@ class ArmClient:
         self._request(Request.REARM)
 
     def await_gripper(self, sought: bool = False) -> ArmState:
-        """Wait until the search for the gripper's stops has ended.
+        """Wait until the search for the gripper's stops has ended; return the arm's state at that time.
 
         Args:
-            sought: whether a search was requested; False: wait only if one runs.
-
-        Returns:
-            The arm's state then.
+            sought: whether a search was requested; False: wait only if a search runs.
 
         Raises:
             MotorError: the stops are still unknown: the search failed, was cut short, or does not end.
@@ -288,12 +285,12 @@ class ArmClient:
             return False
 
     def calibrate_gripper(self) -> None:
-        """Search the gripper's stops anew and wait until they are found and stored.
+        """Search the gripper's stops again and wait until they are found and stored.
 
         Raises:
             MotorError: there is no gripper motor, the search failed, or the arm was stopped or landed before it ended.
             LifeCycleError: not from the present mode.
-            GripperError: the stops are not stored in `calibration_path`; they count until the arm is off.
+            GripperError: the stops are not stored in `calibration_path`; they are used until the arm is off.
         """
         self._request(Request.CALIBRATE_GRIPPER)
         stops = self.await_gripper(sought=True).gripper_stops_rad
@@ -318,7 +315,7 @@ class ArmClient:
         save_range(name, Path(path), self.hardware.gripper.name, learn(name, seen))
 
     def ask(self, request: Request, own_gains: Numbers = (), number: int | None = None) -> int:
-        """Write a request without waiting, and return its number: `ArmState.answered` once the loop has answered.
+        """Write a request without waiting; return its number, which the loop publishes as `ArmState.answered`.
 
         Args:
             request: what the loop shall do.

@@ -1,4 +1,4 @@
-"""What an arm is and how it is set, in one place to print or to store beside data."""
+"""Hardware and settings of a connected arm, to print or to store beside data."""
 
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -14,7 +14,7 @@ _PACKAGES = ("lerobot_robot_yam", "python-can", "mujoco", "lerobot")
 
 @dataclass(frozen=True, eq=False)
 class ArmInfo:
-    """A connected arm's hardware and settings. n joints; SI units.
+    """Hardware and settings of a connected arm with n joints; SI units.
 
     Attributes:
         name, channel, interface, rate_hz: as configured.
@@ -25,7 +25,7 @@ class ArmInfo:
         speed_limit_rad_s, torque_limit_nm, kp, kd, idle_kd, gravity_factor: (n,); the gains as they are now.
         gripper_stops_rad: motor angles closed, open; None until they are known.
         gripper_force_limit_n: None: no limit.
-        firmware: version per motor, as the arm's binding has it (`identity_path`); empty without a binding.
+        firmware: version per motor from the binding file (`identity_path`); empty without a binding.
         versions: versions of the packages that drive the arm.
     """
 
@@ -52,7 +52,7 @@ class ArmInfo:
 
     @classmethod
     def of(cls, client: ArmClient) -> "ArmInfo":
-        """Collect what a client knows of its arm.
+        """Collect the hardware and settings of a client's arm.
 
         Raises:
             LifeCycleError: not connected.
@@ -97,5 +97,5 @@ class ArmInfo:
 def _version(package: str) -> str:
     try:
         return version(package)
-    except PackageNotFoundError:  # run from a checkout that is not installed
+    except PackageNotFoundError:  # runs from a checkout that is not installed
         return ""

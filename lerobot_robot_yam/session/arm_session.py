@@ -1,4 +1,4 @@
-"""The caller's side: start the control loop of a robot, read states, give targets, stop safely."""
+"""Session of the arms of one robot: starts their control loop, reads states, writes targets, stops safely."""
 
 import contextlib
 import dataclasses
@@ -67,7 +67,7 @@ class ArmSession(Uncopied):
             self._keys.append(channel_key(config.interface, config.channel, rig))
         self._clients: dict[str, ArmClient] = {}
         self._runner: Runner | None = None
-        self._starting: Runner | None = None  # while it brings the arms up
+        self._starting: Runner | None = None  # runner that brings the arms up now
         self._pid = 0  # process that started the session
 
     def __getitem__(self, name: str) -> ArmClient:
@@ -84,7 +84,7 @@ class ArmSession(Uncopied):
         return self._clients[name]
 
     def key(self, name: str) -> str:
-        """Channel key of the arm called `name`, by which other programs find its state."""
+        """Channel key of the arm called `name`; other programs find the arm's state by this key."""
         return self._keys[list(self._arms).index(name)]
 
     def hardware(self, name: str) -> ResolvedArm:
@@ -100,8 +100,8 @@ class ArmSession(Uncopied):
         """Bring all arms up; return when they hold (or float) and their grippers' stops are known.
 
         Args:
-            search_grippers: False when `calibrate_gripper` may follow: no stops are searched, and stored stops that do
-                not fit are put aside.
+            search_grippers: False searches no stops and ignores stored stops that do not fit; for a `calibrate_gripper`
+                that follows.
 
         Raises:
             YamError: says what failed; nothing is energised and nothing is left behind.
@@ -126,11 +126,11 @@ class ArmSession(Uncopied):
 
     @property
     def clock(self) -> Clock:
-        """The clock of these arms' loop."""
+        """Clock of these arms' control loop."""
         return SYSTEM if self._runner is None else self._runner.clock
 
     def begin_stop(self) -> None:
-        """Have every arm begin to land, without waiting; `stop` has to follow.
+        """Make every arm begin to land, without waiting; a call of `stop` has to follow.
 
         A `start` that waits in another thread fails, or ends with arms that land.
         """
@@ -141,10 +141,10 @@ class ArmSession(Uncopied):
     def stop(self) -> bool:
         """Land every arm, cut torque, end the loop. Idempotent; Ctrl-C does not hurry the landing.
 
-        A forked child only closes its blocks; the parent's arms go on.
+        In a forked child it only closes the child's blocks; the parent's arms go on.
 
         Returns:
-            Whether nothing drives these arms any more. False: they are still in the air, since the emergency stop is
+            Whether nothing drives these arms any more. False: they are still in the air, because the emergency stop is
             latched or something is in their way, and land later.
         """
         runner, self._runner = self._runner, None
@@ -173,7 +173,7 @@ class ArmSession(Uncopied):
             client.close()
 
     def discard(self) -> None:
-        """Leave a world in lock-step that is thrown away; nothing lands. Idempotent.
+        """End the session of a lock-step world that is thrown away, without landing. Idempotent.
 
         Raises:
             LifeCycleError: these arms are not in lock-step; they have to land.
@@ -190,14 +190,14 @@ class ArmSession(Uncopied):
     def rearm(self) -> None:
         """Enable failed motors again, and let all arms of the session take targets again.
 
-        It waits while a gripper's stops are searched: a motor that was without power has forgotten its turns.
+        Waits for the search of a gripper's stops: a motor that was without power has forgotten its turns.
 
         Raises:
             LifeCycleError: an arm still fails, or needs a new connection; arms that hold because of it go on holding.
             MotorError: a gripper's stops are not found.
         """
         in_trouble = [client for client in self._clients.values() if client.mode() in _IN_TROUBLE]
-        for client in (*in_trouble, *self._clients.values()):  # an arm that held for another one is released last
+        for client in (*in_trouble, *self._clients.values()):  # release arms that held for another one last
             client.rearm()
         for client in self._clients.values():
             client.await_gripper()
@@ -225,13 +225,13 @@ class ArmSession(Uncopied):
 
 
 def _bury(config: ArmConfig, key: str) -> None:
-    """Report an arm whose control process and stand-by have both died, and remove the files of both."""
+    """Log that an arm's control process and stand-by have both died, and remove the files of both."""
     logger.critical("%s: nothing drives the arm any more; its motors have switched themselves off", config.name)
     clear_away(config, key)
 
 
 def clear_away(config: ArmConfig, key: str) -> None:
-    """Remove the files of an arm whose process here was killed; not if another has taken its place."""
+    """Remove the files of an arm whose process was killed here, unless another process has the arm by now."""
     with contextlib.suppress(OSError, YamError):
         lock = FileLock(lock_path(key), config.channel)
         lock.acquire()
@@ -241,7 +241,7 @@ def clear_away(config: ArmConfig, key: str) -> None:
 
 
 def still_in_the_air(who: str) -> str:
-    """Say that `ArmSession.stop` has returned False. `who`: with the verb, such as "THE ARMS ARE"."""
+    """Text for an `ArmSession.stop` that returned False. `who`: subject with its verb, such as "THE ARMS ARE"."""
     return (
         f"{who} STILL IN THE AIR: the control loop goes on holding, and lands as soon as it can. Clear the way. If the "
         "emergency stop is latched, release it then: yam-estop release"

@@ -1,4 +1,4 @@
-"""The caller's ends of an arm's two blocks: states to read, commands to write."""
+"""Shared memory of one arm on the caller's side: `StateReader` reads states, `CommandWriter` writes commands."""
 
 import math
 import os
@@ -14,26 +14,26 @@ from lerobot_robot_yam.state.records import COMMAND_DTYPE, PUBLISHED, STATE_DTYP
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 from lerobot_robot_yam.system.shared_block import SharedBlock, allocate
 
-_FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # modes of an arm that has failed, if its state has a message
+_FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # modes that mean failure when the state has a message
 _WITHOUT_STOPS = {
     Mode.BRING_UP: "they are being sought; wait",
     Mode.STOPPED: "they are sought when the emergency stop is released (yam-estop release)",
 }
-_NEARLY_S = 0.0013  # a state that is due so soon is waited for, s: the one before it is a whole tick older
-_LATE_S = 0.003  # wait for a state that is overdue, s; the loop waits up to 2 ms for a reply
-_OLD_S = 0.0025  # age of a sample beyond a tick from which on a newer one can be had, s
-_AFTER_S = 0.0003  # after a tick is due nearly all states are published by then, and need no polling, s
-_POLL_S = 0.00005  # between two looks at the block's number, s
-_GRIPPER_OPTIONS = {"dq": 0.0, "kp": math.nan, "kd": math.nan}  # the gripper's part of a target's speed and gains
+_NEARLY_S = 0.0013  # longest wait for the next state, s: without it the caller reads one that is a tick older
+_LATE_S = 0.003  # wait for an overdue state, s; the loop waits up to 2 ms for a reply
+_OLD_S = 0.0025  # age beyond one tick at which a sample counts as old, s: a newer one is due
+_AFTER_S = 0.0003  # sleep beyond a tick's due time, s: nearly all states are published by then, without polling
+_POLL_S = 0.00005  # period of reading the block's number, s
+_GRIPPER_OPTIONS = {"dq": 0.0, "kp": math.nan, "kd": math.nan}  # speed and gains of the gripper in a target
 
 
 def without_stops(mode: Mode) -> str:
-    """Say what to do about a gripper whose stops are unknown, in this mode."""
+    """Say what to do, in this mode, about a gripper whose stops are unknown."""
     return _WITHOUT_STOPS.get(mode, "calibrate it (lerobot-calibrate)")
 
 
 class StateReader:
-    """Reads what the control loop publishes; any thread may."""
+    """Reader of the states that the control loop publishes. Thread-safe."""
 
     def __init__(self, hardware: ResolvedArm, clock: Clock):
         self._config, self._has_gripper, self._clock = hardware.config, hardware.has_gripper, clock
@@ -43,7 +43,7 @@ class StateReader:
 
     @property
     def block(self) -> SharedBlock:
-        """The block. Raises LifeCycleError: closed."""
+        """Shared memory with the state. Raises LifeCycleError: closed."""
         if self._block is None:
             raise LifeCycleError(f"{self._config.name}: not connected")
         return self._block
@@ -62,10 +62,10 @@ class StateReader:
         return ArmState(payload)
 
     def await_fresh(self) -> None:
-        """Wait for a tick that ends within 1.3 ms; where a reply to that tick was lost, wait for the next.
+        """Wait for the state of a tick that ends within 1.3 ms; if that tick lost a reply, wait for the next tick.
 
-        It takes two ticks and a few milliseconds at most; a motor that has missed more is not waited for. To observe
-        several arms, wait for all of them first: a state ages during the wait for another arm.
+        The wait lasts two ticks and a few milliseconds at most; it ends early for a motor that missed more replies. To
+        observe several arms, call this for all of them first: a state ages during the wait for another arm.
 
         Raises:
             YamError: as `newest`.
@@ -79,7 +79,7 @@ class StateReader:
             self._await_tick(self._block, self._newest[0], period_s)
 
     def await_next(self, after: int) -> int:
-        """Wait for the state after number `after`, while the loop is not late with it; returns the newest's number.
+        """Wait for the state after number `after`, unless the loop is late; returns the number of the newest state.
 
         Raises:
             LifeCycleError: not connected.
@@ -91,14 +91,14 @@ class StateReader:
         return block.sequence()
 
     def _await_tick(self, block: SharedBlock, sequence: int, within_s: float) -> None:
-        """Wait for the record after `sequence` if it is due within `within_s`, and not for one that is late."""
+        """Wait for the record after `sequence` if it is due within `within_s`; give up when the record is late."""
         due = self._due_s(block)
         if due - within_s < self._clock.now():
             while block.sequence() == sequence and self._clock.now() < due + _LATE_S:
                 self._clock.sleep(_POLL_S)
 
     def _due_s(self, block: SharedBlock) -> float:
-        """When the loop should publish the next state."""
+        """Clock's time at which the loop should publish the next state, s."""
         return block.peek(*PUBLISHED) + self._period_s
 
     def newest(self) -> ArmState:
@@ -123,10 +123,10 @@ class StateReader:
         return state
 
     def check_age(self, since_s: float) -> None:
-        """Refuse a state whose samples were requested, or that was published, at `since_s`.
+        """Refuse a state with time stamp `since_s` (of its samples, or of its publication).
 
         Raises:
-            StaleStateError: that is longer ago than `max_state_age_s`.
+            StaleStateError: the stamp is older than `max_state_age_s`.
         """
         age = self._clock.now() - since_s
         if age > self._config.max_state_age_s:
@@ -142,9 +142,9 @@ class StateReader:
 
 
 class CommandWriter:
-    """Writes the command block of one arm. Any thread may: one often streams targets while another re-arms.
+    """Writer of one arm's command block. Thread-safe: often one thread streams targets while another re-arms.
 
-    A forked child may not: it would repeat commands that its parent has taken back since.
+    A forked child must not write: it would repeat commands that its parent has withdrawn.
 
     Args:
         name: the arm's, for messages.
@@ -171,7 +171,6 @@ class CommandWriter:
         return self._block.descriptor
 
     def close(self) -> None:
-        """Close the block."""
         self._block.close()
 
     def write_target(
@@ -184,13 +183,13 @@ class CommandWriter:
         """Write a target given at `stamp_s` (the clock's time).
 
         Args:
-            target: joints in rad; behind them the gripper, 0 closed … 1 open, where there is one.
+            target: joints in rad, then the gripper, 0 closed … 1 open, if the arm has one.
             options: the joints' dq (rad/s), kp (Nm/rad) and kd (Nm s/rad), as far as they are given.
-            coupled: key of the leader whose action the target is, and until when the loop may take the targets of each
-                tick from that leader, s.
+            coupled: key of the leader that the target comes from, and time until which the loop may read later targets
+                directly from that leader, s.
 
         Raises:
-            LifeCycleError: the arm is another process's.
+            LifeCycleError: the arm belongs to another process.
         """
         rows = [
             [*options[field].tolist(), last][: len(target)] if field in options else self._unset
@@ -208,7 +207,7 @@ class CommandWriter:
     def write_request(
         self, stamp_s: float, request: Request, own_gains: Sequence[float] = (), number: int | None = None
     ) -> int:
-        """Write a request, and return its number; a target that the loop has not read yet is void.
+        """Write a request and return its number; a target that the loop has not read yet becomes void.
 
         Args:
             stamp_s: the clock's time of the request.
@@ -217,7 +216,7 @@ class CommandWriter:
             number: the request's number, greater than the last one; None: the next.
 
         Raises:
-            LifeCycleError: the arm is another process's.
+            LifeCycleError: the arm belongs to another process.
         """
         self._check_process()
         with self._lock:

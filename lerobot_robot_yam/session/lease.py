@@ -1,4 +1,4 @@
-"""Who may drive arms: one holder at a time, which has to give signs of life."""
+"""The lease of some arms: the right of one holder at a time to drive them, renewed by signs of life."""
 
 from collections.abc import Hashable
 
@@ -7,15 +7,14 @@ from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
 
 class Lease:
-    """The right to drive some arms. It ends when its holder lets go, never by itself: what becomes of the arms of a
-    silent holder is for its owner to say.
+    """Right to drive some arms. It never ends by itself: the lease's owner decides about a silent holder's arms.
 
     Args:
-        what: the arms, for refusals.
-        clock: by which silence is measured.
+        what: name of the arms, for refusals.
+        clock: clock that measures the holder's silence.
 
     Attributes:
-        holder: who has it, by whatever its owner tells holders apart; None: nobody.
+        holder: key of the holder, chosen by the owner; None: nobody holds the lease.
         who: the holder in words; empty: nobody.
     """
 
@@ -26,27 +25,27 @@ class Lease:
         self._heard_s = 0.0
 
     def check(self, holder: Hashable) -> None:
-        """Raises ChannelInUseError: another one has it; names it."""
+        """Refuse everybody but the holder. Raises ChannelInUseError: another one holds the lease; names it."""
         if self.holder is not None and self.holder != holder:
             raise ChannelInUseError(f"{self._what} is driven by {self.who}; end that first")
 
     def take(self, holder: Hashable, who: str) -> None:
-        """Have it from now on. Raises ChannelInUseError: see `check`."""
+        """Give the lease to `holder`. Raises ChannelInUseError: see `check`."""
         self.check(holder)
         self.holder, self.who, self._heard_s = holder, who, self._clock.now()
 
     def renew(self, holder: Hashable) -> bool:
-        """Note a sign of life; whether this one has it."""
+        """Note a sign of life from `holder`; returns whether `holder` has the lease."""
         if holder is None or self.holder != holder:
             return False
         self._heard_s = self._clock.now()
         return True
 
     def release(self) -> None:
-        """Let go of it. Idempotent."""
+        """End the lease. Idempotent."""
         self.holder, self.who = None, ""
 
     @property
     def silent_s(self) -> float:
-        """For how long its holder has said nothing, s; 0: there is none."""
+        """Time since the holder's last sign of life, s; 0 without a holder."""
         return 0.0 if self.holder is None else self._clock.now() - self._heard_s

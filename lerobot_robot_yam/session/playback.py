@@ -1,4 +1,4 @@
-"""Playback: moves arms along a trajectory, target by target. YamArm, yam-float and the page replay with it."""
+"""Playback: streams targets to arms along a trajectory. YamArm, yam-float and the page replay with it."""
 
 from collections.abc import Sequence
 
@@ -11,14 +11,14 @@ from lerobot_robot_yam.session.trajectory import Trajectory, soft_way, soft_way_
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 
-APPROACH_RAD_S = 0.5  # peak speed to the first pose, rad/s: somebody has just had a hand on the arm
-_SPEED_SHARE = 0.9  # share of the speed limits that a replay uses: the set-point must not fall behind
+APPROACH_RAD_S = 0.5  # peak speed to the first pose, rad/s: slow, a hand may still be near the arm
+_SPEED_SHARE = 0.9  # share of the speed limits that a replay uses, so that the set-point does not fall behind
 _REACHED = 1e-3  # distance of a set-point from its goal that counts as reached, rad or strokes
 _LEAST_S = 0.2  # duration of the shortest way, s
 
 
 class Playback:
-    """One motion along a trajectory that begins where the arms are.
+    """One motion along a trajectory that begins at the arms' present pose.
 
     Args:
         clients: the arms; they hold.
@@ -33,7 +33,7 @@ class Playback:
         self._columns = [slice(end - client.hardware.n, end) for client, end in zip(clients, ends, strict=True)]
 
     def step(self, now: float) -> bool:
-        """Write the targets of this moment; True once the last ones are written. Repeat at 30 Hz or faster.
+        """Write the targets for time `now`; return whether the motion has ended. Repeat at 30 Hz or faster.
 
         Raises:
             LifeCycleError: an arm takes no targets any more; names it.
@@ -67,7 +67,7 @@ class Playback:
 
 
 def ready(clients: Sequence[ArmClient]) -> np.ndarray:
-    """Have floating arms hold, and return the set-points (n,) of all motors.
+    """Make floating arms hold, and return the set-points (n,) of all motors.
 
     Raises:
         YamError: an arm has failed or is silent.
@@ -79,7 +79,7 @@ def ready(clients: Sequence[ArmClient]) -> np.ndarray:
 
 
 def replay(clients: Sequence[ArmClient], trajectory: Trajectory) -> Playback:
-    """Make a replay: softly to the first pose, then along the trajectory, slower where that exceeds the speed limits.
+    """Make the playback of a trajectory: soft approach to its first pose, then its way, slowed to the speed limits.
 
     Raises:
         ActionError: the trajectory does not fit these arms, see `Trajectory.check`; nothing moves.
@@ -94,5 +94,5 @@ def replay(clients: Sequence[ArmClient], trajectory: Trajectory) -> Playback:
 
 
 def approach_s(way: np.ndarray, speed: np.ndarray) -> float:
-    """Duration of a soft way (n,) whose peak speed (n,) a caller has chosen, s."""
+    """Duration of a soft way (n,) at the chosen peak speed (n,), s; 0.2 s at least."""
     return max(soft_way_s(way, speed), _LEAST_S)

@@ -1,4 +1,4 @@
-"""Where a robot's control loop runs: in another process, in a thread of the caller, or in steps of its world."""
+"""Runners of a control loop: in another process, in a thread of the caller, or in steps of a simulated world."""
 
 import dataclasses
 import json
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-LAND_TIMEOUT_S = 60.0  # wait for a landing, s: the longest way down, and one retry
-_STOPPED_S = 2.0  # wait before a latched emergency stop is logged, s: it may be released again at once
+LAND_TIMEOUT_S = 60.0  # wait for a landing, s: time for the longest way down and one retry
+_STOPPED_S = 2.0  # wait before a latched emergency stop is logged, s: a person may release it again at once
 _HELD = (
     "the arms stay in the air, held or floating, and their control loop lands them when it is released; clear their "
     "way, then `yam-estop release`"
@@ -38,14 +38,14 @@ _HELD_BY_US = "THIS PROCESS HOLDS THE ARMS, do not end it; clear their way, then
 
 
 class Runner(Protocol):
-    """Runs one control loop, once."""
+    """Interface to one control loop, which runs once."""
 
     @property
     def clock(self) -> Clock:
-        """The clock of the caller and of the arms."""
+        """Clock of the caller and of the arms."""
 
     def note_written(self, arm: int) -> None:
-        """Hear that this arm's command block was written; loops, which read it at each tick, need not know."""
+        """Note that the command block of arm number `arm` was written; only remote runners use it."""
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
         """Bring the arms up.
@@ -58,18 +58,18 @@ class Runner(Protocol):
         """
 
     def land(self) -> None:
-        """Have the loop begin to land, without waiting; `stop` has to follow."""
+        """Make the loop begin to land, without waiting; a call of `stop` has to follow."""
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Have the loop land and end; True when nothing drives the arms any more.
+        """Land, end the loop, and wait. Returns whether nothing drives the arms any more.
 
         Args:
-            off: whether torque is off; the stand-by may have taken the arms over.
+            off: tells whether torque is off, for arms that the stand-by has taken over.
         """
 
 
 class ProcessRunner:
-    """Runs the loop in another process, which the caller's interpreter cannot disturb."""
+    """Runner in another process, which the caller's interpreter cannot disturb."""
 
     clock: Clock = SYSTEM
     _program = "lerobot_robot_yam.control.process.control_process"
@@ -103,7 +103,7 @@ class ProcessRunner:
         assert child.stdin is not None and child.stdout is not None
         child.stdin.write(json.dumps(job).encode() + b"\n")
         child.stdin.close()
-        answered = select.poll()  # which takes descriptors above 1023, too
+        answered = select.poll()  # select.select refuses descriptors above 1023
         answered.register(child.stdout, select.POLLIN)
         if not answered.poll(START_TIMEOUT_S * 1e3):
             raise YamError(f"the control process did not come up within {START_TIMEOUT_S:.0f} s")
@@ -115,7 +115,7 @@ class ProcessRunner:
             raise getattr(errors, reply["kind"], YamError)(reply["error"])
 
     def _job(self) -> dict[str, Any]:
-        """What the process has to do; `start` adds how it reaches the caller."""
+        """Arms of the job description, as plain values; `start` adds the connections to the caller."""
         return {"arms": [dataclasses.asdict(arm.config) for arm in self._arms]}
 
     def land(self) -> None:
@@ -123,7 +123,6 @@ class ProcessRunner:
             self._child.send_signal(signal.SIGTERM)
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Have it land and end; True when nothing drives the arms any more."""
         self.land()
         child, self._child = self._child, None
         lifeline = self._lifeline
@@ -132,14 +131,14 @@ class ProcessRunner:
         ended = wait_patiently(lambda: child.poll() is not None, outlives_us=os.getpid() != 1)  # 1: a container's
         if child.stdout is not None:
             child.stdout.close()
-        if ended:  # then a stand-by may have taken over
+        if ended:  # a stand-by may have taken over
             ended = wait_patiently(lambda: off() or lifeline.cut, outlives_us=True)
         lifeline.close()
         return ended
 
 
 class ThreadRunner:
-    """Runs the loop in a thread of the caller, for debugging."""
+    """Runner in a thread of the caller, for debugging."""
 
     clock: Clock = SYSTEM
 
@@ -189,9 +188,9 @@ class ThreadRunner:
 
 
 class StepRunner:
-    """Runs the loop while the caller sleeps, whose clock it is.
+    """Runner that ticks while the caller sleeps; the runner is the caller's clock.
 
-    The world is the caller's own. Nothing falls when it is thrown away with arms in the air.
+    It owns the simulated world: nothing falls when that is thrown away with arms in the air.
     """
 
     def __init__(self, arms: list[ResolvedArm], keys: list[str]):
@@ -208,11 +207,11 @@ class StepRunner:
         return self
 
     def now(self) -> float:
-        """The world's time in s."""
+        """Time of the world, s."""
         return self._world.now()
 
     def sleep(self, seconds: float) -> None:
-        """Let the loop tick for so long."""
+        """Run ticks of the loop for `seconds` of the world's time."""
         until_s = self._world.now() + seconds
         while self._world.now() < until_s:
             if next(self._ticks, False) is False:  # the arms are off, or have failed
@@ -222,7 +221,7 @@ class StepRunner:
         pass
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
-        from lerobot_robot_yam.control.loop_builder import build  # which the other runners do not need in here
+        from lerobot_robot_yam.control.loop_builder import build  # imported late: only this runner needs it
         from lerobot_robot_yam.control.preflight.open_bus import open_bus
 
         try:
@@ -235,7 +234,7 @@ class StepRunner:
             ready: list[str] = []
             self._ticks = self._loop.ticks(ready.append, lambda: self._landing)
             give_up_s = self._world.now() + START_TIMEOUT_S
-            while not ready or ready[0]:  # what has failed lands first
+            while not ready or ready[0]:  # a failed start lands before the ticks raise
                 next(self._ticks)
                 if self._world.now() > give_up_s:
                     raise YamError(f"the control loop did not come up within {START_TIMEOUT_S:.0f} s")
@@ -247,7 +246,7 @@ class StepRunner:
         self._landing = True
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Land, in simulated time; False when that does not end."""
+        """Land in simulated time; returns whether the arms are down. Throws their world away in any case."""
         self.land()
         landed = True
         give_up_s = self._world.now() + LAND_TIMEOUT_S
@@ -273,14 +272,11 @@ class StepRunner:
 
 
 def wait_patiently(done: Callable[[], bool], outlives_us: bool) -> bool:
-    """Wait for a landing; Ctrl-C is only logged, since hurrying would drop an arm.
+    """Wait for a landing, and return whether the arms are down. Ctrl-C is only logged: hurrying would drop an arm.
 
     Args:
-        done: whether the arms are down.
-        outlives_us: whether the control loop goes on after this process; then a latched emergency stop ends the wait.
-
-    Returns:
-        Whether the arms are down.
+        done: tells whether the arms are down.
+        outlives_us: whether the control loop outlives this process; then a latched emergency stop ends the wait.
     """
     begin, told = time.monotonic(), False
     while True:
@@ -304,5 +300,5 @@ def wait_patiently(done: Callable[[], bool], outlives_us: bool) -> bool:
 def _stopped() -> bool:
     try:
         return EmergencyStop().latched
-    except errors.ConfigError:  # the runtime directory was removed: the loop latches, but no other process learns of it
+    except errors.ConfigError:  # runtime directory removed: the loop latches on its own
         return False

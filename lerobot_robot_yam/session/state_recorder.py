@@ -1,4 +1,4 @@
-"""Keeps what the control loops of some arms publish, for as long as a recording lasts."""
+"""Recorder of the states that the control loops of some arms publish."""
 
 import io
 import threading
@@ -15,15 +15,11 @@ from lerobot_robot_yam.session.trajectory import Trajectory, columns_of
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.paths import write_whole
 
-_POLL_S = 0.001  # between two looks at the states, s: a quarter of a tick
+_POLL_S = 0.001  # period of reading the states, s: a quarter of a tick
 
 
 class StateRecorder:
-    """Keeps the states of some arms, each tick once. `poll` often: a state between two polls is lost.
-
-    Args:
-        clients: the arms.
-    """
+    """Recorder of some arms' states, each tick once. Call `poll` often: a state between two polls is lost."""
 
     def __init__(self, clients: Sequence[ArmClient]):
         self._clients = clients
@@ -31,7 +27,7 @@ class StateRecorder:
         self._stamps_s = [0.0 for _ in clients]
 
     def poll(self) -> None:
-        """Keep the newest states. Raises LifeCycleError: not connected."""
+        """Append the newest states. Raises LifeCycleError: not connected."""
         for index, client in enumerate(self._clients):
             state = client.published()
             if state.stamp_s > self._stamps_s[index]:
@@ -39,7 +35,7 @@ class StateRecorder:
                 self._rows[index].extend(_row(state))
 
     def states(self) -> list[dict[str, np.ndarray]]:
-        """The k states of each arm; its n motors are the joints and then the gripper, if that has a motor.
+        """States of each arm, k rows; its n motors are the joints and then the gripper, if that has a motor.
 
         Returns:
             stamp_s (k,) monotonic; q (k, n) rad and dq (k, n) rad/s, the gripper 0 … 1 and 1/s; tau_nm (k, n), the
@@ -48,7 +44,7 @@ class StateRecorder:
         return [_unpacked(rows, client.hardware.n) for rows, client in zip(self._rows, self._clients, strict=True)]
 
     def trajectory(self) -> Trajectory:
-        """The arms' positions at the times of the first arm's states.
+        """Positions of all arms at the times of the first arm's states.
 
         Raises:
             ActionError: there are fewer than two states.
@@ -60,7 +56,7 @@ class StateRecorder:
         return Trajectory(times, np.stack(columns, axis=1), names, "recording")
 
     def save(self, path: Path) -> None:
-        """Write the states into an .npz file, as `states` has them; a second arm's names begin with the arm's name.
+        """Write an .npz file with the arrays of `states`; the names of a second arm's arrays begin with the arm's name.
 
         Raises:
             ConfigError: the file cannot be written.
@@ -94,7 +90,7 @@ def _unpacked(rows: array, n: int) -> dict[str, np.ndarray]:
 
 @contextmanager
 def recording(clients: Sequence[ArmClient]) -> Iterator[StateRecorder]:
-    """Record in a thread while the block runs. An arm that ends meanwhile ends the recording.
+    """Record in a thread while the block runs. The recording ends early when an arm ends.
 
     Raises:
         LifeCycleError: an arm is not connected.

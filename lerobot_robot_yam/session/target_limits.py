@@ -1,4 +1,4 @@
-"""Limits of a target before it is sent: keys, finite numbers, unit, joint limits, `max_relative_target`.
+"""Checks and limits of a target before it is sent: keys, finite numbers, unit, joint limits, `max_relative_target`.
 
 The loop then limits the set-point's speed and the torque.
 """
@@ -15,11 +15,11 @@ from lerobot_robot_yam.state.records import Limited
 
 logger = logging.getLogger(__name__)
 
-_WORTH_SAYING = 0.01  # limiting below this is not logged, rad or strokes: measured poses lie a little outside
+_WORTH_SAYING = 0.01  # smallest cut of a target that is logged, rad or strokes: measured poses lie a little outside
 
 
 def validate_action(device: str, action: Mapping[str, object], keys: Sequence[str]) -> np.ndarray:
-    """Read a LeRobot action: its values (n,) in the order of `keys`. 0-d tensors and arrays are numbers.
+    """Read the values (n,) of a LeRobot action in the order of `keys`. 0-d tensors and arrays count as numbers.
 
     Raises:
         ActionError: missing or unknown keys, values that are not finite numbers.
@@ -34,18 +34,18 @@ def validate_action(device: str, action: Mapping[str, object], keys: Sequence[st
 
 
 def refuse_degrees(device: str, q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
-    """Refuse joint angles that cannot be radians, but are a pose of the arms in degrees.
+    """Refuse joint angles that are too large for radians, but form a possible pose in degrees.
 
-    Clamped to the joint limits, such angles would send the arms to the ends of their ranges. A single wild value, and
-    values that are no pose in degrees either, are limited like any other target.
+    The joint limits would clamp such angles to the ends of the ranges. Targets with a single wild value, or values that
+    form no pose in degrees either, are limited like any other target.
 
     Args:
-        device: for messages.
+        device: name for messages.
         q: (n,) target of the joints.
         lower, upper: (n,) joint limits, rad.
 
     Raises:
-        ActionError: these seem to be degrees; nothing was sent.
+        ActionError: the angles seem to be degrees; nothing was sent.
     """
     wild = np.abs(q) > TURN
     if np.count_nonzero(wild) < 2:
@@ -66,12 +66,12 @@ def limit_target(
     upper: Sequence[float],
     max_relative: float | None,
 ) -> tuple[list[float], Limited]:
-    """Clamp a target (n,) to the joint limits, then to `max_relative` from the measured position (n,).
+    """Clamp a target (n,) to the joint limits, and to `max_relative` around the measured position (n,).
 
-    A measured position may lie outside the limits, the result never does.
+    The result never leaves the joint limits, even when the measured position does.
 
     Returns:
-        The target after the limits (n,), and which limits acted.
+        The clamped target (n,), and which limits acted.
     """
     limited = Limited.NOTHING
     inside = [
@@ -92,7 +92,7 @@ def limit_target(
 
 
 class LimitLog:
-    """Logs when limiting begins, not every tick of it."""
+    """Log of the limits that hold targets back: one line when a limit begins to act."""
 
     def __init__(self, arm: str):
         self._arm = arm

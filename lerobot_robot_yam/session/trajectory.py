@@ -1,4 +1,4 @@
-"""A trajectory: where the joints and grippers of one or more arms are over time, and soft ways between two poses."""
+"""Trajectory: positions of the joints and grippers of some arms over time; and soft ways between two poses."""
 
 import dataclasses
 import math
@@ -11,8 +11,8 @@ from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ActionError
 
-_ROW_S = 0.02  # between two rows of a soft way, s: callers stream as often
-_GRIPPER_BEYOND = 0.1  # measured fingers may be so far beyond their stops, strokes
+_ROW_S = 0.02  # time between two rows of a soft way, s: the period at which callers stream
+_GRIPPER_BEYOND = 0.1  # tolerance for measured fingers beyond their stops, strokes
 _LEAST_ROWS = 2
 
 
@@ -64,11 +64,10 @@ class Trajectory:
 
     @property
     def seconds(self) -> float:
-        """Duration, s."""
         return float(self.times_s[-1])
 
     def at(self, t: float) -> np.ndarray:
-        """Positions (n,) at time t: on straight lines between the rows, at rest before and after them."""
+        """Interpolate the positions (n,) at time t, s: linear between the rows, constant before and after them."""
         after = min(max(int(np.searchsorted(self.times_s, t)), 1), len(self.times_s) - 1)
         begin, end = self.times_s[after - 1], self.times_s[after]
         share = min(max((t - begin) / (end - begin), 0.0), 1.0)
@@ -76,22 +75,21 @@ class Trajectory:
         return position
 
     def then(self, other: "Trajectory") -> "Trajectory":
-        """Append another trajectory."""
         times = np.concatenate([self.times_s, self.seconds + other.times_s[1:]])
         return dataclasses.replace(
             other, times_s=times, positions=np.concatenate([self.positions, other.positions[1:]])
         )
 
     def slowed(self, speed: np.ndarray) -> "Trajectory":
-        """Make the same way slower where it is quicker than `speed` (n,), unit/s."""
+        """Stretch the time where the trajectory is quicker than `speed` (n,), unit/s."""
         steps = np.maximum(np.diff(self.times_s), (np.abs(np.diff(self.positions, axis=0)) / speed).max(axis=1))
         return dataclasses.replace(self, times_s=np.concatenate([[0.0], np.cumsum(steps)]))
 
     def check(self, arms: Sequence[ResolvedArm]) -> None:
-        """Refuse a trajectory that these arms cannot follow; measured poses may lie a little outside the limits.
+        """Refuse a trajectory that these arms cannot follow, with a tolerance for measured poses.
 
         Raises:
-            ActionError: it has other joints, or goes beyond a limit; names the column.
+            ActionError: the trajectory has other joints, or goes beyond a limit; names the column.
         """
         names = columns_of(arms)
         have, want = self.positions.shape[1], len(names)
@@ -124,7 +122,7 @@ def _and(arms: Sequence[ResolvedArm]) -> str:
 
 
 def soft_way(start: np.ndarray, goal: np.ndarray, seconds: float) -> Trajectory:
-    """A straight way between two poses (n,) with half-cosine speed.
+    """Make a straight way between two poses (n,) with half-cosine speed.
 
     q(t) = start + (1 − cos(π t / T)) / 2 · (goal − start); the peak speed is π/2 · |goal − start| / T.
     """
@@ -133,7 +131,7 @@ def soft_way(start: np.ndarray, goal: np.ndarray, seconds: float) -> Trajectory:
 
 
 def soft_way_s(way: np.ndarray, speed: np.ndarray, acceleration: np.ndarray | float = math.inf) -> float:
-    """Shortest duration of a soft way of these distances (n,), s.
+    """Shortest duration of a soft way over the distances `way` (n,), s.
 
     T = max(π/2 · |way| / speed, π · sqrt(|way| / (2 · acceleration))).
 

@@ -1,8 +1,7 @@
-"""Trajectories in files of the vendor's form: `np.save` of a dict {trajectory, timestamps, frequency}.
+"""Trajectory files in the vendor's form: `np.save` of a dict {trajectory, timestamps, frequency}.
 
-Such a file is a pickle, and unpickling it would run whatever its writer put in. So nothing that the file names is
-called or imported: it may name the four constructors that `np.save` writes, and small stand-ins take their place.
-Numbers, texts, lists and dicts need no names.
+Such a file is a pickle, and plain unpickling runs whatever code its writer put in. This reader imports nothing that
+the file names: small stand-ins replace the four constructors that `np.save` writes, and any other name is refused.
 """
 
 import io
@@ -18,14 +17,14 @@ from lerobot_robot_yam.session.trajectory import Trajectory
 from lerobot_robot_yam.system.paths import user_path, write_whole
 
 FREQUENCY_HZ = 50.0
-"""Rate of the rows that are saved: the vendor's replay writes a row at a time, at most so often."""
-_MOST_BYTES = 100_000_000  # largest file that is read: five hours of two arms
+"""Rate of saved rows, Hz: the highest at which the vendor's replay writes rows."""
+_MOST_BYTES = 100_000_000  # largest file that is read, bytes: five hours of two arms
 _NUMBERS = "fiu"  # kinds of numpy types that hold numbers
 _SAVED_AS = ("trajectory", "timestamps")  # keys of positions and times
 
 
 def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
-    """Write a trajectory with rows at `FREQUENCY_HZ`. The vendor's reader ignores the names of the columns.
+    """Write a trajectory, resampled to `FREQUENCY_HZ`. The vendor's reader ignores the column names.
 
     Raises:
         ConfigError: the file cannot be written.
@@ -44,11 +43,11 @@ def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
-    """Read a trajectory of ours or the vendor's; nothing in the file is executed.
+    """Read a trajectory file of this package or of the vendor; nothing in the file is executed.
 
     Raises:
-        ConfigError: the file cannot be read, or is no such file.
-        ActionError: its numbers are no trajectory, see `Trajectory`.
+        ConfigError: the file cannot be read, or holds no trajectory.
+        ActionError: its numbers form no trajectory, see `Trajectory`.
     """
     path = user_path(path)
     try:
@@ -85,7 +84,7 @@ def _numbers(path: Path, key: str, value: object) -> np.ndarray:
 
 
 def _content(file: io.BytesIO) -> dict[str, Any]:
-    """Read the dict of an .npy file. Raises ConfigError: there is none, or it holds more than numbers."""
+    """Read the dict of an .npy file. Raises ConfigError: the file has no dict, or holds more than numbers."""
     version = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read_header(file)
@@ -100,7 +99,7 @@ def _content(file: io.BytesIO) -> dict[str, Any]:
 
 
 class _Dtype:
-    """Stands in for `numpy.dtype`: the text of the type."""
+    """Stand-in for `numpy.dtype`: keeps the text of the type."""
 
     def __init__(self, text: str, *_: object):
         self.text, self.order = str(text), "="
@@ -117,7 +116,7 @@ class _Dtype:
 
 
 class _Array:
-    """Stands in for `numpy.ndarray`: keeps a list of objects, or makes an array of numbers when `array` is called."""
+    """Stand-in for `numpy.ndarray`: keeps a list of objects, or the bytes from which `array` makes numbers."""
 
     def __init__(self, *_: object):
         self.items: list[Any] | None = None
@@ -129,7 +128,7 @@ class _Array:
         self._rest = (shape, dtype, fortran, data)
 
     def array(self) -> np.ndarray:
-        """Make the array. Raises ConfigError or ValueError: it holds no numbers."""
+        """Decode the numbers. Raises ConfigError or ValueError: the array holds no numbers."""
         if self.items is not None or not self._rest:
             raise ConfigError("an array of it holds no numbers")
         shape, dtype, fortran, data = self._rest
@@ -137,7 +136,7 @@ class _Array:
 
 
 def _scalar(dtype: _Dtype, data: bytes) -> float:
-    """Stand in for numpy's constructor of a single number."""
+    """Decode a single number: stand-in for numpy's constructor."""
     return float(dtype.numbers(data)[0])
 
 
@@ -150,7 +149,7 @@ _STAND_INS: dict[tuple[str, str], Any] = {("numpy", "ndarray"): _Array, ("numpy"
 
 class _NumbersOnly(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
-        """Find the stand-in for what the file names. Raises ConfigError: no trajectory needs that name."""
+        """Return the stand-in for a name in the file. Raises ConfigError: no trajectory needs that name."""
         if (module, name) not in _STAND_INS:
             raise ConfigError(
                 f"it asks for {module}.{name}, and a trajectory holds only numbers; it may be made to run code: do not "

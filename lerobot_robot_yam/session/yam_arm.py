@@ -1,4 +1,4 @@
-"""One arm in plain Python, for people who do not come through LeRobot.
+"""One arm in plain Python, without LeRobot.
 
     from lerobot_robot_yam.session.yam_arm import YamArm
 
@@ -33,9 +33,9 @@ from lerobot_robot_yam.system.clock import Clock
 from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.uncopyable import Uncopied
 
-_STREAM_S = 0.02  # between two targets of a motion, s
+_STREAM_S = 0.02  # period of the targets of a motion, s
 _SETTLE_TIMEOUT_S = 2.0  # wait for joints to reach the end of a motion, s
-_LIES_RAD = 0.15  # within this of its rest pose an arm lies, rad: it falls no further than a finger is thick
+_LIES_RAD = 0.15  # distance from the rest pose at which an arm counts as lying, rad: it falls by a finger's thickness
 
 
 class YamArm(Uncopied):
@@ -57,16 +57,16 @@ class YamArm(Uncopied):
         self._session = ArmSession([self.config], isolation)
 
     def connect(self) -> "YamArm":
-        """Bring the arm up; it then holds its pose (or floats, with `start="float"`). Returns itself.
+        """Bring the arm up, to hold its pose (or to float, with `start="float"`). Returns itself.
 
         Raises:
-            YamError: what failed; nothing is energised.
+            YamError: says what failed; nothing is energised.
         """
         self._session.start()
         return self
 
     def close(self) -> None:
-        """Land, cut torque, let go. Idempotent."""
+        """Land, cut torque, end the session. Idempotent."""
         self._session.stop()
 
     def __enter__(self) -> "YamArm":
@@ -82,7 +82,7 @@ class YamArm(Uncopied):
 
     @property
     def clock(self) -> Clock:
-        """The clock of the arm's loop: the computer's, or that of a rig in lock-step."""
+        """Clock of the arm's loop: the computer's, or that of a rig in lock-step."""
         return self._session.clock
 
     @property
@@ -99,10 +99,10 @@ class YamArm(Uncopied):
 
     @contextmanager
     def recording(self, path: str | Path | None = None) -> Iterator[StateRecorder]:
-        """Record every state while the block runs, into a `StateRecorder`.
+        """Record every state into a `StateRecorder` while the block runs.
 
         Args:
-            path: an .npz file to write at the end, see `StateRecorder.save`; None: write none.
+            path: .npz file to write at the end, see `StateRecorder.save`; None: write none.
 
         Raises:
             LifeCycleError: not connected.
@@ -125,8 +125,8 @@ class YamArm(Uncopied):
 
         Args:
             q: (n,) rad. kp, kd: (n,) gains for this target.
-            dq: (n,) rad/s, the target's own speed. Targets that follow it (to 0.01 rad) are tracked without lag, and
-                the last one moves on until the next is due; other targets are reached one period late.
+            dq: (n,) speed of the target itself, rad/s. Targets that agree with it (to 0.01 rad) are tracked without
+                lag, and the last one moves on until the next is due; other targets are reached one period late.
             gripper: 0 closed … 1 open, None keeps it.
 
         Returns:
@@ -139,7 +139,7 @@ class YamArm(Uncopied):
         return self._client.write_target(q, gripper, dq, kp, kd)[0]
 
     def move_to(self, q: Vector, gripper: float | None = None, speed_rad_s: float = 0.8) -> ArmState:
-        """Go to a pose along a straight joint line with half-cosine speed, and wait until the arm is there.
+        """Move to a pose along a straight joint line with half-cosine speed, and wait until the arm is there.
 
         Args:
             q: (n,) rad.
@@ -158,7 +158,7 @@ class YamArm(Uncopied):
         return self._play(Playback([self._client], soft_way(start, goal, approach_s(goal - start, speed))))
 
     def move_joints(self, q: Vector, time_s: float, gripper: float | None = None) -> ArmState:
-        """Go to a pose in `time_s` seconds along a straight joint line with half-cosine speed, and wait for the end.
+        """Move to a pose in `time_s` seconds along a straight joint line with half-cosine speed, and wait for the end.
 
         Args:
             q: (n,) rad.
@@ -166,8 +166,8 @@ class YamArm(Uncopied):
             gripper: 0 closed … 1 open, None keeps it.
 
         Raises:
-            ActionError: as `move_to`, or the time is too short for the limits of speed and acceleration: says the least
-                time. Nothing moves.
+            ActionError: as `move_to`, or the time is too short for the limits of speed and acceleration; says the
+                shortest time. Nothing moves.
             LifeCycleError: as `move_to`.
         """
         name, hw = self.config.name, self._client.hardware
@@ -183,10 +183,10 @@ class YamArm(Uncopied):
         return self._play(Playback([self._client], soft_way(ready([self._client]), goal, seconds)))
 
     def replay(self, trajectory: Trajectory) -> ArmState:
-        """Go softly to where the trajectory begins, then along it, and wait until the arm is at its end.
+        """Move softly to where the trajectory begins, then along it, and wait until the arm is at its end.
 
-        The arm is slower where the trajectory exceeds the speed limits, and nearer to it with `track_integral`. Read
-        and write files with `load_trajectory` and `save_trajectory` of `session/trajectory_file.py`.
+        The arm is slower where the trajectory exceeds the speed limits; `track_integral` brings it closer to the
+        trajectory. `load_trajectory` and `save_trajectory` of `session/trajectory_file.py` read and write files.
 
         Raises:
             ActionError: the trajectory has other joints, or goes beyond a joint's range; nothing moves.
@@ -195,11 +195,11 @@ class YamArm(Uncopied):
         return self._play(replay([self._client], trajectory))
 
     def _goal(self, q: Vector, gripper: float | None) -> np.ndarray:
-        """Goal (n,) for all motors, NaN for a gripper that stays. Raises ActionError: as `move_to`."""
+        """Check a goal; return it as (n,) motors, NaN for a gripper that stays. Raises ActionError: as `move_to`."""
         name, hw = self.config.name, self._client.hardware
         goal = finite_vector(name, "q", q, hw.joints)
         lower, upper = hw.lower[: hw.joints], hw.upper[: hw.joints]
-        beyond = (goal < lower - RANGE_TOLERANCE_RAD) | (goal > upper + RANGE_TOLERANCE_RAD)  # no arm measures so
+        beyond = (goal < lower - RANGE_TOLERANCE_RAD) | (goal > upper + RANGE_TOLERANCE_RAD)  # more than measured
         if beyond.any():
             joint = int(beyond.argmax())
             reach = f"{lower[joint]:.2f} … {upper[joint]:.2f} rad"
@@ -238,7 +238,7 @@ class YamArm(Uncopied):
             kp, kd: (n,) Nm/rad and Nm s/rad.
 
         Raises:
-            ActionError, ConfigError: what a configuration would be refused for; nothing changes.
+            ActionError, ConfigError: a configuration with these gains would be refused; nothing changes.
             LifeCycleError: the arm lands, or is off.
         """
         self._client.change_gains(kp, kd)
@@ -272,5 +272,5 @@ class YamArm(Uncopied):
         self._session.rearm()
 
     def land(self) -> None:
-        """Bring the arm down, cut torque, and wait for that. Afterwards only `close` is possible."""
+        """Land the arm, cut torque, and wait until torque is off. Afterwards only `close` is possible."""
         self._session.land()
