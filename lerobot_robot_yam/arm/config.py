@@ -162,10 +162,7 @@ class ArmConfig:
 
 @dataclass(kw_only=True)
 class LeadArmConfig(ArmConfig):
-    """A leader's arm.
-
-    lead: what the arm does for its follower; None: it only floats. passive: how a leader without motors is read.
-    """
+    """Configuration of a leader's arm. lead: None if the arm only floats. passive: for a leader without motors."""
 
     lead: LeadConfig | None = None
     passive: PassiveConfig | None = None
@@ -181,20 +178,20 @@ class LeadArmConfig(ArmConfig):
 
 
 def lead_of(config: ArmConfig) -> LeadConfig | None:
-    """What an arm does for its follower; None: it leads none."""
+    """Options of an arm's coupling to its follower; None: the arm leads no follower."""
     return config.lead if isinstance(config, LeadArmConfig) else None
 
 
 def passive_of(config: ArmConfig) -> PassiveConfig | None:
-    """How a leader without motors is read; None: it has motors."""
+    """Options of reading a leader without motors; None: the arm has motors."""
     return config.passive if isinstance(config, LeadArmConfig) else None
 
 
 def check_together(configs: Sequence[ArmConfig]) -> None:
-    """Refuse arms of one robot that have the same name, channel or file, or tick at different rates.
+    """Refuse arms of one robot with equal names, channels or files, or with different rates.
 
     Raises:
-        ConfigError: says which.
+        ConfigError: names the arms.
     """
     names = [config.name for config in configs]
     channels = [(config.interface, config.channel) for config in configs]

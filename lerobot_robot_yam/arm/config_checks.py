@@ -1,6 +1,6 @@
 """Checks of the values of an `ArmConfig`: first the type that the field declares, then the range of the quantity.
 
-Ranges that depend on the motors come later, with the profile (`profile_files`).
+`profile_files` checks ranges that depend on the motors.
 """
 
 import json
@@ -18,20 +18,20 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
 _PATHS = ("calibration_path", "identity_path", "tuning")  # fields whose `~` is expanded
-_TEXT_MAX = 100  # longest name of a channel, bytes: it becomes part of file names
-GRAVITY_FACTOR_MOST = 2.0  # largest factor on the modelled weight; the vendor's are 1.0 to 1.2
+_TEXT_MAX = 100  # longest name of a channel, bytes: file names contain it
+GRAVITY_FACTOR_MOST = 2.0  # largest factor on the modelled weight; the vendor uses 1.0 to 1.2
 PAYLOAD_MOST_KG = 3.0  # heaviest load; outstretched, joint 2 of a YAM carries 2.1 kg, joint 3 of a big one 3.8
 _FRICTION_MOST_NM = (
     1.0  # largest friction that is fed forward: too much moves a joint by itself; the vendor's: 0.06-0.3
 )
-_TOOL_M = 0.5  # farthest centre of mass from the tool's frame: the length of the arm's links
-_FLOAT_SPEEDS_RAD_S = (0.5, 10.0)  # a slower limit is no floating; the motors' own limit is 10 and more
-_TIMEOUTS_S = (0.02, 10.0)  # from the quickest to the slowest stream of targets
-_AGES_S = (0.02, 2.0)  # from a few ticks to an age at which the arm may be anywhere
-_FORCES_N = (1.0, 200.0)  # from what a finger feels to four times the default
-_RATE_MIN_HZ = 100.0  # slowest loop: the motors' watchdog and the stand-by need commands more often
+_TOOL_M = 0.5  # farthest centre of mass from the tool's frame, m: the length of the arm's links
+_FLOAT_SPEEDS_RAD_S = (0.5, 10.0)  # range of the floating speed: slower is like holding; motors limit at 10 and more
+_TIMEOUTS_S = (0.02, 10.0)  # range of the command timeout: from the quickest to the slowest stream of targets
+_AGES_S = (0.02, 2.0)  # range of the oldest usable state: from a few ticks to where the arm may be anywhere
+_FORCES_N = (1.0, 200.0)  # range of the grip force: from what a finger feels to four times the default
+_RATE_MIN_HZ = 100.0  # slowest loop that keeps the motors' watchdog and the stand-by content
 _RATE_MAX_HZ = 1000.0
-_PER_JOINT = -1  # as many numbers as the arm has joints; `ResolvedArm`, which has the profile, counts them
+_PER_JOINT = -1  # one number per joint; `ResolvedArm` counts them, since it has the profile
 _ABOVE_ZERO = math.nextafter(0.0, 1.0)
 
 
@@ -43,8 +43,8 @@ def _each(high: float, unit: str = "") -> tuple[int, float, float, str]:
     return _PER_JOINT, 0.0, high, f"numbers within 0 … {high:g}{unit}, one per joint"
 
 
-# Per field: how many numbers (None: one), least, largest, and the text for a refusal. `profile_files` has the bounds
-# that depend on the motors: gains, torques and speeds.
+# Rule per field: how many numbers (None: one), least, largest, and the text for a refusal. `profile_files` has the
+# bounds that depend on the motors: gains, torques and speeds.
 _NUMBERS: dict[str, tuple[int | None, float, float, str]] = {
     **dict.fromkeys(
         ("kp", "kd", "idle_kd", "torque_limit_nm"), (_PER_JOINT, 0.0, math.inf, "numbers from zero up, one per joint")
@@ -77,10 +77,10 @@ _NUMBERS: dict[str, tuple[int | None, float, float, str]] = {
 
 
 def check(config: Any) -> None:
-    """Refuse values that no arm can be driven with; numbers become floats, sequences become lists, `~` is expanded.
+    """Check and convert a config in place: numbers to floats, sequences to lists, `~` in paths expanded.
 
     Raises:
-        ConfigError: names the arm, the field, and what the field takes.
+        ConfigError: names the arm, the field, and which values the field accepts.
     """
     if config.channel == "":
         raise ConfigError(f"{config.name}: no CAN channel given; set `channel`, such as can_follower_l")
@@ -115,7 +115,7 @@ def check(config: Any) -> None:
 
 
 def check_switches(device: str, options: Any) -> None:
-    """Refuse a truth value of a device's config that is null, which LeRobot's parser lets through.
+    """Refuse None for a truth value of a device's config, which LeRobot's parser accepts.
 
     Raises:
         ConfigError: names the device and the field.
@@ -126,7 +126,7 @@ def check_switches(device: str, options: Any) -> None:
 
 
 def _members(hint: Any) -> tuple[Any, ...]:
-    """Types of a hint, a `Literal` as its values: `float | None` is (float, NoneType)."""
+    """List the types of a hint, and the values of a `Literal`: `float | None` is (float, NoneType)."""
     if typing.get_origin(hint) in (types.UnionType, typing.Union):
         return tuple(kind for part in typing.get_args(hint) for kind in _members(part))
     if typing.get_origin(hint) is typing.Literal:
@@ -158,7 +158,7 @@ def _check_text(config: Any, key: str, value: Any) -> None:
 
 
 def _check_options(config: Any, key: str, value: Any) -> None:
-    """Refuse options that cannot travel to the control process as JSON and become keyword arguments there."""
+    """Refuse CAN options that JSON cannot carry to the control process, or that cannot be keyword arguments there."""
     if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
         raise _refusal(config, key, "names and values, such as {rig: auto}")
     taken = sorted({"interface", "channel"} & value.keys())

@@ -1,8 +1,7 @@
-"""Torques that an arm needs, as functions of q, dq and ddq, at loop rate.
+"""Rigid-body dynamics of an arm at loop rate: torques as functions of q, dq and ddq.
 
-Inverse dynamics at rest, tau = g(q): with zero velocity and acceleration, recursive Newton–Euler leaves exactly the
-torque that holds the pose still. Kinematics, centres of mass and RNE take a few microseconds; `mj_forward` would also
-run collision and constraints for nothing.
+Gravity torque is inverse dynamics at rest, tau = g(q): recursive Newton–Euler with zero velocity and acceleration.
+Kinematics, centres of mass and RNE take a few microseconds; `mj_forward` would also run collision and constraints.
 """
 
 from collections.abc import Sequence
@@ -32,7 +31,7 @@ class GravityModel:
         tilt_rad: Sequence[float] = (0.0, 0.0),
         **load_fields,
     ):
-        """`load`, or its fields as keywords: payload_mass_kg, payload_com_m, ee_mass_kg, ee_inertia.
+        """Build the model. `load`, or its fields as keywords: payload_mass_kg, payload_com_m, ee_mass_kg, ee_inertia.
 
         tilt_rad: [roll, pitch] of the base, see `model.base_quat`.
         """
@@ -56,10 +55,7 @@ class GravityModel:
         return self._tau[: self.joint_count].copy()
 
     def torques(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compute g(q), C(q, dq) dq and M(q) ddq: (n,) Nm each, to hold `q` and for speed `dq` and acceleration `ddq`.
-
-        In rad, rad/s and rad/s², (n,) each. Links only; rotors come on top.
-        """
+        """Compute g(q), C(q, dq) dq and M(q) ddq, (n,) Nm each, of the links alone, from (n,) rad, rad/s, rad/s²."""
         data, tau = self._data, self._tau[: self.joint_count]
         holding = self.torque(q)
         if not (any_of(dq != 0.0) or any_of(ddq != 0.0)):
@@ -70,7 +66,7 @@ class GravityModel:
         moving = tau.copy()
         mujoco.mj_rne(self.model, data, 1, self._tau)
         accelerating = tau - moving
-        self._qvel[:] = self._cvel[:] = self._cdof_dot[:] = 0.0  # the next call may mean an arm at rest; NaN would stay
+        self._qvel[:] = self._cvel[:] = self._cdof_dot[:] = 0.0  # `torque` assumes rest; NaN would stay
         return holding, moving - holding, accelerating
 
     def torque_per_kg(self, q: np.ndarray) -> np.ndarray:

@@ -1,14 +1,13 @@
-"""Damped least squares from one start: the inner loop of inverse kinematics; and where to start.
+"""Damped least squares, the inner loop of inverse kinematics, and the choice of starts.
 
 With the error twist e of the site in its own frame and its Jacobian J (mink's FrameTask), each iteration solves
 
     min   ½ |W (J Δq − e)|²  +  ½ μ |Δq|²  +  ½ w² |q + Δq − q_posture|²
     s.t.  q_lower ≤ q + Δq ≤ q_upper,   |Δq_j| ≤ Δ_max,   d_k(q) + ∇d_k · Δq ≥ limit_k
 
-as a box-constrained QP (DAQP, which takes the box as such: a fifth of the time of the same problem through
-`mink.solve_ik`). Levenberg's μ falls with the error, so that the last steps are Newton's, and grows when a step does
-not help: far from the solution and near singularities it is gradient descent. The last row is optional, see
-`SelfClearance`.
+as a box-constrained QP with DAQP, whose box constraints take a fifth of the time of `mink.solve_ik`. Levenberg's μ
+falls with the error, so that the last steps are Newton's, and grows when a step does not help: far from the solution
+and near singularities it is gradient descent. The last row is optional, see `SelfClearance`.
 """
 
 import time
@@ -25,34 +24,34 @@ from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 
 LEVER_M = 0.1
-"""Position error, in metres, that counts as much as one radian of orientation error."""
+"""Position error, m, that weighs as much as one radian of orientation error."""
 
 _ITERATIONS = 25
-_STOP_M, _STOP_RAD = 1e-6, 1e-5  # a hundredth of what counts as solved: paths come out smooth
-_STUCK = 1e-3  # a step that gains a smaller share of the cost ends the descent
-_STEP_RAD = 0.7  # farther than this the linearisation is not believed
-_CAREFUL_STEP_RAD = 0.2  # where distances have to be kept: they bend more than poses do
+_STOP_M, _STOP_RAD = 1e-6, 1e-5  # errors that end a descent, a hundredth of the tolerance, for smooth paths
+_STUCK = 1e-3  # share of the cost; a step that gains less ends the descent
+_STEP_RAD = 0.7  # largest step per joint, rad: the linearisation is bad beyond
+_CAREFUL_STEP_RAD = 0.2  # largest step per joint with distances to keep, rad: they are less linear than poses
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-6, 1e3
-_FLOOR = 1e-12  # of the Hessian: QP solvers need it definite
-_POSTURE = 1e-9  # w²: decides where the pose leaves freedom, at singularities; elsewhere below 1e-8 m
+_FLOOR = 1e-12  # added to the Hessian's diagonal: QP solvers need it definite
+_POSTURE = 1e-9  # w²: decides at singularities, where the pose leaves freedom; elsewhere below 1e-8 m
 _UNBOUNDED = 1e30  # DAQP's infinity
-_FOUL_M = 1e-4  # by how much a step may spoil a distance, from curvature
-_NEAR_M = 0.05  # a pair that is farther from its limit than this has no say in the next step
-_ENOUGH_M = 5e-4  # of a distance that is called kept: hulls are approximations to millimetres
+_FOUL_M = 1e-4  # loss of a distance that a step may cause by curvature, m
+_NEAR_M = 0.05  # distance beyond its limit at which a pair no longer constrains a step, m
+_ENOUGH_M = 5e-4  # tolerance of a kept distance, m: hulls are approximations to millimetres
 
-_STARTS = 1000
-_ALIKE_M_PER_RAD = 0.3  # orientation against position, when poses are compared; LEVER_M would find the same places
-_TRAVEL_M_PER_RAD = 0.05  # price of joint motion from where the arm is: of two that suit, the nearer one comes first
+_STARTS = 1000  # stored joint vectors
+_ALIKE_M_PER_RAD = 0.3  # weight of orientation against position when starts are chosen; LEVER_M finds the same places
+_TRAVEL_M_PER_RAD = 0.05  # price of joint motion when starts are chosen: of two good ones the nearer comes first
 
 _NO_SLACK = np.zeros(0)
 
 
 class SelfClearance:
-    """Distances between an arm's own links, gripper open: the pairs that `choose_pairs` compares, each with its limit.
+    """Distances between an arm's own links, gripper open: the pairs of `choose_pairs`, each with its limit.
 
     Args:
         arm, gripper: profiles.
-        margin_m: how near links may come to each other; less where they are nearer by construction.
+        margin_m: least distance between links; less for links that are nearer by construction.
 
     Raises:
         ConfigError: the margin is out of range.
@@ -68,7 +67,7 @@ class SelfClearance:
         self._reach = self._parts.radius[first] + self._parts.radius[second] + limits + _NEAR_M
 
     def rows(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gradients (k, n), m/rad, and slack (k,), m, of the pairs near their limit at `q` (n,). Below 0: too near."""
+        """Compute gradients (k, n), m/rad, and slack (k,), m, of pairs near their limit at `q` (n,); < 0: too near."""
         parts = self._parts
         parts.place(q)
         between = parts.centres[self._first] - parts.centres[self._second]
@@ -87,11 +86,11 @@ class SelfClearance:
 
 
 class Descent:
-    """Descends to a pose of a frame from wherever it is started. Not thread-safe.
+    """Descent to a pose of a frame from any start. Not thread-safe.
 
     Args:
         model: its first joints are the arm's; others stay where `qpos0` has them.
-        joints: how many.
+        joints: number of the arm's joints.
         frame: name and kind ("site" or "body") of a frame of the model.
         clearance: distances to keep; None keeps no distance.
     """
@@ -112,11 +111,11 @@ class Descent:
     def run(
         self, q: np.ndarray, lower: np.ndarray, upper: np.ndarray, posture: np.ndarray, deadline_s: float
     ) -> np.ndarray:
-        """The joints (n,) where the descent from `q` ends; between `lower` and `upper`, as `q` has to be.
+        """Descend from `q`, which lies between `lower` and `upper`; returns joints (n,) there.
 
         Args:
-            posture: (n,) what is preferred where the pose leaves a choice.
-            deadline_s: monotonic time at which to stop where it is.
+            posture: (n,) preferred joints where the pose leaves a choice.
+            deadline_s: monotonic time at which to stop.
         """
         damping, (jacobian, error) = _DAMPING, self._residual(q)
         cost = float(error @ error)
@@ -147,21 +146,21 @@ class Descent:
         return q
 
     def _residual(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(6, n) W J and (6,) W e: three of the position, three of the orientation."""
+        """Compute W J (6, n) and W e (6,): three rows of position, three of orientation."""
         self._full[: self._joints] = q
         self._configuration.update(self._full)
         jacobian, error, _ = self._task.compute_qp_residual(self._configuration)
         return jacobian[:, : self._joints], error
 
     def _distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(k, n) gradients and (k,) slack of the distances that may run short."""
+        """Compute gradients (k, n) and slack (k,) of the distances near their limit."""
         return (self._no_rows, _NO_SLACK) if self._clearance is None else self._clearance.rows(q)
 
 
 class Starts:
-    """Joint vectors drawn evenly from the joint ranges, with their poses: where to start without a pose nearby.
+    """Joint vectors drawn evenly from the joint ranges, with their poses, as starts without a pose nearby.
 
-    Starts that resemble the target halve the number of descents, against starts drawn blindly.
+    Starting at poses that resemble the target halves the number of descents, compared with random starts.
 
     Args:
         fk: (n,) to (4, 4).
@@ -173,7 +172,7 @@ class Starts:
         self._poses = np.array([fk(q) for q in self._q])
 
     def nearest(self, pose: np.ndarray, count: int, near: np.ndarray | None = None) -> np.ndarray:
-        """(count, n) joint vectors at most, those whose poses resemble `pose` (4, 4) most first.
+        """Select (count, n) joint vectors at most, those first whose poses resemble `pose` (4, 4) most.
 
         Rotations are compared by |R₁ − R₂|² ≈ 2 φ².
         """
@@ -201,7 +200,7 @@ def _worst(slack: np.ndarray) -> float:
 def _solve_qp(
     hessian: np.ndarray, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray, rows: np.ndarray, slack: np.ndarray
 ) -> np.ndarray:
-    """argmin ½ x H x + g x within the box and rows · x ≥ −slack. A slack that is used up must not grow worse."""
+    """argmin ½ x H x + g x within the box, with rows · x ≥ −slack. A negative slack counts as 0, not to get worse."""
     if not slack.size:
         return daqp.solve(hessian, gradient, rows, upper, lower, np.zeros(upper.size, np.int32))[0]
     highest = np.concatenate([upper, np.full(slack.size, _UNBOUNDED)])

@@ -1,4 +1,4 @@
-"""Between motor angles and joint angles: direction, and which turn the joint is on.
+"""Conversion between motor angles and joint angles: direction, and which turn the joint is on.
 
 joint = (motor − offset) · direction; velocity and torque take the direction only.
 """
@@ -10,9 +10,9 @@ import numpy as np
 from lerobot_robot_yam.errors import MotorError
 
 TURN = 2.0 * math.pi
-RANGE_TOLERANCE_RAD = 0.15  # measured angles may lie so far outside a range, rad: rest is on the limit of joints 2, 3
-# How much worse the next best turn has to fit before a turn is added, rad. Joint 1 turns almost all the way round: a
-# zero that has slipped at one end of its range looks like the other end. The smallest gap of a packaged arm: 0.524 rad.
+RANGE_TOLERANCE_RAD = 0.15  # tolerance of a range for measured angles, rad: rest is on the limit of joints 2 and 3
+# Least difference in fit between the best turn and the next, rad, before a turn is added. Joint 1 turns almost all the
+# way round: a zero that has slipped at one end of its range looks like the other end. Packaged arms have 0.524 rad.
 TURN_MARGIN_RAD = 0.5
 
 
@@ -21,15 +21,15 @@ def resolve_turn(
 ) -> float:
     """Find the shift (−2π, 0 or 2π, in joint coordinates) that brings a measured angle into the joint's range.
 
-    A Damiao encoder knows its angle within one turn only, so after a power cycle the reading may be off by one turn.
-    A reading that is off by more is not believed: the wire carries positions modulo 25 rad, which is not a whole
-    number of turns, so the joint would seem to be 0.13 rad from where it is.
+    A Damiao encoder knows its angle within one turn only, so after a power cycle the reading may be off by one turn. A
+    reading that is off by more turns is refused: the wire carries positions modulo 25 rad, which is not a whole number
+    of turns, so the result would be wrong by 0.13 rad.
 
     Args:
         arm, joint: for messages.
         angle_rad: joint angle as read, motor direction applied.
         lower_rad, upper_rad: the joint's limits.
-        place: the arm as options of `yam-zero`.
+        place: options that name the arm to `yam-zero`, for messages.
 
     Raises:
         MotorError: no turn fits, or more than one does; nothing may be energised.
@@ -68,7 +68,7 @@ def _outside(angle_rad: float, lower_rad: float, upper_rad: float) -> float:
 
 
 class JointMap:
-    """Motor ↔ joint coordinates of n motors.
+    """Conversion of n motors between motor and joint coordinates.
 
     Args:
         direction: (n,) +1 or −1.
@@ -86,15 +86,15 @@ class JointMap:
         self.offset_rad[index] -= joint_shift_rad * self.direction[index]
 
     def position(self, motor_rad: np.ndarray) -> np.ndarray:
-        """(n,) motor angles to joint angles."""
+        """Convert (n,) motor angles to joint angles, rad."""
         return (motor_rad - self.offset_rad) * self.direction
 
     def motor(self, joint_rad: np.ndarray) -> np.ndarray:
-        """(n,) joint angles to motor angles."""
+        """Convert (n,) joint angles to motor angles, rad."""
         return joint_rad * self.direction + self.offset_rad
 
     def commands(self, joint_commands: np.ndarray) -> np.ndarray:
-        """(n, 5) q, dq, kp, kd, tau from joint to motor coordinates (a copy)."""
+        """Convert (n, 5) q, dq, kp, kd, tau from joint to motor coordinates, into a copy."""
         out: np.ndarray = joint_commands * self._signs
         out[:, 0] += self.offset_rad
         return out

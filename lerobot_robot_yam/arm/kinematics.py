@@ -1,11 +1,11 @@
-"""Forward and inverse kinematics of one arm: where the tool is, and which joints put it somewhere.
+"""Forward and inverse kinematics of one arm.
 
     arm = YamKinematics("yam", "linear_4310")
     pose = arm.fk(q)                     # (4, 4) of tcp_site in the frame of the arm's base
     result = arm.ik(pose)                # from anywhere: many starts, within 100 ms
     result = arm.ik(pose, near=q, attempts=1)   # in a control loop: one solve (better still: `PoseTracker`)
 
-A pose out of reach is no error: the result is the nearest one found, and says by how much it misses.
+A pose out of reach is no error: the result is the nearest pose found, with its remaining error.
 """
 
 import math
@@ -26,11 +26,11 @@ from lerobot_robot_yam.errors import ActionError, ConfigError
 
 POSITION_TOLERANCE_M, ORIENTATION_TOLERANCE_RAD = 1e-4, 1e-3
 
-_FARTHEST_M = 10.0  # a target beyond this is as good as there: no arm reaches 1 m, and squares must not overflow
-_SKEW = 1e-3  # by how much RᵀR may differ from 1: single precision and rounded text are fine
+_FARTHEST_M = 10.0  # bound on a target's coordinates, m: no arm reaches 1 m, and squares must not overflow
+_SKEW = 1e-3  # tolerance of RᵀR = 1, for single precision and rounded text
 _UNIT = np.eye(4)
-_TURN_M_PER_RAD = 0.01  # error that a solution may leave to save the arm a radian of motion,
-_ELSEWHERE_M = 0.01  # and to stay where it comes to from `near`
+_TURN_M_PER_RAD = 0.01  # price of joint motion among inexact solutions: error per radian
+_ELSEWHERE_M = 0.01  # price of an inexact solution from another start than `near`, m
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,10 @@ class IkResult:
 
     Attributes:
         q: (n,) rad, within the joint limits.
-        converged: it is within 1e-4 m and 1e-3 rad of the target, and clear.
-        clear: the arm's links keep their distance from each other; also True where that was not asked for.
-        position_error_m, orientation_error_rad: what is left.
-        attempts: descents that it took.
+        converged: whether q is within 1e-4 m and 1e-3 rad of the target, and clear.
+        clear: whether the arm's links keep their distances; True if they were not checked.
+        position_error_m, orientation_error_rad: remaining errors.
+        attempts: number of descents.
     """
 
     q: np.ndarray
@@ -54,7 +54,7 @@ class IkResult:
 
     @property
     def error_m(self) -> float:
-        """Both errors in one number, a radian counted as `LEVER_M`."""
+        """Position and orientation error in one number, m; a radian counts as `LEVER_M`."""
         return math.hypot(self.position_error_m, self.orientation_error_rad * LEVER_M)
 
 
@@ -65,13 +65,13 @@ class YamKinematics:
 
     Args:
         arm, gripper: profiles or their names.
-        site: which frame: the end effector's "tcp_site" or, where it has one, "grasp_site"; or a link of the arm.
-        collision_margin_m: solutions keep the arm's links this far from each other (less where they are nearer by
+        site: frame: the end effector's "tcp_site" or, if it has one, "grasp_site"; or a link of the arm.
+        collision_margin_m: least distance between the arm's links in solutions (less where they are nearer by
             construction), the gripper open; None: not checked, which is many times faster.
 
     Attributes:
         lower, upper: (n,) joint limits, rad.
-        middle: (n,) the middle of the joint ranges, rad.
+        middle: (n,) middle of the joint ranges, rad.
 
     Raises:
         ConfigError: no such arm, gripper or site, or an arm without joints.
@@ -93,7 +93,8 @@ class YamKinematics:
 
     @classmethod
     def of_model(cls, model: mujoco.MjModel, site: str = "tcp_site") -> "YamKinematics":
-        """Of a model as `model.build_model` makes it, its base at the origin; the hinges it begins with are the arm's.
+        """Make the kinematics of a model from `model.build_model`, base at the origin; its leading hinges are the
+        arm's.
 
         Raises:
             ConfigError: no such site, or a model without an arm.
@@ -121,7 +122,7 @@ class YamKinematics:
         self._starts = Starts(self._pose, self.lower, self.upper)
 
     def fk(self, q: np.ndarray) -> np.ndarray:
-        """(4, 4) pose of the site at joints `q` (n,) rad, which may lie outside the limits.
+        """Compute the pose (4, 4) of the site at joints `q` (n,) rad, which may lie outside the limits.
 
         Raises:
             ActionError: wrong shape, or not finite.
@@ -129,12 +130,12 @@ class YamKinematics:
         return self._pose(finite_vector("kinematics", "q", q, self._joints))
 
     def poses(self, q: np.ndarray) -> np.ndarray:
-        """(…, 4, 4) poses of the site at joints (…, n) rad, which are not checked."""
+        """Compute poses (…, 4, 4) of the site at joints (…, n) rad, without checks."""
         rows = np.reshape(np.asarray(q, dtype=float), (-1, self._joints))
         return np.array([self._pose(row) for row in rows]).reshape(*np.shape(q)[:-1], 4, 4)
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
-        """(6, n) speed of the site's origin, m/s, and its rate of turn, rad/s, in the axes of the base, per rad/s."""
+        """Compute the Jacobian (6, n) of the site, in the axes of the base: m/s, then rad/s, per rad/s."""
         self._pose(q)
         mujoco.mj_comPos(self._model, self._data)
         jacobian = np.empty((6, self._model.nv))
@@ -142,8 +143,9 @@ class YamKinematics:
         return jacobian[:, : self._joints]
 
     def descend(self, target: np.ndarray, start: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> IkResult:
-        """One descent to a pose (4, 4) from joints `start` (n,) rad, between bounds (n,) rad that may be wider than
-        the arm's limits: an arm that lies a little outside them gets back inside.
+        """Run one descent to a pose (4, 4) from joints `start` (n,) rad, between bounds (n,) rad.
+
+        The bounds may be wider than the arm's limits, so that an arm a little outside of them gets back inside.
 
         Raises:
             ActionError: no pose.
@@ -161,19 +163,19 @@ class YamKinematics:
         budget_s: float = 0.1,
         within_rad: float | None = None,
     ) -> IkResult:
-        """Joints that put the site at a pose, or as near to it as was found.
+        """Find joints that put the site at a pose, or as near to it as possible.
 
         Args:
             target: (4, 4).
-            near: (n,) rad, where to start, clipped to the limits; None: from whatever suits the target. The first
-                solution found is taken, so one is near as a rule.
-            attempts: descents at most; the second and further ones start at stored poses that resemble the target.
-            budget_s: the second and further ones end after this time; the first one takes 2 ms at most.
-            within_rad: no joint ends farther than this from `near`.
+            near: (n,) rad, start of the first descent, clipped to the limits; None: a stored pose that resembles the
+                target. The first solution found is returned, which is usually the one near the start.
+            attempts: descents at most; later ones start at stored poses that resemble the target.
+            budget_s: time limit for the second and later descents; the first takes 2 ms at most.
+            within_rad: largest distance of each joint from `near`.
 
         Returns:
-            The first solution, or the best of all attempts: of those that are clear the one with the least error,
-            where to be elsewhere than one comes to from `near` must be worth 1 cm, and 1 cm more per radian.
+            The first solution, or the best attempt. The best has the least error plus, with `near`, 1 cm per radian of
+            motion and 1 cm for another start; attempts that are clear come first.
 
         Raises:
             ActionError: wrong shapes, not finite, no rotation.
@@ -207,7 +209,7 @@ class YamKinematics:
         return best
 
     def _begins(self, pose: np.ndarray, start: np.ndarray | None, attempts: int) -> Iterator[np.ndarray]:
-        """Where to start the descents, the most promising first."""
+        """Generate the starts of the descents, the most promising first."""
         if start is not None and attempts > 0:
             attempts -= 1
             yield start
@@ -229,18 +231,18 @@ class YamKinematics:
 
 
 class PoseTracker:
-    """Follows a target pose with the joints of one arm: each solve starts where the two before it lead.
+    """Tracker of a target pose: each solve starts where the two solves before it lead.
 
-    At a singularity, such as the stretched elbow, two branches of solutions meet and a pose alone does not tell which
-    one to go on with. An arm that moves does: the solution is looked for at q + Δq, with Δq the last step. Without it
-    one random joint path in ten ends on the wrong branch, half of these at a joint limit.
+    At a singularity, such as the stretched elbow, two branches of solutions meet, and the pose alone does not tell them
+    apart. The motion does: the solution is sought at q + Δq, with Δq the last step. Without this, one random joint path
+    in ten ends on the wrong branch, half of these at a joint limit.
 
     Args:
-        kinematics: of the arm; no other thread may use it.
-        q: (n,) rad, where the arm is.
+        kinematics: kinematics of the arm; no other thread may use it.
+        q: (n,) rad, present joints.
 
     Attributes:
-        q: (n,) rad, the newest solution, or where it was started.
+        q: (n,) rad, the newest solution, or the start.
     """
 
     def __init__(self, kinematics: YamKinematics, q: np.ndarray):
@@ -248,19 +250,19 @@ class PoseTracker:
         self.restart(q)
 
     def restart(self, q: np.ndarray) -> None:
-        """Go on from `q` (n,) rad, standing still."""
+        """Restart at `q` (n,) rad, standing still."""
         self.q: np.ndarray = np.array(q, dtype=float)
         self._step, self._moving = np.zeros(len(q)), False
 
     def solve(self, target: np.ndarray, *, attempts: int = 1, within_rad: float | None = None) -> IkResult:
-        """Joints for the next pose (4, 4); arguments as for `YamKinematics.ik`. No clock has a say in the result.
+        """Solve for the next pose (4, 4); arguments as for `YamKinematics.ik`. The result does not depend on the clock.
 
         Raises:
             ActionError: no pose; nothing has changed.
         """
         start = self.q + self._step
         result = self._kinematics.ik(target, start, attempts=attempts, budget_s=math.inf, within_rad=within_rad)
-        # The way to the first pose, a pose that was not reached or only by another start: no step of the path.
+        # Not a step of the path: the way to the first pose, and to poses reached by another start or not at all.
         on_path = result.converged and result.attempts == 1
         self._step = result.q - self.q if self._moving and on_path else np.zeros_like(result.q)
         self.q, self._moving = result.q, on_path
@@ -268,22 +270,22 @@ class PoseTracker:
 
 
 def pose_errors(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
-    """How far apart two poses (4, 4) are: m, and rad.
+    """Distance of two poses (4, 4): m, and rad.
 
-    The angle φ from |R₁ − R₂|² = 8 sin²(φ/2), which is exact for small angles too.
+    The angle φ comes from |R₁ − R₂|² = 8 sin²(φ/2), which is exact for small angles too.
     """
     chord = float(np.linalg.norm(first[:3, :3] - second[:3, :3])) / math.sqrt(8.0)
     return float(np.linalg.norm(first[:3, 3] - second[:3, 3])), 2.0 * math.asin(min(chord, 1.0))
 
 
 def pose_distance_m(first: np.ndarray, second: np.ndarray) -> float:
-    """Both errors in one number, a radian counted as `LEVER_M`."""
+    """Distance of two poses (4, 4) in one number, m; a radian counts as `LEVER_M`."""
     position, angle = pose_errors(first, second)
     return math.hypot(position, angle * LEVER_M)
 
 
 def _rigid(target: np.ndarray) -> np.ndarray:
-    """`target` as a private (4, 4) pose, its rotation made orthonormal; ActionError if it is no pose."""
+    """Copy `target` as a (4, 4) pose with orthonormal rotation. Raises ActionError: no pose."""
     given = np.asarray(target)
     if given.shape != (4, 4):
         raise ActionError(f"kinematics: a target pose must have shape (4, 4), not {given.shape}")

@@ -1,8 +1,8 @@
 """MuJoCo models of arm + end effector, assembled from the profiles with MjSpec.
 
-Without `physics` the model is the bare rigid-body tree: what gravity compensation and kinematics need, and what the
-published reference values describe. With `physics` it also has rotor inertia, friction, joint stops, contacts and
-coupled fingers, for the virtual rig.
+Without `physics` the model is the bare rigid-body tree, for gravity compensation and kinematics; published reference
+values describe this tree. With `physics` it also has rotor inertia, friction, joint stops, contacts and coupled
+fingers, for the virtual rig.
 
     scene.attach(build_spec("yam", "linear_4310", physics=Physics()), prefix="left_", frame=frame)
 """
@@ -21,26 +21,23 @@ from lerobot_robot_yam.errors import ConfigError
 
 EE_BODY = "gripper"
 
-# Sliding friction of motor housings on each other: coated metal, 0.2 … 0.4. With MuJoCo's 1, which is rubber's, a wrist
-# that leans on the shoulder locks the elbow.
+# Coefficient of sliding friction between motor housings: coated metal, 0.2 … 0.4. With MuJoCo's default of 1 (rubber)
+# a wrist that leans on the shoulder locks the elbow.
 _HOUSING_FRICTION = 0.3
-_STOP_SOLREF = (0.005, 1.0)  # joint stops stiff enough to sag < 1 mrad under the arm's own weight
+_STOP_SOLREF = (0.005, 1.0)  # solref of joint stops, so stiff that they sag < 1 mrad under the arm's own weight
 
 VISUAL_GROUP = 2
-COLLISION_GROUP = 3  # of the invisible collision shapes; visible shapes that collide stay in the visual group
+COLLISION_GROUP = 3  # group of invisible collision shapes; visible shapes that collide stay in the visual group
 
 _SHAPES = {
     kind: getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}") for kind in ("cylinder", "capsule", "box", "ellipsoid")
 }
-_GRIPPING = ("rubber", "soft")  # colours of finger pads: they hold what they pinch
+_GRIPPING = ("rubber", "soft")  # colours of finger pads, which get more friction
 
 
 @dataclass(frozen=True)
 class Physics:
-    """Physics that the virtual rig adds to the rigid-body tree.
-
-    friction_scale multiplies the profiles' dry friction, armature_scale their rotor inertia.
-    """
+    """Physics that the virtual rig adds to the rigid-body tree. Scales multiply the profiles' friction and armature."""
 
     friction_scale: float = 1.0
     armature_scale: float = 1.0
@@ -49,10 +46,10 @@ class Physics:
 
 @dataclass(frozen=True)
 class Load:
-    """Deviations from the profile at the end effector.
+    """Differences from the profile at the end effector.
 
-    payload_mass_kg at payload_com_m (tcp_site frame) is held by the tool; ee_mass_kg replaces the mass of the end
-    effector's root body; ee_inertia (10 numbers: centre of mass 3, quaternion 4, principal moments 3) its inertial.
+    payload_com_m is the payload's centre in the frame of tcp_site. ee_mass_kg replaces the mass of the end effector's
+    root body, ee_inertia that body's inertial: centre of mass (3), quaternion (4), principal moments (3).
     """
 
     payload_mass_kg: float = 0.0
@@ -74,13 +71,14 @@ class Load:
 
 
 def base_quat(yaw_rad: float, tilt_rad: Sequence[float] = (0.0, 0.0)) -> np.ndarray:
-    """(4,) w x y z of a base turned by roll about its x, then pitch about y, then yaw about z, axes of the world.
+    """Quaternion (4,) w x y z of a base turned by roll about x, then pitch about y, then yaw about z, axes of the
+    world.
 
-    That is the order of URDF's rpy. tilt_rad: [roll, pitch]; [1.57, 0] is a wall, [3.14, 0] a ceiling.
+    The order is that of URDF's rpy. tilt_rad: [roll, pitch]; [1.57, 0] is a wall, [3.14, 0] a ceiling.
     """
     quat = np.array([math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)])
     for angle, axis in ((tilt_rad[1], [0.0, 1.0, 0.0]), (tilt_rad[0], [1.0, 0.0, 0.0])):
-        if angle:  # upright bases are what they are, to the last bit
+        if angle:  # keeps upright bases exact to the last bit
             turn, before = np.empty(4), quat.copy()
             mujoco.mju_axisAngle2Quat(turn, np.array(axis), angle)
             mujoco.mju_mulQuat(quat, before, turn)
@@ -95,10 +93,10 @@ def build_spec(
     physics: Physics | None = None,
     visuals: bool = True,
 ) -> mujoco.MjSpec:
-    """The editable model, base at the origin; attach it into a scene with `MjSpec.attach`.
+    """Build the editable model, base at the origin; `MjSpec.attach` puts it into a scene.
 
-    Joints joint1 … jointn, then the fingers' (joint7 and joint8, or numbered on); sites tcp_site and (but for the
-    teaching handle) grasp_site. Raises ConfigError for unknown names or a broken profile.
+    The model has joints joint1 … jointn, then the fingers' (joint7 and joint8, or numbered on); sites tcp_site and, but
+    for the teaching handle, grasp_site. Raises ConfigError for unknown names or a broken profile.
     """
     arm, gripper = resolve_profiles(arm, gripper)
     load = load or Load()
@@ -131,7 +129,7 @@ def build_spec(
 
 
 def build_model(arm: str, gripper: str, **options) -> mujoco.MjModel:
-    """The compiled model; options as for `build_spec`."""
+    """Build and compile the model; options as for `build_spec`."""
     return build_spec(arm, gripper, **options).compile()
 
 
@@ -150,11 +148,11 @@ def _add_body(bodies: dict[str, mujoco.MjsBody], row: Body, inertial: Inertial) 
 
 
 def _add_shape(body: mujoco.MjsBody, shape: Shape, *, collisions: bool, name: str) -> None:
-    """Add a primitive geom, without mass, that draws `body`; it touches things only with `collisions`.
+    """Add a primitive geom without mass that draws `body`, and collides if `collisions` is set.
 
-    Arm parts (contype 2, conaffinity 1) meet MuJoCo's default objects (contype 1, conaffinity 1: table, props). They
-    meet neither each other nor another arm, which saves most of the collision time of two arms. The profile names the
-    links on which an arm leans all the same (`self_contacts`).
+    Arm parts (contype 2, conaffinity 1) collide with MuJoCo's default objects (contype 1, conaffinity 1: table, props),
+    but neither with each other nor with another arm, which saves most of the collision time of two arms. The profile
+    names the links that collide all the same (`self_contacts`).
     """
     visible = shape.colour != "none"
     if not visible and not (collisions and shape.collides):
@@ -218,7 +216,7 @@ def _add_self_contacts(spec: mujoco.MjSpec, arm: ArmProfile) -> None:
 
 
 def _finger_side(gripper: GripperProfile) -> tuple[float, float]:
-    """(armature kg, friction N) of one finger: the motor's, reflected through its gearing, shared by two fingers.
+    """Armature, kg, and friction, N, of one finger: the motor's, reflected through its gearing, shared by two fingers.
 
     m = J (dθ/dx)² / 2,  F = τ (dθ/dx) / 2  with  dθ/dx = motor stroke / finger stroke  [rad/m].
     """

@@ -1,4 +1,4 @@
-"""An end effector on an arm: the parts of the end effector's profile that depend on the arm."""
+"""Mounting of an end effector on an arm: adapts the parts of its profile that depend on the arm."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,7 +10,7 @@ from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.errors import ConfigError
 
 TIP = "tip"
-"""Parent of an end effector's root body in its profile: the arm's last body, whatever it is called."""
+"""Name in profiles for the parent of an end effector's root body: the arm's last body."""
 MAKERS_GRIPPER_ID = 7  # CAN id of the motor of every gripper that the maker sells
 
 _GRASP_SITE = "grasp_site"
@@ -19,9 +19,9 @@ _GRASP_SITE = "grasp_site"
 def resolve_profiles(
     arm: str | Path | ArmProfile, gripper: str | Path | GripperProfile
 ) -> tuple[ArmProfile, GripperProfile]:
-    """Load an arm's profile and the end effector's as it is on this arm, by names or paths.
+    """Load an arm's profile and the end effector's, adapted to this arm, by names or paths.
 
-    Two profiles, which have been resolved before, are returned unchanged.
+    Two profiles count as resolved already and are returned unchanged.
 
     Raises:
         ConfigError: an unknown name, a broken profile, or an end effector that does not fit.
@@ -33,7 +33,7 @@ def resolve_profiles(
 
 
 def gripper_id(arm: ArmProfile, own: int = MAKERS_GRIPPER_ID) -> int:
-    """CAN id of a gripper's motor on this arm: as the arm's profile says, else `own`, or the next if a joint has it."""
+    """CAN id of a gripper's motor on this arm: the arm's profile has it, else `own`, or the next free id."""
     if arm.gripper_can_id is not None:
         return arm.gripper_can_id
     joints = [motor.can_id for motor in arm.motors]
@@ -41,7 +41,7 @@ def gripper_id(arm: ArmProfile, own: int = MAKERS_GRIPPER_ID) -> int:
 
 
 def seeks_stops(config: ArmConfig) -> bool:
-    """Whether the gripper closes and opens fully when the arm is energised, since nothing says where its stops are."""
+    """Whether the gripper closes and opens fully when the arm is energised, because its stops are unknown."""
     if not config.gripper_search or config.gripper_stops_rad is not None or load_gripper(config.gripper).motor is None:
         return False
     return config.calibration_path is None or not Path(config.calibration_path).exists()
@@ -53,10 +53,10 @@ def arm_ids(arm: ArmProfile) -> tuple[int, ...]:
 
 
 def mounted(gripper: GripperProfile, arm: ArmProfile) -> GripperProfile:
-    """Adapt an end effector's profile to this arm.
+    """Adapt an end effector's profile to this arm: the motor's CAN id, the root body's parent, names, grasp point.
 
-    The motor gets its CAN id there; the root body is fixed to the arm's last body; finger joints that have names of the
-    arm's joints are numbered on behind those; the grasp point is the one that the arm's profile gives, if it does.
+    Finger joints with names that the arm uses are numbered on behind the arm's joints. The arm's profile may override
+    the grasp point.
 
     Raises:
         ConfigError: a body is fixed to something else than the end effector or the arm's last body.

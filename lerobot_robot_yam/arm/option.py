@@ -1,4 +1,4 @@
-"""Fields of configs: their texts in `--help` and docs/options.md, configs from JSON, and numbers that are real."""
+"""Options of config classes: texts for `--help` and docs/options.md, configs from JSON, and checks of numbers."""
 
 import dataclasses
 import math
@@ -13,18 +13,18 @@ _NEEDED = dataclasses.MISSING
 
 
 def option(text: str, default: Any = _NEEDED, factory: Callable[[], Any] | Any = _NEEDED) -> Any:
-    """Make a field of a dataclass.
+    """Make a field of a config dataclass.
 
     Args:
-        text: what the field means, in which unit, and what happens without it; draccus, LeRobot's parser, shows it.
-        default, factory: as for `dataclasses.field`; with neither, the field has to be given.
+        text: meaning of the field, its unit, and what happens without it; draccus, LeRobot's parser, shows it.
+        default, factory: as for `dataclasses.field`; with neither, the field is required.
     """
     escaped = text.replace("%", "%%")  # argparse formats it
     return dataclasses.field(default=default, default_factory=factory, metadata={"custom_args": {"help": escaped}})
 
 
 def from_plain[T](kind: type[T], values: Mapping[str, Any], where: str) -> T:
-    """Make a config from plain values, as `dataclasses.asdict` and JSON give them.
+    """Make a config from plain values, as in the output of `dataclasses.asdict` and in JSON.
 
     Raises:
         ConfigError: an unknown key; the message begins with `where`.
@@ -37,7 +37,7 @@ def from_plain[T](kind: type[T], values: Mapping[str, Any], where: str) -> T:
 
 
 def options_of(kind: type) -> list[tuple[str, Any, str]]:
-    """Name, default and text of each option of a config class, in order."""
+    """List name, default and text of each option of a config class, in order."""
     rows = []
     for field in dataclasses.fields(kind):
         text = field.metadata.get("custom_args", {}).get("help", "").replace("%%", "%")
@@ -47,7 +47,7 @@ def options_of(kind: type) -> list[tuple[str, Any, str]]:
 
 
 def real(value: Any) -> float:
-    """Convert a real number of a config to a float; NaN for anything else: text, truth values, what overflows."""
+    """Convert a real number of a config to a float; NaN for anything else: text, truth values, overflow."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return math.nan
     try:

@@ -24,7 +24,7 @@ COLOURS: dict[str, tuple[float, float, float, float]] = {
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A hinge (rad) or slide (m) about or along `axis`, given in the body's own frame."""
+    """Hinge (rad) about, or slide (m) along `axis`, which is in the body's own frame."""
 
     name: str
     kind: str
@@ -43,7 +43,7 @@ class Inertial:
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """A named frame on a body."""
+    """Named frame on a body."""
 
     name: str
     pos_m: np.ndarray = array_field(3)
@@ -52,7 +52,7 @@ class Site:
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A primitive that draws a body, and that touches things when `collides`.
+    """Primitive that draws a body, and collides if `collides` is set.
 
     kind: "cylinder" or "capsule" between `from_m` and `to_m`; "box" or "ellipsoid" of full `size_m` at
     `center_m`, turned by `quat_wxyz`. colour: a key of `COLOURS`, or "none" for an invisible shape.
@@ -71,9 +71,9 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """One link: frame in its parent at joint value 0, inertia, sites, looks.
+    """One link: frame in its parent at joint value 0, inertia, sites, shapes.
 
-    extents_m (2, 3): the box [min, max] of the real surface in the body's frame, where it is known.
+    extents_m (2, 3): the box [min, max] of the real surface in the body's frame, if known.
     """
 
     name: str
@@ -99,10 +99,10 @@ class ArmMotor:
 
 @dataclass(frozen=True)
 class Folding:
-    """The joints that a landing moves in turn, by the names of their motors; None where the arm has no such joint.
+    """Joints with a role in a landing, by the names of their motors; None where the arm has no such joint.
 
-    base: turns about the vertical and carries nothing, so that it stays as it is. shoulder, elbow: grow as the arm
-    unfolds; they lift the tool over what is in the way. wrist: stays raised while the arm folds, and is lowered last.
+    The base turns about the vertical and keeps its angle. Shoulder and elbow grow as the arm unfolds, and lift the tool
+    over obstacles. The wrist stays raised while the arm folds, and is lowered last.
     """
 
     base: str | None = "joint_1"
@@ -113,7 +113,7 @@ class Folding:
 
 @dataclass(frozen=True)
 class GripperMotor:
-    """The gripper's motor, its gains (Nm/rad, Nm s/rad) and limits; `speed_limit_per_s` in strokes/s."""
+    """Gripper's motor with its gains (Nm/rad, Nm s/rad) and limits; `speed_limit_per_s` in strokes/s."""
 
     name: str
     can_id: int
@@ -130,7 +130,7 @@ class GripperMotor:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """How the gripper's two stops are found, and which spans between them (rad) are plausible.
+    """Parameters of the search for a gripper's two stops; spans between them, rad, outside of min and max are refused.
 
     Angles are joint-space (motor angle * direction). nominal_stops_rad is [closed, open].
     """
@@ -165,13 +165,15 @@ class Limiter:
 
 @dataclass(frozen=True, eq=False)
 class ArmProfile:
-    """An arm: motors, gains, limits, simulation parameters, rest poses, links. Arrays have shape (n,).
+    """Profile of an arm: motors, gains, limits, simulation parameters, rest poses, links. Arrays have shape (n,).
 
-    self_contacts: pairs of body names whose colliding shapes touch each other; other links pass through.
-    gripper_can_id: CAN id of any gripper's motor on this arm; None: see `mounting.gripper_id`.
-    bent_q_rad: a pose of table work, the tool pointing down, from which the scripted operator plans.
-    zero_pose: per motor, the pose of its joint at 0, in words.
-    grasp_site_m: per gripper, where `grasp_site` is in the gripper's root body if not as the gripper's profile says.
+    Attributes:
+        self_contacts: pairs of body names whose shapes collide with each other; other links pass through.
+        gripper_can_id: CAN id of any gripper's motor on this arm; None: see `mounting.gripper_id`.
+        bent_q_rad: pose of table work, tool pointing down, from which the scripted operator plans.
+        zero_pose: per motor, the pose of its joint at 0, in words.
+        grasp_site_m: per gripper, position of `grasp_site` in the gripper's root body, if it differs from the
+            gripper's profile.
     """
 
     name: str
@@ -197,14 +199,14 @@ class ArmProfile:
 
     @property
     def joint_count(self) -> int:
-        """Number of arm joints, 0 for the arm-less arm."""
         return len(self.motors)
 
     def rest_q(self, gripper: "GripperProfile") -> np.ndarray:
-        """(n,) rad: where cutting torque moves nothing, with `gripper` on, by this profile or else by the gripper's.
+        """Rest pose (n,) rad with `gripper` on, in which cutting torque moves nothing; from this profile or the
+        gripper's.
 
         Raises:
-            ConfigError: neither says it, or the gripper's does not fit this arm's joints.
+            ConfigError: neither profile has it, or the gripper's does not fit this arm's joints.
         """
         if not self.joint_count:
             return np.zeros(0)
@@ -227,11 +229,12 @@ class ArmProfile:
 
 @dataclass(frozen=True, eq=False)
 class GripperProfile:
-    """An end effector. Without a motor, `motor`, `calibration` and `limiter` are None.
+    """Profile of an end effector. Without a motor, `motor`, `calibration` and `limiter` are None.
 
-    finger_range_m: [closed, open] of both finger joints. handle_encoder: a teaching handle sits on the bus.
-    rest_q_rad: per arm, the pose in which cutting torque moves nothing with this end effector on; an arm's own row for
-        the end effector goes first.
+    Attributes:
+        finger_range_m: [closed, open] of both finger joints.
+        handle_encoder: whether a teaching handle sits on the bus.
+        rest_q_rad: per arm, rest pose with this end effector on; the arm's own row for the end effector goes first.
     """
 
     name: str

@@ -1,11 +1,10 @@
-"""Reading arm and gripper profiles from the YAML files in `profiles/`, or from a file of the user's, and checking them.
+"""Arm and gripper profiles: reads the YAML files in `profiles/`, or a file of the user's, and checks them.
 
 `load_arm("yam")`, `load_gripper("linear_4310")`. A path to a YAML file works in place of a name, and `overrides`
 replaces any field: `load_arm("yam", {"kp": [...]})`.
 
-Every number is checked against the range within which motors, model and laws can work with it. Sources of the bounds:
-the ranges of the packed frames (`damiao.tables`), as a motor cannot be told anything beyond; the rest is what a
-quantity means (a mass is above zero, a lower limit below the upper one).
+Every number is checked against its range. The bounds are those of the packed frames (`damiao.tables`), which motors
+cannot exceed, or follow from the meaning (a mass is above zero, a lower limit below the upper one).
 """
 
 import difflib
@@ -26,24 +25,24 @@ from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.strict_yaml import merge, parse, read_yaml
 
-_KP_LEAST = 1.0  # least stiffness, Nm/rad: an arm that is held less falls
-_KD_LEAST = 0.02  # least damping as a share of kp, s: with less the arm swings; the makers' are 0.025 to 0.15
+_KP_LEAST = 1.0  # least stiffness, Nm/rad: an arm with less falls
+_KD_LEAST = 0.02  # least damping as a share of kp, s: an arm with less swings; the makers use 0.025 to 0.15
 _TORQUE_LEAST = 0.1  # least torque limit as a share of the motor's range: less carries no arm
 _LEAST = 1e-9  # smaller divisors count as zero
 _ROUNDING = 1e-6  # relative rounding of published moments
-_FINGER_TRAVEL_M = (1e-3, 1.0)  # range of the fingers' travel, by which the gearing divides; the makers': 0.040-0.048
+_FINGER_TRAVEL_M = (1e-3, 1.0)  # range of the fingers' travel, a divisor of the gearing; the makers': 0.040-0.048
 _FORCE_MAPS = ("linear", "crank")
 
 
 def load_arm(name: str | Path, overrides: Mapping[str, Any] | None = None) -> ArmProfile:
-    """The profile of an arm by name (`ARMS` or "none") or YAML path. Raises ConfigError."""
+    """Load the profile of an arm by name (`ARMS` or "none") or YAML path. Raises ConfigError."""
     if name in (*ARMS, NO_ARM) and not overrides:
         return _shipped_arm(str(name))
     return _load("arm", ArmProfile, check_arm, (*ARMS, NO_ARM), name, overrides)
 
 
 def load_gripper(name: str | Path, overrides: Mapping[str, Any] | None = None) -> GripperProfile:
-    """The profile of an end effector by name (`GRIPPERS`) or YAML path. Raises ConfigError."""
+    """Load the profile of an end effector by name (`GRIPPERS`) or YAML path. Raises ConfigError."""
     if name in GRIPPERS and not overrides:
         return _shipped_gripper(str(name))
     return _load("gripper", GripperProfile, check_gripper, GRIPPERS, name, overrides)
@@ -90,7 +89,7 @@ def _packaged(folder: str, name: str) -> dict[str, Any]:
 
 
 def check_arm(arm: ArmProfile, where: str) -> None:
-    """Raises ConfigError naming the field of an arm's profile (or override) that cannot be."""
+    """Refuse an arm's profile (or override) with impossible values. Raises ConfigError: names the field."""
     n = arm.joint_count
     jointed = [body for body in arm.bodies if body.joint]
     lengths = {key: len(value) for key, value in vars(arm).items() if isinstance(value, np.ndarray) and len(value) != n}
@@ -131,7 +130,7 @@ def check_arm(arm: ArmProfile, where: str) -> None:
 
 
 def _check_names(arm: ArmProfile, joints: list[str], where: str) -> None:
-    """Refuse joints that are not named in the order of the motors, and names of motors that the arm does not have."""
+    """Refuse joints that are not named in the order of the motors, and unknown names of motors."""
     expected = [f"joint{i + 1}" for i in range(arm.joint_count)]
     if joints != expected:
         raise ConfigError(
@@ -147,7 +146,7 @@ def _check_names(arm: ArmProfile, joints: list[str], where: str) -> None:
 
 
 def check_gripper(gripper: GripperProfile, where: str) -> None:
-    """Raises ConfigError naming the field of an end effector's profile that cannot be."""
+    """Refuse an end effector's profile with impossible values. Raises ConfigError: names the field."""
     _check_bodies(gripper.bodies, where)
     fingers, motor, calibration = gripper.finger_joints, gripper.motor, gripper.calibration
     travel = gripper.finger_range_m
@@ -202,7 +201,7 @@ def check_gripper(gripper: GripperProfile, where: str) -> None:
 
 
 def _check_limiter(limiter: Limiter, kp: float, where: str) -> None:
-    """Refuse zero where the limiter divides by a number or compares with a number."""
+    """Refuse zero where the limiter divides by a number or compares with it."""
     if limiter.force_map not in _FORCE_MAPS:
         raise ConfigError(f"{where}: limiter.force_map is one of {_FORCE_MAPS}, not {limiter.force_map!r}")
     lever = math.cos(limiter.close_angle_rad) - math.cos(limiter.open_angle_rad)

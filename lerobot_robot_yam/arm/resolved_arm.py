@@ -1,4 +1,4 @@
-"""One arm as its configuration describes it: profiles with the user's overrides, and constants that follow."""
+"""One arm as configured: profiles with the user's overrides, and constants that follow from them."""
 
 import copy
 import dataclasses
@@ -20,7 +20,7 @@ _GRIPPER_OVERRIDES = {"gripper_kp": "kp", "gripper_kd": "kd", "gripper_speed_lim
 
 
 class Roles(NamedTuple):
-    """Indices of the joints of a `profile.Folding`; None where the arm has no such joint."""
+    """Joint indices of a `profile.Folding`; None where the arm has no such joint."""
 
     base: int | None
     shoulder: int | None
@@ -36,12 +36,12 @@ class ResolvedArm:
         arm, gripper: profiles with overrides applied.
         joints, joint_names: number of arm joints, 0 for gripper-only use, and the names of their motors.
         n: number of motors.
-        slots: places of the motors in the shared records.
+        slots: slice of the motors in the shared records.
         direction, kp, kd, idle_kd, torque_limit_nm: (n,).
         speed_limit: (n,) limit of the set-point's speed; rad/s, and strokes per second for the gripper.
         lower, upper: (n,) command limits; rad, and 0 … 1 for the gripper.
         coulomb_nm: (joints,) friction torque that is fed forward.
-        folding: joints that a landing moves in turn.
+        folding: joints with a role in a landing.
         rest_q: (joints,) rad, pose in which the arm lands.
         tilt_rad: roll and pitch of the base.
         lies_at_rest: whether cutting torque at rest_q is known to move nothing.
@@ -113,7 +113,7 @@ class ResolvedArm:
             self.load = tuning.load
 
     def _use(self, tuning: Tuning) -> Tuning:
-        """Use a tuning's numbers, but the configuration's gravity factors if it has any."""
+        """Apply a tuning; gravity factors of the configuration go first."""
         if self.config.ee_inertia is not None:
             raise ConfigError("tuning and ee_inertia both say what the end effector weighs; leave one of them out")
         if self.config.payload_mass_kg and tuning.payload.mass_kg:
@@ -136,7 +136,7 @@ class ResolvedArm:
         return rest
 
     def without_search(self) -> "ResolvedArm":
-        """Copy the arm, without the search for its gripper's stops at the start."""
+        """Copy the arm, with the search for the gripper's stops at the start switched off."""
         other = copy.copy(self)
         other.config = dataclasses.replace(self.config, gripper_search=False)
         return other

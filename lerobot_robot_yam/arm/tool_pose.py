@@ -1,11 +1,11 @@
-"""A tool pose as six numbers: position, and rotation vector from "pointing straight down, facing forward".
+"""Tool poses as six numbers: position, and rotation vector from "pointing straight down, facing forward".
 
     R = exp(r) R_down        r (3,): axis times angle, rad, in the axes of the arm's base
 
-R_down is the tool as it is with all joints at zero, where it points forward, tipped by a quarter turn until it points
-straight down. So r is small in table work: r_z is the tool's heading, r_x and r_y its tilt. Two r describe the same
-rotation where the angle is π, a tool that points straight up or backward; from LeRobot's rotation vector, which counts
-from the base's own axes, a tool that points down is never far from there.
+R_down is the tool's orientation at zero joints, where it points forward, turned by a quarter until it points straight
+down. So r is small in table work: r_z is the tool's heading, r_x and r_y its tilt. At an angle of π (a tool that
+points straight up or backward) two values of r describe the same rotation; LeRobot's rotation vector, which counts
+from the base's own axes, is near such an angle for every tool that points down.
 """
 
 import mink
@@ -15,24 +15,24 @@ import numpy as np
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.errors import ActionError
 
-_TIP = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # a quarter turn about y: forward to down
+_TIP = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # quarter turn about y: forward to down
 
 
 def downward(kinematics: YamKinematics) -> np.ndarray:
-    """R_down (3, 3) of an arm's site."""
+    """Compute R_down (3, 3) of an arm's site."""
     return _TIP @ kinematics.fk(np.zeros_like(kinematics.lower))[:3, :3]
 
 
 def pose_to_vector(pose: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """(6,) position, m, and rotation vector, rad, of a pose (4, 4) against a reference orientation (3, 3)."""
+    """Convert a pose (4, 4) to (6,): position, m, and rotation vector, rad, from the orientation `reference` (3, 3)."""
     return np.concatenate([pose[:3, 3], rotation_vector(pose[:3, :3] @ reference.T)])
 
 
 def vector_to_pose(vector: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Inverse of `pose_to_vector`; angles beyond π are taken for what they are.
+    """Convert (6,) to a pose (4, 4), the inverse of `pose_to_vector`; angles beyond π are allowed.
 
     Raises:
-        ActionError: numbers so large that they mean no rotation.
+        ActionError: numbers too large for a rotation.
     """
     pose = np.eye(4)
     pose[:3, :3] = rotation_matrix(vector[3:]) @ reference
@@ -43,9 +43,9 @@ def vector_to_pose(vector: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
 
 def rotation_vector(rotation: np.ndarray) -> np.ndarray:
-    """(3,) axis times angle, rad, of length π at most, of a rotation (3, 3).
+    """Convert a rotation (3, 3) to (3,) axis times angle, rad, of length π at most.
 
-    Not by mink's `SO3.log`, which gives zeros for exactly half a turn.
+    mink's `SO3.log` gives zeros for exactly half a turn, so MuJoCo computes it.
     """
     quat, vector = np.empty(4), np.empty(3)
     mujoco.mju_mat2Quat(quat, rotation.ravel())
@@ -54,6 +54,6 @@ def rotation_vector(rotation: np.ndarray) -> np.ndarray:
 
 
 def rotation_matrix(vector: np.ndarray) -> np.ndarray:
-    """(3, 3) of a rotation vector (3,) rad."""
+    """Convert a rotation vector (3,) rad to a matrix (3, 3)."""
     matrix: np.ndarray = mink.SO3.exp(vector).as_matrix()
     return matrix

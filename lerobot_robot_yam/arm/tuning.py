@@ -1,7 +1,7 @@
-"""What `yam-tune` has found out about one arm: the file that the option `tuning` names.
+"""Result of `yam-tune` for one arm: the file that the option `tuning` names.
 
-It holds for the arm and the end effector that it names, and says by how much they differ from their profiles. Each
-`*_95` is half the width of a 95 % confidence interval.
+It applies to the arm and the end effector that it names, and holds their differences from the profiles. Each `*_95` is
+half the width of a 95 % confidence interval.
 """
 
 from collections.abc import Sequence
@@ -20,13 +20,13 @@ from lerobot_robot_yam.system.paths import write_whole
 from lerobot_robot_yam.system.strict_yaml import array_field, parse, read_yaml
 
 _HEAD = "# What yam-tune has found out about one arm; SI units, one entry per joint. See docs/tuning.md.\n"
-_SHIFT_MOST_M = 0.5  # of a centre of mass: as far as an arm's links are long
-_FRICTION_MOST = 5.0  # Nm, Nm s/rad
+_SHIFT_MOST_M = 0.5  # largest shift of a centre of mass, m: the length of the links
+_FRICTION_MOST = 5.0  # largest friction, Nm and Nm s/rad
 
 
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """What the tool carries: mass in kg, and its centre (3,) m in the frame of the tcp."""
+    """Load of the tool: mass in kg, and its centre (3,) m in the frame of the tcp."""
 
     mass_kg: float = 0.0
     mass_kg_95: float = 0.0
@@ -36,14 +36,14 @@ class Payload:
 
 @dataclass(frozen=True, eq=False)
 class Tuning:
-    """What one arm of n joints weighs, and how it rubs.
+    """Weight and friction of one arm of n joints.
 
     Attributes:
         arm, gripper: names of the profiles.
-        moment_kg_m: (n, 3) per link, in its frame, by how much mass times centre exceed the profile's; `gravity_terms`.
-        gravity_factor: (n,) what that comes to, as a factor on what the profile says each joint carries.
+        moment_kg_m: (n, 3) per link, in its frame: mass times centre, minus the profile's; see `gravity_terms`.
+        gravity_factor: (n,) the same as a factor on the weight that the profile gives each joint.
         coulomb_nm, viscous_nm_s: (n,) friction, Nm and Nm s/rad.
-        payload: at the tcp.
+        payload: load at the tcp.
     """
 
     arm: str
@@ -60,15 +60,15 @@ class Tuning:
 
     @property
     def load(self) -> Load:
-        """What the tool carries."""
+        """Payload as a `Load`."""
         x, y, z = self.payload.com_m.tolist()
         return Load(payload_mass_kg=self.payload.mass_kg, payload_com_m=(x, y, z))
 
     def tuned(self, arm: ArmProfile, gripper: GripperProfile) -> tuple[ArmProfile, GripperProfile]:
-        """The profiles with this arm's centres of mass and friction, and no other gravity factor.
+        """Apply centres of mass and friction to copies of the profiles; their gravity factors become 1.
 
         Raises:
-            ConfigError: it is of another arm or end effector.
+            ConfigError: the tuning belongs to another arm or end effector.
         """
         if (arm.name, gripper.name) != (self.arm, self.gripper) or len(self.moment_kg_m) != arm.joint_count:
             raise ConfigError(
@@ -85,11 +85,7 @@ class Tuning:
 
 
 def load_tuning(path: str | Path) -> Tuning:
-    """The tuning in a file.
-
-    Raises:
-        ConfigError: it cannot be read, or holds what no arm can be.
-    """
+    """Read a tuning from its file. Raises ConfigError: the file cannot be read, or has impossible values."""
     where = f"tuning {path}"
     tuning = parse(Tuning, read_yaml(Path(path)), where)
     counts = {name: len(value) for name, value in vars(tuning).items() if np.ndim(value)}
@@ -114,14 +110,14 @@ def save_tuning(path: Path, tuning: Tuning) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """Plain values of a dataclass, numbers to five places."""
+    """Convert a dataclass to plain values, numbers to five places."""
     if is_dataclass(value):
         return {name: _plain(own) for name, own in vars(value).items()}
     return np.round(value, 5).tolist() if isinstance(value, np.ndarray | float) else value
 
 
 def _shifted(bodies: Sequence[Body], moments: dict[str, np.ndarray]) -> tuple[Body, ...]:
-    """Bodies whose centres of mass are shifted by moment / mass."""
+    """Copy bodies with centres of mass shifted by moment / mass."""
     found = []
     for body in bodies:
         moment = moments.get(body.name)

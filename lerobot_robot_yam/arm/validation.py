@@ -1,4 +1,4 @@
-"""Numbers from callers: checked once, and copied."""
+"""Checks of numbers from callers; each check returns a private copy."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ActionError
 
-_NUMERIC = "fiu"  # kinds of numpy types whose values are real numbers
+_NUMERIC = "fiu"  # kinds of numpy types that hold real numbers
 
 
 def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
@@ -33,7 +33,7 @@ def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
 
 
 def finite_floats(arm: str, what: str, value: object, n: int) -> list[float]:
-    """Convert `value` to a list of n floats; a list of floats needs no numpy, whose code is seldom in the caches.
+    """Convert `value` to a list of n floats. A list of floats passes without numpy, whose code is seldom in the caches.
 
     Raises:
         ActionError: see `finite_vector`.
@@ -56,13 +56,13 @@ def finite_number(arm: str, what: str, value: object) -> float:
 
 
 def check_range(arm: str, what: str, value: np.ndarray, low: float, high: np.ndarray) -> None:
-    """Refuse values that a motor's frame cannot carry: the torque limit would use them, and the motor less.
+    """Refuse values that a motor's frame cannot carry: the torque limit would compute with them, the motor with less.
 
     Args:
         arm, what: for messages.
         value: (n,) per joint.
-        low: smallest share of `high` that is possible: 0, or -1.
-        high: (n,) largest value.
+        low: lower bound as a share of `high`: 0, or -1.
+        high: (n,) upper bound.
 
     Raises:
         ActionError: names the joint and its range.

@@ -1,29 +1,26 @@
-"""Is a straight move of the joints clear of everything? Finds the pairs of parts that it brings into conflict.
+"""Collision check of a straight move of the joints: finds the pairs of parts that it brings into conflict.
 
-The rule, for every pair on its own: somewhere on the way the pair is nearer than its limit, and nearer than at the
-start. So an approach ends at the limit. A pair that is inside it already may stay, go along and get out, but not go
-further in.
+A pair is in conflict if somewhere on the way it is nearer than its limit, and nearer than at the start. So an approach
+ends at the limit, and a pair that is inside it already may stay, go along and get out, but not go further in.
 
-The whole way is judged, not its end only, by what a move can do at most: with lever arms r_j, the distance of a pair
-changes by no more than
+Most pairs are settled by how much a move can change their distance. With lever arms r_j it changes by no more than
 
     travel = Σ r_j |Δq_j|        over the joints that move one of its parts but not the other
 
 so that a pair that is farther from its limit than travel / 2 at mid-way is clear. A few vector operations on bounding
-spheres settle almost all pairs like this. The rest is measured in steps of `_STEP_M` of travel.
+spheres show this for almost all pairs. The rest is measured in steps of `_STEP_M` of travel.
 
 These parts are compared, and each pair keeps its distance:
 
     two parts of one arm, or of two arms    the collision margin
     a part and a box or the floor           0: those are the limits themselves
 
-Links are compared by their hulls. Parts of one arm that cannot keep the margin by construction are dealt with by two
-rules:
+Links are compared by their hulls. Two rules are for parts of one arm that cannot keep the margin by construction:
 
 - Links that a joint connects, and links that are within `_JOINED_M` of each other over most of the joint range (next
   but one in the chain, their motor housings nearly touch), are not compared.
 - Links that are nearer than the margin in the arm's rest pose, where the wrist leans on the shoulder motor, are
-  compared shape by shape, and no two shapes keep more distance than they have there, less `_REST_SLACK_M`.
+  compared shape by shape; their limit is the distance at rest, less `_REST_SLACK_M`.
 """
 
 import itertools
@@ -38,12 +35,12 @@ from lerobot_robot_yam.errors import ConfigError
 
 _NOISE_M = 5e-7  # noise of a distance, m: axes are 1e-6 rad off the vertical
 _DEEP_NOISE_M = 2e-5  # noise of the depth of two overlapping cylinders, m
-_PASSING_M = 0.0002  # conflict that is allowed between station and end, where no set-point comes to rest, m
+_PASSING_M = 0.0002  # tolerance on the way, m: no set-point comes to rest there
 _STEP_M = 0.008  # travel between two measurements of a pair, m
 _STEPS = 10  # measurements of a pair in a tick at most: 3 cm apart when all joints of two arms move at 1.5 rad/s
-_JOINED_M = 0.025  # median distance below which links are joined, m: 0 … 16 mm in the profiles, other links 36 and more
+_JOINED_M = 0.025  # median distance below which links count as joined, m: profiles have 0 … 16 mm, or 36 and more
 _JOINED_SAMPLES = 101  # poses for the median
-_REST_SLACK_M = 0.004  # distance of a folded arm from its rest pose, m
+_REST_SLACK_M = 0.004  # tolerance for a folded arm that is not exactly in its rest pose, m
 
 
 class Pair(NamedTuple):
@@ -56,7 +53,7 @@ class Pair(NamedTuple):
 
 
 class Conflict(NamedTuple):
-    """A pair that comes too near, at `share` of the way. Distances at the start and at that share, m."""
+    """Pair that comes too near at `share` of the way. before_m, there_m: distance at the start and there, m."""
 
     pair: Pair
     share: float
@@ -65,12 +62,12 @@ class Conflict(NamedTuple):
 
     @property
     def floor_m(self) -> float:
-        """Distance that is allowed: the limit, or the distance at the start if that is less."""
+        """Least allowed distance, m: the limit, or the distance at the start if that is less."""
         return min(self.pair.limit_m, self.before_m)
 
 
 class Clearance:
-    """The distances of all pairs that matter in one control loop.
+    """Distances of all pairs that matter in one control loop.
 
     Args:
         arms: at least one; names differ.
@@ -79,7 +76,7 @@ class Clearance:
         parts: the arms; `place` moves them.
 
     Raises:
-        ConfigError: a workspace that cannot be used, or arms that stand in one another.
+        ConfigError: a workspace that cannot be used, or arms that overlap.
     """
 
     def __init__(self, arms: Sequence[GuardedArm]):
@@ -105,8 +102,8 @@ class Clearance:
     ) -> list[Conflict]:
         """Find the pairs that the straight move from `start` to `end` (N,) rad brings into conflict, worst first.
 
-        At `station`, a share of the way, and at the end the rule holds exactly; in between to within `_PASSING_M` and
-        the curvature of the way between two of `most_steps` measurements.
+        The check is exact at `station`, a share of the way, and at the end. In between it may be wrong by `_PASSING_M`
+        and the curvature of the way between two of `most_steps` measurements.
         """
         move = end - start
         travel = self._levers.dot(np.abs(move))
@@ -132,11 +129,11 @@ class Clearance:
         return sorted(found, key=lambda conflict: conflict.there_m - conflict.pair.limit_m)
 
     def distance(self, pair: Pair) -> float:
-        """Measure the distance of the two parts where they are, m; negative: depth of the overlap."""
+        """Measure the present distance of the two parts, m; negative: depth of the overlap."""
         return self.parts.distance(pair.first, pair.second)
 
     def _near(self, q: np.ndarray, travel: np.ndarray) -> list[int]:
-        """Indices of the pairs that come nearer than their limit within half of `travel` (pairs,) from q."""
+        """Find indices of the pairs that come nearer than their limit within half of `travel` (pairs,) from q."""
         parts = self.parts
         parts.place(q)
         x = parts.centres
@@ -156,10 +153,10 @@ class Clearance:
 
 
 def choose_pairs(parts: ArmParts, arms: Sequence[GuardedArm]) -> list[Pair]:
-    """All pairs to compare; the second part of a pair may be a thing, the first never is.
+    """List all pairs to compare; the second part of a pair may be a thing, the first never is.
 
     Raises:
-        ConfigError: arms that stand in one another.
+        ConfigError: two arms overlap.
     """
     pairs: list[Pair] = []
     margins = [arm.workspace.collision_margin_m for arm in arms]
@@ -176,7 +173,7 @@ def choose_pairs(parts: ArmParts, arms: Sequence[GuardedArm]) -> list[Pair]:
 
 
 def _links(parts: ArmParts, arm: int, hull: bool = True) -> list[int]:
-    """The hulls of an arm's links, or the shapes that they consist of."""
+    """List the hulls of an arm's links, or, with `hull` False, the shapes that form them."""
     return [part for part in range(parts.count) if parts.owner[part] == arm and parts.is_hull[part] == hull]
 
 
@@ -210,7 +207,7 @@ def _own_pairs(parts: ArmParts, index: int, arm: GuardedArm, margin: float) -> I
 
 
 def _apart(parts: ArmParts, arm: int, margin: float, first: Sequence[int], second: Sequence[int]) -> list[Pair]:
-    """The pairs with one part of each list, nearer to the base first, that no joint connects."""
+    """List the pairs with one part of each list, nearer to the base first, that no joint connects."""
     return [Pair(a, b, margin, (arm,)) for a in first for b in second if parts.link[b] - parts.link[a] > 1]
 
 
@@ -219,7 +216,7 @@ def _links_of(parts: ArmParts, pair: Pair) -> tuple[int, int]:
 
 
 def _joined(parts: ArmParts, index: int, arm: GuardedArm, pairs: Sequence[Pair]) -> set[tuple[int, int]]:
-    """The links that are near each other in most poses."""
+    """Find the links that are near each other in most poses."""
     low, high = arm.arm.joint_limits_rad.T
     near = dict.fromkeys((_links_of(parts, pair) for pair in pairs), 0)
     for q in np.random.default_rng(0).uniform(low, high, size=(_JOINED_SAMPLES, len(low))):
@@ -231,7 +228,7 @@ def _joined(parts: ArmParts, index: int, arm: GuardedArm, pairs: Sequence[Pair])
 
 
 def _distances_at_rest(parts: ArmParts, index: int, arm: GuardedArm, pairs: Sequence[Pair]) -> np.ndarray:
-    """(pairs,) with the gripper open or closed, whichever is nearer."""
+    """Measure distances (pairs,) in the rest pose, m, with the gripper open or closed, whichever is nearer."""
     rows = []
     for opening in (0.0, 1.0):
         parts.open_grippers([opening] * len(parts.names))

@@ -1,8 +1,8 @@
 """All arms of one control loop in one MuJoCo model, with their keep-out boxes and floors.
 
-A part is one of the shapes that a profile draws a link with (they fill the real surface to within 6 mm), the convex
-hull of all shapes of a link (for most questions one part a link is enough, and four times as fast), a keep-out box or
-a floor. Parts are known by their geom id.
+A part is one of four: a shape that draws a link in its profile (shapes fill the real surface to within 6 mm), the
+convex hull of all shapes of a link (enough for most questions, and four times as fast), a keep-out box, or a floor. A
+part is identified by its geom id.
 """
 
 import itertools
@@ -19,20 +19,20 @@ from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, Shape
 from lerobot_robot_yam.errors import ConfigError
 
 THING = -1
-"""Owner of a part that belongs to no arm: a box or a floor."""
+"""Owner of parts that belong to no arm: boxes and floors."""
 
 _FLOOR_HALF_M = (2.0, 2.0, 0.5)  # half extents of the box that is a floor, since MuJoCo has no distances to planes
-_ACCURACY = (1e-10, 100)  # tolerance and iterations; MuJoCo's own leave 0.2 mm of noise in sunk cylinders
-_OPENING_STEP = 0.05  # openings are rounded to this share of the stroke, 2 mm of a finger: measured ones never rest
-_FAR_M = 10.0  # distances beyond are not needed
-_TOUCH_M = 1e-9  # nearer parts have no direction from one to the other
+_ACCURACY = (1e-10, 100)  # tolerance and iterations; MuJoCo's defaults leave 0.2 mm of noise in sunk cylinders
+_OPENING_STEP = 0.05  # rounding of gripper openings, share of the stroke (2 mm of a finger): measured ones never rest
+_FAR_M = 10.0  # largest distance that is measured, m
+_TOUCH_M = 1e-9  # distance below which two parts have no direction between them, m
 _HULL = "/hull"  # end of a hull's name
 _CORNERS = 12  # corners of a polygon that stands for a circle
 
 
 @dataclass(frozen=True)
 class GuardedArm:
-    """One arm of a control loop, its gripper as it is on this arm, and where it may go."""
+    """One arm of a control loop, with its mounted gripper and its workspace."""
 
     name: str
     arm: ArmProfile
@@ -42,7 +42,7 @@ class GuardedArm:
 
 
 class ArmParts:
-    """The arms, placed by their joint values.
+    """Parts of all arms, placed by their joint values.
 
     Args:
         arms: at least one; names differ.
@@ -51,13 +51,13 @@ class ArmParts:
         names: the arms' names.
         joints: number of joints of each arm; N is their sum.
         owner: per part, index of its arm, or `THING`.
-        part_names: what messages call each part: "left link4", "keep-out 'camera mast'", "floor".
-        body: per part, the link it belongs to, an id.
+        part_names: per part, its name in messages: "left link4", "keep-out 'camera mast'", "floor".
+        body: per part, id of its link.
         link: per part, how many joints of its arm move it; 0 for the base and for things.
         is_hull: per part, whether it is the hull of a link; an arm's other parts are the shapes.
         radius: (parts,) radius of the bounding spheres about `centres`, m.
-        levers: (parts, N) the farthest that a point of the part can be from a joint's axis; 0 where the joint does
-            not move it, m.
+        levers: (parts, N) largest distance of a point of the part from a joint's axis, m; 0 where the joint does not
+            move the part.
 
     Raises:
         ConfigError: two arms of one name, or a workspace that cannot be used.
@@ -91,9 +91,9 @@ class ArmParts:
         self.place(np.zeros(len(joints)))
 
     def open_grippers(self, openings: Sequence[float]) -> bool:
-        """Set how far the grippers are open, 0 closed … 1 open, one number per arm; `place` makes it count.
+        """Set the openings of the grippers, 0 closed … 1 open, one per arm; they take effect with the next `place`.
 
-        Openings are rounded up to the next `_OPENING_STEP`. Returns whether that changed one.
+        Openings are rounded up to the next `_OPENING_STEP`. Returns whether one has changed.
         """
         steps = [min(max(math.ceil(opening / _OPENING_STEP), 0) * _OPENING_STEP, 1.0) for opening in openings]
         if steps == self._openings:
@@ -105,13 +105,13 @@ class ArmParts:
         return True
 
     def place(self, q: np.ndarray) -> None:
-        """Move the arms: the joints of all arms in a row (N,), rad."""
+        """Move the arms to joints (N,), rad, those of all arms in a row."""
         self._data.qpos[self._joint_index] = q
         mujoco.mj_kinematics(self._model, self._data)
 
     @property
     def centres(self) -> np.ndarray:
-        """(parts, 3) in the rig frame, m; a view that follows `place`."""
+        """Centres (parts, 3) in the rig frame, m; a view that follows `place`."""
         return self._data.geom_xpos
 
     def distance(self, first: int, second: int, farthest_m: float = _FAR_M) -> float:
@@ -119,12 +119,12 @@ class ArmParts:
         return mujoco.mj_geomDistance(self._model, self._data, first, second, farthest_m, None)
 
     def distances(self, pairs: Sequence[tuple[int, int]]) -> list[float]:
-        """`distance` of many pairs, a little faster."""
+        """Measure the distances of many pairs, m, a little faster than `distance`."""
         model, data, measure = self._model, self._data, mujoco.mj_geomDistance
         return [measure(model, data, first, second, _FAR_M, None) for first, second in pairs]
 
     def distance_gradient(self, first: int, second: int, farthest_m: float) -> tuple[float, np.ndarray]:
-        """Measure the distance of two parts, and its gradient by the joints (N,), m/rad.
+        """Measure the distance of two parts, m, and its gradient by the joints (N,), m/rad.
 
         ∇d = n · (J_2 − J_1), n from the nearest point of the one to that of the other; 0 beyond `farthest_m`, and
         where the parts just touch.
@@ -141,7 +141,7 @@ class ArmParts:
         return distance, (normal @ (jacobians[1] - jacobians[0]))[self._joint_index]
 
     def things_of(self, arm: int) -> list[int]:
-        """Boxes and floor that limit this arm."""
+        """List the boxes and the floor that limit this arm."""
         prefix = f"{self.names[arm]}/"
         things = [part for part in range(self.count) if self.owner[part] == THING]
         return [part for part in things if self._model.geom(part).name.startswith(prefix)]
@@ -195,7 +195,7 @@ def _build(arms: Sequence[GuardedArm]) -> mujoco.MjModel:
 
 
 def _with_hulls(arm: GuardedArm) -> mujoco.MjSpec:
-    """The arm as it is drawn, each link with the convex hull of its shapes."""
+    """Build the arm's model with its shapes, and add the convex hull of each link."""
     spec = build_spec(arm.arm, arm.gripper)
     for row in (*arm.arm.bodies, *arm.gripper.bodies):
         corners = [_corners(shape) for shape in row.shapes if shape.colour != "none"]
@@ -208,7 +208,7 @@ def _with_hulls(arm: GuardedArm) -> mujoco.MjSpec:
 
 
 def _corners(shape: Shape) -> np.ndarray:
-    """(k, 3) in the body's frame: a polyhedron about the shape, outside of it by at most 7 % of its radius."""
+    """Corners (k, 3), in the body's frame, of a polyhedron around the shape, larger by at most 7 % of its radius."""
     if shape.kind in ("cylinder", "capsule"):
         turn = np.arange(_CORNERS) * 2 * np.pi / _CORNERS
         rise = np.radians([-90, -60, -30, 0, 30, 60, 90]) if shape.kind == "capsule" else np.zeros(1)

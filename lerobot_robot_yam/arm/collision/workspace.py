@@ -1,7 +1,7 @@
-"""Where an arm may go: its place in the rig, a floor, keep-out boxes, and how near it may come to itself and others.
+"""Workspace of an arm: its place in the rig, a floor, keep-out boxes, and the collision margin.
 
 Plain values, nothing heavy: the dataclasses are part of `ArmConfig`, which LeRobot parses and which travels as JSON.
-The check itself is `collision_guard`. The rig frame is any frame that the arms of one robot share, z up.
+`collision_guard` does the check. The rig frame is any frame that the arms of one robot share, z up.
 """
 
 import math
@@ -14,12 +14,12 @@ import numpy as np
 from lerobot_robot_yam.arm.option import from_plain, option, real
 from lerobot_robot_yam.errors import ConfigError
 
-_MOST_MARGIN_M = 0.3  # largest collision margin, m: more than half of the forearm is a mistake in units
+_MOST_MARGIN_M = 0.3  # largest collision margin, m, more than half of the forearm: beyond is a mistake in units
 
 
 @dataclass(kw_only=True)
 class KeepOut:
-    """A box that no part of the arm may enter, in the rig frame.
+    """Box in the rig frame that no part of the arm may enter.
 
     Attributes:
         name: name for messages ("camera mast").
@@ -96,7 +96,7 @@ def _boxes(values: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
 
 
 def _numbers(arm: str, what: str, values: Sequence[Any], count: int) -> list[float]:
-    """Convert `values` to `count` finite floats; ConfigError otherwise."""
+    """Convert `values` to `count` finite floats. Raises ConfigError."""
     numbers = [real(value) for value in values] if isinstance(values, Sequence | np.ndarray) else []
     if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
         raise ConfigError(f"{arm}: workspace.{what} takes {count} finite number(s), not {values!r}")

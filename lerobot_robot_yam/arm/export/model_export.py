@@ -1,4 +1,4 @@
-"""An arm with its end effector as a file for other software: MJCF for MuJoCo, URDF for everything else.
+"""Export of an arm with its end effector for other software: MJCF for MuJoCo, URDF for everything else.
 
 Both have the links, inertias, joints, limits and sites of `model.build_spec`. The URDF's joints are called `joint_1`,
 `joint_2` … as in LeRobot's features.
@@ -15,13 +15,13 @@ from lerobot_robot_yam.arm.model import EE_BODY, Physics, build_spec
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 
 _ROOT = "world"
-_NOWHERE = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))  # position and quaternion of a frame that is its parent's
+_NOWHERE = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))  # position and quaternion of a frame equal to its parent's
 
 
 def mjcf(arm: ArmProfile, gripper: GripperProfile) -> str:
-    """The text of a file for MuJoCo: the arm of the virtual rig, with its shapes, friction, stops and contacts.
+    """Write MJCF text: the arm of the virtual rig, with its shapes, friction, stops and contacts, without actuators.
 
-    Nothing drives its joints: it has no actuators. MuJoCo writes six digits, so poses of the tool agree to 1e-6 m.
+    MuJoCo writes six digits, so poses of the tool agree to 1e-6 m.
 
     Args:
         arm, gripper: resolved profiles, see `mounting.resolve_profiles`.
@@ -32,9 +32,9 @@ def mjcf(arm: ArmProfile, gripper: GripperProfile) -> str:
 
 
 def urdf(arm: ArmProfile, gripper: GripperProfile) -> str:
-    """The text of a URDF without shapes. Lengths in m, angles in rad; the root link is the frame of the arm's base.
+    """Write URDF text without shapes. Lengths in m, angles in rad; the root link is the frame of the arm's base.
 
-    A further joint `gripper` moves nothing: LeRobot looks for one of each name.
+    A further joint `gripper` moves nothing: LeRobot looks for a joint of each feature's name.
 
     Args:
         arm, gripper: resolved profiles, see `mounting.resolve_profiles`.
@@ -53,11 +53,11 @@ def urdf(arm: ArmProfile, gripper: GripperProfile) -> str:
 
 
 def drawn_urdf(arm: ArmProfile, model: mujoco.MjModel, files: Mapping[str, Mapping[Colour, str]]) -> str:
-    """The text of a URDF of the arm alone, from its base to its last link, with meshes.
+    """Write URDF text of the arm alone, from its base to its last link, with meshes.
 
     Args:
         arm: resolved profile.
-        model: of the arm with an end effector.
+        model: model of the arm with an end effector.
         files: by link and colour, the URL of the mesh.
     """
     links = [model.body(body.name).id for body in arm.bodies]
@@ -72,7 +72,7 @@ def drawn_urdf(arm: ArmProfile, model: mujoco.MjModel, files: Mapping[str, Mappi
 
 
 def frame(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    """(4, 4) of a position (3,) and a quaternion w x y z (4,), of any length."""
+    """Make a pose (4, 4) from a position (3,) and a quaternion w x y z (4,) of any length."""
     pose, turn, unit = np.eye(4), np.empty(9), np.array(quat, dtype=float)
     mujoco.mju_normalize4(unit)
     mujoco.mju_quat2Mat(turn, unit)
@@ -81,20 +81,18 @@ def frame(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
 
 
 def rpy(turn: np.ndarray) -> np.ndarray:
-    """Roll, pitch, yaw (3,) rad of a rotation (3, 3): about the fixed axes x, then y, then z, R = Rz(yaw) Ry(pitch)
-    Rx(roll).
-    """
+    """Compute roll, pitch, yaw (3,) rad of a rotation (3, 3), R = Rz(yaw) Ry(pitch) Rx(roll)."""
     level = np.hypot(turn[0, 0], turn[1, 0])
     pitch = np.arctan2(-turn[2, 0], level)
     if level > 1e-9:
         roll, yaw = np.arctan2(turn[2, 1], turn[2, 2]), np.arctan2(turn[1, 0], turn[0, 0])
-    else:  # roll and yaw turn about the same axis
+    else:  # roll and yaw turn about the same axis: put all into roll
         roll, yaw = np.arctan2(-turn[1, 2], turn[1, 1]), 0.0
     return np.array([roll, pitch, yaw])
 
 
 def _links(robot: ET.Element, model: mujoco.MjModel, arm: ArmProfile, bodies: Iterable[int]) -> ET.Element:
-    """Add these bodies of a model, each with the joint that it has to its parent."""
+    """Add these bodies of a model, each with the joint to its parent."""
     ET.SubElement(robot, "link", name=_ROOT)
     for body in bodies:
         name, parent = model.body(body).name, model.body(model.body_parentid[body]).name
@@ -105,7 +103,7 @@ def _links(robot: ET.Element, model: mujoco.MjModel, arm: ArmProfile, bodies: It
             lower, upper = model.jnt_range[joint]
             torque, speed = arm.torque_limit_nm[joint], arm.speed_limit_rad_s[joint]
             _add_way(element, model.jnt_axis[joint], lower=lower, upper=upper, effort=torque, velocity=speed)
-        else:  # fingers stay where they are at 0
+        else:  # fingers are fixed at 0
             _add_joint(robot, f"{name}_mount", "fixed", (parent, name), place)
     return robot
 
@@ -122,7 +120,7 @@ def _add_link(robot: ET.Element, model: mujoco.MjModel, body: int) -> None:
 def _add_joint(
     robot: ET.Element, name: str, kind: str, links: tuple[str, str], place: tuple[np.ndarray, np.ndarray]
 ) -> ET.Element:
-    """links: parent and child; place: position and quaternion of the child in the parent."""
+    """Add a joint. links: parent and child; place: position and quaternion of the child in the parent."""
     joint = ET.SubElement(robot, "joint", name=name, type=kind)
     joint.append(_origin(*place))
     for tag, link in zip(("parent", "child"), links, strict=True):

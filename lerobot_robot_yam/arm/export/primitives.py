@@ -1,73 +1,73 @@
-"""Primitives as triangles, around the origin. trimesh has them, too, but takes a third of the start of yam-view."""
+"""Primitives as triangles, centred at the origin. trimesh has them, too, but adds a third to the start of yam-view."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-_SECTIONS = 24  # of a circle
-_RINGS = 7  # of a quarter of it, pole and equator included
-_POLE = 1e-9  # a ring that is smaller than this is one point
+_SECTIONS = 24  # sections of a circle
+_RINGS = 7  # points on a quarter circle, pole and equator included
+_POLE = 1e-9  # radius below which a ring is one point, m
 _BOX_SIDES = np.array(  # corners, numbered x + 2 y + 4 z
     [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
 )
 
 
 class Mesh(NamedTuple):
-    """Triangles: vertices (n, 3) in m; faces (m, 3), the corners of each, against the clock seen from outside."""
+    """Triangles: vertices (n, 3) in m; faces (m, 3), the corners of each, counter-clockwise seen from outside."""
 
     vertices: np.ndarray
     faces: np.ndarray
 
     def scaled(self, factors: Sequence[float] | np.ndarray) -> "Mesh":
-        """Along x, y and z."""
+        """Scale along x, y and z."""
         return self._replace(vertices=self.vertices * np.asarray(factors))
 
     def moved(self, turn: np.ndarray, offset_m: np.ndarray) -> "Mesh":
-        """Turned by a rotation (3, 3) about the origin, then moved by (3,)."""
+        """Turn by a rotation (3, 3) about the origin, then move by (3,), m."""
         return self._replace(vertices=self.vertices @ turn.T + offset_m)
 
 
 def box(size_m: Sequence[float] | np.ndarray) -> Mesh:
-    """Of these three edges."""
+    """Make a box with these three edges."""
     corners = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)]) - 0.5
     faces = np.concatenate([_BOX_SIDES[:, [0, 1, 2]], _BOX_SIDES[:, [0, 2, 3]]])
     return Mesh(corners, faces).scaled(size_m)
 
 
 def cylinder(radius_m: float, length_m: float) -> Mesh:
-    """Along z."""
+    """Make a cylinder along z."""
     half = length_m / 2
     return _revolved(np.array([[0.0, -half], [radius_m, -half], [radius_m, half], [0.0, half]]))
 
 
 def capsule(radius_m: float, length_m: float) -> Mesh:
-    """Along z: a cylinder of this length, with half a ball at each end."""
+    """Make a capsule along z: a cylinder of this length, with half a ball at each end."""
     lower, upper = _arc(-np.pi / 2, 0.0, _RINGS), _arc(0.0, np.pi / 2, _RINGS)
     middle = [0.0, length_m / 2]
     return _revolved(np.concatenate([radius_m * lower - middle, radius_m * upper + middle]))
 
 
 def ball() -> Mesh:
-    """Of radius 1 m."""
+    """Make a ball of radius 1 m."""
     return _revolved(_arc(-np.pi / 2, np.pi / 2, 2 * _RINGS - 1))
 
 
 def joined(meshes: Sequence[Mesh]) -> Mesh:
-    """All of them in one."""
+    """Join meshes into one."""
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
     faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]
     return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
 
 
 def _arc(first_rad: float, last_rad: float, points: int) -> np.ndarray:
-    """(points, 2) of the unit circle."""
+    """Points (points, 2) of the unit circle."""
     angles = np.linspace(first_rad, last_rad, points)
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
 def _revolved(outline: np.ndarray) -> Mesh:
-    """A body of revolution about z. outline: (k, 2) distance from z and height, from lower to upper pole."""
+    """Make a body of revolution about z. outline: (k, 2) distance from z and height, from lower to upper pole."""
     around = _arc(0.0, 2.0 * np.pi, _SECTIONS + 1)[:-1]
     vertices = np.empty((len(outline), _SECTIONS, 3))
     vertices[..., :2] = outline[:, None, :1] * around

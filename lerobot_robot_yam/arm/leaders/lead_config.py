@@ -1,4 +1,4 @@
-"""What a leader does for the follower that it leads: coupling, gate, force.
+"""Options of a leader for its follower: coupling, gate, force.
 
 Plain values: the dataclass travels as JSON to the control process. docs/teleoperation.md explains the options.
 """
@@ -12,7 +12,7 @@ from typing import Literal
 from lerobot_robot_yam.arm.option import real
 from lerobot_robot_yam.errors import ConfigError
 
-GAIN_MOST = 0.5  # largest gain of the force, share of the position gain: hands of all weights bear it
+GAIN_MOST = 0.5  # largest gain of the force, share of the position gain: stable with hands of all weights
 _SCALES = (0.05, 1.0)  # share of the leader's motion in fine mode
 _THRESHOLD_MOST_RAD = 3.0
 _SPEEDS_RAD_S = (0.05, 1.5)
@@ -24,24 +24,24 @@ Button = Literal["top", "bottom"]
 
 @dataclass(kw_only=True)
 class LeadConfig:
-    """The leader's side of one pair of arms.
+    """Options of the leader in one pair of arms.
 
     Attributes:
         follower: CAN channel of the follower, on the leader's interface.
         arm, gripper: profiles of the follower.
         gate: what engages: lifting (auto), a button, or nothing (always engaged).
-        together: both leaders of a robot have one gate.
-        home_rad: (joints,) where leader and follower wait; None: all zero.
+        together: whether both leaders of a robot share one gate.
+        home_rad: (joints,) pose in which leader and follower wait; None: all zero.
         home_gripper: opening of the follower there.
-        gate_joints: numbers of the joints, from 1, whose distance from home counts; empty: the distance of all, L2.
-        engage_threshold_rad, release_threshold_rad, release_s: engages beyond the first, releases below the second for
-            this long.
+        gate_joints: numbers of the joints, from 1, whose distance from home opens the gate; empty: L2 of all.
+        engage_threshold_rad, release_threshold_rad, release_s: the gate engages beyond the first, and releases below
+            the second for this long.
         homing_speed_rad_s, idle_speed_rad_s: speeds of the ramp home, and of a follower that comes home in IDLE.
         approach_speed_rad_s, approach_s: speed and least duration of the follower's approach to the leader.
         gate_button, fine_button: buttons of the handle that engage and release, and that switch fine mode.
         fine_scale: share of the leader's motion in fine mode.
         bilateral: gain of the force per joint, a share of the leader's position gain; 0: none.
-        mirror: the leader is led to its follower while a policy drives the follower.
+        mirror: whether the leader moves along with its follower while a policy drives the follower.
     """
 
     follower: str
@@ -66,11 +66,7 @@ class LeadConfig:
     mirror: bool = False
 
     def check(self, name: str) -> None:
-        """Refuse impossible values.
-
-        Raises:
-            ConfigError: names the arm, the option, and what the option takes.
-        """
+        """Refuse impossible values. Raises ConfigError: names arm, option and accepted values."""
         for key, (low, high), unit in (
             ("home_gripper", (0.0, 1.0), ""),
             ("engage_threshold_rad", (0.0, _THRESHOLD_MOST_RAD), " rad"),
@@ -114,7 +110,7 @@ class LeadConfig:
             raise _refusal(name, self, "home_rad", "angles in rad, one per joint")
 
     def check_joints(self, name: str, joints: int) -> None:
-        """Refuse lists that do not fit an arm of so many joints. Raises ConfigError: names the option."""
+        """Refuse lists that do not fit an arm of `joints` joints. Raises ConfigError: names the option."""
         for key in ("home_rad", "bilateral"):
             value = getattr(self, key)
             if isinstance(value, list) and len(value) != joints:
@@ -134,14 +130,14 @@ class LeadOptions:
 
     @abstractmethod
     def lead_config(self) -> LeadConfig | None:
-        """What the arm does for its follower; None without a follower."""
+        """Make the options for the follower; None without a follower."""
 
 
 def check_leads(configs: Sequence[LeadConfig]) -> None:
-    """Refuse leaders of one robot that lead the same arm, or share a gate and disagree about it.
+    """Refuse leaders of one robot that lead the same arm, or share a gate with different options.
 
     Raises:
-        ConfigError: says which.
+        ConfigError: names the option or the follower.
     """
     followers = [config.follower for config in configs]
     if len(set(followers)) < len(followers):

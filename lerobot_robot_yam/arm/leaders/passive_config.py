@@ -1,4 +1,4 @@
-"""A leader without motors: an encoder at each joint and at the trigger, and how its angles become the follower's.
+"""Options of a leader without motors: how the angles of its encoders become the follower's.
 
 Plain values: the dataclass travels as JSON to the process that reads the encoders.
 """
@@ -19,7 +19,7 @@ JOINT_SIGNS: dict[str, list[int]] = {
     "mobile_left": [-1, 1, 1, 1, -1, -1],
     "mobile_right": [-1, -1, -1, -1, -1, -1],
 }
-_LEAST_RANGE_RAD = 0.2  # smallest range of a joint that somebody has moved, rad
+_LEAST_RANGE_RAD = 0.2  # smallest range of a joint, rad; less means that nobody moved it
 
 
 @dataclass(kw_only=True)
@@ -30,8 +30,8 @@ class PassiveConfig:
         joint_sign: (n,) 1 or -1.
         mapping: direct: an angle is the follower's; range: the leader's range is stretched onto the follower's.
         leader_range_rad: (n, 2) lowest and highest angle of each joint of the leader; None: as calibrated.
-        calibration_path: file with zeros and ranges; without the file the encoders' own zeros count.
-        home_rad: (n,) where the leader lies while its zeros are found; None: all zero.
+        calibration_path: file with zeros and ranges; without it the encoders' own zeros are used.
+        home_rad: (n,) pose in which the leader lies while its zeros are found; None: all zero.
     """
 
     joint_sign: list[int]
@@ -41,11 +41,7 @@ class PassiveConfig:
     home_rad: list[float] | None = None
 
     def check(self, name: str, joints: int) -> None:
-        """Refuse impossible values.
-
-        Raises:
-            ConfigError: names the arm, the option, and what the option takes.
-        """
+        """Refuse impossible values. Raises ConfigError: names arm, option and accepted values."""
         signs = self.joint_sign
         if not isinstance(signs, Sequence) or len(signs) != joints or any(sign not in (1, -1) for sign in signs):
             raise ConfigError(f"{name}: joint_sign takes 1 or -1 for each of {joints} joints; got {signs!r}")
@@ -61,13 +57,13 @@ class PassiveConfig:
 
 
 class PassiveOptions:
-    """Options of a leader without motors: the fields of `ArmConfig` that have a meaning for it."""
+    """Options of a leader without motors: the fields of `ArmConfig` that apply to it."""
 
     name: str
 
     @abstractmethod
     def passive_config(self) -> PassiveConfig:
-        """How the leader's encoders are read."""
+        """Make the options of reading the leader's encoders."""
 
 
 def _finite(values: Sequence[Any]) -> bool:
@@ -75,7 +71,7 @@ def _finite(values: Sequence[Any]) -> bool:
 
 
 def check_ranges(what: str, ranges: Any, joints: int) -> None:
-    """Refuse ranges (joints, 2) that are none. Raises ConfigError: the message begins with `what`."""
+    """Refuse malformed ranges (joints, 2). Raises ConfigError: the message begins with `what`."""
     rows = ranges if isinstance(ranges, Sequence) and not isinstance(ranges, str) else []
     for row in rows:
         pair = row if isinstance(row, Sequence) and not isinstance(row, str) and len(row) == 2 else (math.nan, 0.0)
