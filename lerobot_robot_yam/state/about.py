@@ -1,4 +1,4 @@
-"""The configuration of a running arm, in a file beside the link to its state block, for programs that watch arms."""
+"""Configuration of a running arm, in a file beside its state block, for programs that watch arms."""
 
 import contextlib
 import dataclasses
@@ -14,16 +14,16 @@ from lerobot_robot_yam.system.runtime_files import ABOUT, runtime_dir
 
 logger = logging.getLogger(__name__)
 
-_MOST_BYTES = 1 << 20  # read of a file
+_MOST_BYTES = 1 << 20  # largest part of a file that is read
 
 
 def about_path(key: str) -> Path:
-    """File of the arm on the channel with this key."""
+    """Path of the file for the arm with this channel key."""
     return runtime_dir() / f"{ABOUT}{key}"
 
 
 def tell_about(key: str, config: ArmConfig) -> None:
-    """Write the file; log a warning where that fails."""
+    """Write the file; log a warning if that fails."""
     try:
         path = about_path(key)
         aside = path.with_name(f".{path.name}.{os.getpid()}")

@@ -1,10 +1,10 @@
-"""Between a LeRobot command and a page beside it: what the command does, in a file, and what it is asked, by a socket.
+"""Channel between a LeRobot command and a page beside it: a file with the command's status, a socket for requests.
 
     desk-PID.json   the status; replaced as a whole
-    desk-PID.sock   takes requests, one datagram each: {"meaning": "next", "by": "yam-view", "turn": 12.3}
+    desk-PID.sock   receives requests, one datagram each: {"meaning": "next", "by": "yam-view", "turn": 12.3}
 
-Both lie in the runtime directory, which is this user's. A socket whose process is gone refuses to be connected to: so
-what is left behind is recognised, whatever number the next process has, and in whatever container.
+Both lie in this user's runtime directory. A socket whose process is gone refuses connections. So files left behind are
+recognised even if their process number is in use again, or belongs to another container.
 """
 
 import atexit
@@ -22,12 +22,12 @@ from lerobot_robot_yam.system.runtime_files import DESK
 
 _STATUS, _SOCKET = ".json", ".sock"
 _LONGEST = 512  # longest request, bytes
-_MOST = 16  # requests that are read at once; a flood waits in the kernel, which turns its sender away
-_STATUS_BYTES = 1 << 16  # read of a status
+_MOST = 16  # most requests read at once; more wait in the kernel, which refuses their sender when full
+_STATUS_BYTES = 1 << 16  # largest part of a status that is read
 
 
 class Asked(NamedTuple):
-    """A request.
+    """Request to a LeRobot command.
 
     Attributes:
         meaning: name of a button, see `Meaning` in `face/lerobot_command/running_command.py`; not checked here.
@@ -41,7 +41,7 @@ class Asked(NamedTuple):
 
 
 class DeskPost:
-    """The command's end, one for a process.
+    """Command's end of the channel, one per process.
 
     Args:
         directory: the runtime directory.
@@ -62,7 +62,7 @@ class DeskPost:
             self._socket.close()
             raise
         self._owner = os.getpid()
-        atexit.register(self.close)  # a second Ctrl-C ends LeRobot's commands wherever they are
+        atexit.register(self.close)  # for a second Ctrl-C, which ends LeRobot's commands anywhere
 
     def tell(self, status: Mapping[str, Any]) -> None:
         """Replace the status. Raises OSError: it cannot be written."""
@@ -86,7 +86,7 @@ class DeskPost:
         return found, malformed
 
     def wake(self) -> None:
-        """End a wait for requests."""
+        """End a running wait for requests."""
         _send(self._path, b"")
 
     def close(self) -> None:
@@ -109,7 +109,7 @@ def _parsed(data: bytes) -> Asked | None:
 
 
 def running_desks(directory: Path) -> dict[int, dict[str, Any]]:
-    """Read the status of every running command, by process number, with the status' age as `age_s`."""
+    """Read the status of every running command, by process number; `age_s` is added, the age of the status."""
     found = {}
     for path in sorted(directory.glob(f"{DESK}*{_STATUS}")):
         number = path.name.removeprefix(DESK).removesuffix(_STATUS)
@@ -144,7 +144,7 @@ def _send(path: Path, data: bytes) -> bool:
 
 
 def forget_the_dead(directory: Path) -> None:
-    """Remove the files of processes that were killed."""
+    """Remove the files of dead processes."""
     for path in directory.glob(f"{DESK}*{_SOCKET}"):
         if not _answers(path):
             for left in (path.with_suffix(_STATUS), path):

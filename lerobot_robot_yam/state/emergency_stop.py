@@ -1,8 +1,8 @@
-"""The emergency stop of everything that one user drives on this machine: latched by anybody, released on purpose.
+"""Emergency stop of all arms that one user drives on this machine: any program latches it, a person releases it.
 
-A file is the latch: it outlives the process that made it, and a loop looks for it at each tick in 4 µs. On a full disk,
-or without a file descriptor left, no file can be made. Then the sticky bit of the directory is the latch: a change of
-mode needs neither room nor a descriptor.
+The latch is a file: it outlives the process that made it, and a loop checks for it at each tick in 4 µs. On a full
+disk, or without a free file descriptor, no file can be made. Then the sticky bit of the directory is the latch: a
+change of mode needs neither room nor a descriptor.
 """
 
 import contextlib
@@ -21,14 +21,14 @@ from lerobot_robot_yam.system.runtime_files import runtime_dir
 logger = logging.getLogger(__name__)
 
 _FILE = "emergency-stop"
-_MOST_BYTES = 65536  # read of the file
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM)  # errors of a disk without room
-_NO_DESCRIPTOR = (errno.EMFILE, errno.ENFILE)  # errors of a process, or machine, without a descriptor left
+_MOST_BYTES = 65536  # largest part of the file that is read
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM)  # errors that mean a full disk
+_NO_DESCRIPTOR = (errno.EMFILE, errno.ENFILE)  # errors that mean that no file descriptor is left
 _NO_ROOM = "unknown: there was no room to write it down"
 
 
 class EmergencyStop:
-    """The latch. While it is set followers hold and leaders float, still energised, and no other arm is energised.
+    """Latch of the emergency stop. While it is set followers hold, leaders float, and no other arm is energised.
 
     EmergencyStop().latch("somebody shouted")
 
@@ -44,19 +44,19 @@ class EmergencyStop:
         self.directory = runtime_dir() if directory is None else directory
         self._directory_name = str(self.directory)  # text: a Path takes a loop longer
         self._name = str(self.directory / _FILE)
-        self._unwritten = False  # latched, but no other process can see it
+        self._unwritten = False  # latched in this object only: no other process can see it
         self._seen_in: int | None = None  # inode of the directory in which the latch was seen; /dev/shm reuses none
 
     @property
     def latched(self) -> bool:
-        """Whether the stop is set."""
+        """Whether the emergency stop is set."""
         if os.access(self._name, os.F_OK) or self._marked:
             if self._seen_in is None:
                 self._seen_in, self._unwritten = self._directory_number(), False
             return True
         seen_in, self._seen_in = self._seen_in, None
         if seen_in is not None and seen_in != self._directory_number():
-            with contextlib.suppress(OSError):  # then it stands for this object alone
+            with contextlib.suppress(OSError):  # then only this object stays latched
                 self.latch(f"{self.directory} was removed with the stop in it, by a log-out perhaps")
             return True
         return self._unwritten
@@ -76,7 +76,7 @@ class EmergencyStop:
             return 0
 
     def reason(self) -> str:
-        """Why the stop was set, by which process and when; empty when it is not set."""
+        """Reason, process and time of the stop; empty when it is not set."""
         try:
             with self._inside() as directory:
                 file = os.open(_FILE, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=directory)
@@ -89,7 +89,7 @@ class EmergencyStop:
             return "unknown"
 
     def latch(self, why: str) -> None:
-        """Stop everything, until `release`. The first reason stands.
+        """Stop everything, until `release`. If the stop is set already, its first reason stays.
 
         Raises:
             OSError: the latch cannot be written, so that no other process sees it; this object stays latched.
@@ -99,7 +99,7 @@ class EmergencyStop:
         self._unwritten = True
         if self._own:
             with contextlib.suppress(ConfigError):
-                runtime_dir()  # a log-out may have had it removed
+                runtime_dir()  # makes it again if a log-out has removed it
         try:
             self._write(why)
         except OSError as error:
@@ -114,20 +114,20 @@ class EmergencyStop:
             try:
                 file = os.open(_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600, dir_fd=directory)
             except FileExistsError:
-                if not os.path.exists(self._name):  # a link to nowhere; else another process was faster
+                if not os.path.exists(self._name):  # a broken link; else another process was faster
                     raise
             except OSError as error:
                 if error.errno not in _FULL:
                     raise
                 os.fchmod(directory, stat.S_IMODE(os.fstat(directory).st_mode) | stat.S_ISVTX)
-            else:  # the file itself is the latch; the reason may not find room
+            else:  # the file itself is the latch, even if its text finds no room
                 data = {"why": why, "pid": os.getpid(), "at": time.strftime("%Y-%m-%d %H:%M:%S")}
                 with contextlib.suppress(OSError), open(file, "w") as text:
-                    os.fchmod(file, 0o644)  # a user whom root stops must be able to read why
+                    os.fchmod(file, 0o644)  # root may stop other users, who have to read the reason
                     text.write(json.dumps(data) + "\n")
 
     def release(self) -> None:
-        """Let each arm move again, from where it is, with its next target. Raises OSError: the latch stays."""
+        """Release the stop: each arm moves on from its present pose with its next target. Raises OSError: it stays."""
         with contextlib.suppress(FileNotFoundError), self._inside() as directory:
             mode = stat.S_IMODE(os.fstat(directory).st_mode)
             if mode & stat.S_ISVTX:
@@ -136,7 +136,7 @@ class EmergencyStop:
 
     @contextlib.contextmanager
     def _inside(self) -> Iterator[int]:
-        """Open the directory itself: root latches in other users' directories, where a link could take its place."""
+        """Open the directory without following links: root latches in other users' directories."""
         directory = os.open(self.directory, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
         try:
             yield directory

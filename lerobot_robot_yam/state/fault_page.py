@@ -1,4 +1,4 @@
-"""The page of the fault tables: `python -m lerobot_robot_yam.state.fault_page > docs/faults.md`."""
+"""Page of the fault tables: `python -m lerobot_robot_yam.state.fault_page > docs/faults.md`."""
 
 import sys
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from lerobot_robot_yam.state.link_faults import LINK_RESPONSES
 
 
 def _table(rules: Mapping[Any, Rule]) -> list[str]:
-    """Lines of a Markdown table, a row for each fault."""
+    """Format a Markdown table as lines, a row for each fault."""
     lines = [
         "| fault | noticed by | the arm | its peer | the caller sees | within | to re-arm |",
         "|---|---|---|---|---|---|---|",
@@ -21,7 +21,7 @@ def _table(rules: Mapping[Any, Rule]) -> list[str]:
 
 
 def document() -> str:
-    """The page as Markdown."""
+    """Format the page as Markdown."""
     lines = [
         "# What happens when something fails",
         "",

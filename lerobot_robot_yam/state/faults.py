@@ -1,4 +1,4 @@
-"""The fault table: what happens when something fails. The control loop, `fault_page` and the tests read it."""
+"""Fault table: how each fault is noticed and what the arms do. The control loop, `fault_page` and the tests read it."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -7,7 +7,7 @@ from lerobot_robot_yam.damiao.tables import Fault
 
 
 class Response(StrEnum):
-    """Responses of an arm, by the words that docs/faults.md uses and explains."""
+    """Responses of an arm; docs/faults.md explains these words."""
 
     GO_ON = "goes on"
     HOLD = "holds"
@@ -76,14 +76,14 @@ class Trouble(StrEnum):
 
 @dataclass(frozen=True)
 class Rule:
-    """One row.
+    """Row of the fault table.
 
     Attributes:
-        sign: how it is noticed.
+        sign: how the fault is noticed.
         arm: what the arm concerned does.
         peer: what the other arm of the same robot does.
         caller: what the caller sees.
-        within_s: and after how long at most.
+        within_s: longest time from the fault to the response, s.
         rearm: what brings the arm back. Torque never comes back by itself.
     """
 
@@ -96,24 +96,24 @@ class Rule:
 
     @property
     def in_place(self) -> bool:
-        """Whether `rearm()` can end it, without a new connection."""
+        """Whether `rearm()` can end the fault, without a new connection."""
         return self.rearm == _REARM
 
 
 _REARM = "`rearm()` once the cause is gone, or connect again"
 _RECONNECT = "connect again"
 _MOTOR_ERROR = "MotorError that names motor and cause"
-PARENT_S = 0.03  # the caller is looked for every 20 ms
-TICK_S = 0.01  # one tick of the loop and one of its caller's reads, rounded up
-SILENT_S = 0.1  # a motor that has not answered for this long is lost: a quarter of its own watchdog
-HEAT_S = 0.6  # a temperature is believed once it has been steady for half a second
-HUNG_S = 0.14  # a loop that has not ticked for this long is replaced: a third of the motors' watchdog
-MOST_RAD_S2 = 30.0  # largest acceleration that is fed forward
-STALE_OVERSHOOT_RAD_S = 1.6  # beyond its speed limit, of a joint whose last command gave it an acceleration: a·√(I/kp)
+PARENT_S = 0.03  # time to notice a dead caller, s; it is checked every 20 ms
+TICK_S = 0.01  # time for one tick of the loop and one read of its caller, rounded up, s
+SILENT_S = 0.1  # silence after which a motor is lost, s: a quarter of its own watchdog
+HEAT_S = 0.6  # time to notice heat, s: a temperature counts once it has been steady for half a second
+HUNG_S = 0.14  # time without a tick after which a loop is replaced, s: a third of the motors' watchdog
+MOST_RAD_S2 = 30.0  # largest acceleration that is fed forward, rad/s²
+STALE_OVERSHOOT_RAD_S = 1.6  # excess speed of a joint that keeps obeying an accelerating command, rad/s: a·√(I/kp)
 
 
 def stale_overshoot_rad_s(late_s: float) -> float:
-    """Speed, rad/s, that a joint gains while it obeys an accelerating command `late_s` too long."""
+    """Excess speed of a joint, rad/s, after it has obeyed an accelerating command `late_s` too long."""
     return min(MOST_RAD_S2 * max(late_s, 0.0), STALE_OVERSHOOT_RAD_S)
 
 
@@ -148,7 +148,7 @@ FAULT_TROUBLE: dict[int, Trouble] = {
     Fault.OVERLOAD: Trouble.OVERLOAD,
     Fault.DISABLED: Trouble.DISABLED,
 }
-"""Which trouble a motor's fault code stands for; undocumented codes count as overload."""
+"""Trouble for each fault code of a motor; undocumented codes count as overload."""
 
 _CUT = "the motor reports code 0x{:X}; it has no torque then"
 

@@ -1,7 +1,7 @@
-"""Faults of the link between a workstation and the arms' computer, beside those of `faults`, which the host has, too.
+"""Faults of the link between a workstation and the arms' computer, in addition to the table in `faults`.
 
-The host does not tell one from the other: it hears its client or not, and its arms do what the table of faults says
-of a caller that stalls or dies. These rows are for people, and for the tests, which try each of them.
+The host cannot tell these faults apart: it hears its client or not, and applies the rules of `faults` for a caller
+that stalls or dies. This table is for people, and for the tests, which try each row.
 """
 
 from enum import StrEnum
@@ -10,7 +10,7 @@ from lerobot_robot_yam.state.faults import PARENT_S, TICK_S, Response, Rule
 
 
 class LinkFault(StrEnum):
-    """Faults of two computers, of their programs, and of what is between them."""
+    """Faults of two computers, of their programs, and of the network between them."""
 
     PROGRAM_DEAD = "workstation's program dies"
     WORKSTATION_DEAD = "workstation dies"
@@ -25,10 +25,10 @@ class LinkFault(StrEnum):
     SECOND_CLIENT = "second client"
 
 
-ASKED_S = 0.3  # until a link process has seen that its program is gone, and the host has begun to land
-SILENT_S = 0.5  # `command_timeout_s`
-LAND_AFTER_S = 30.0  # yam-host's `--land_after_s`
-STOPPED_S = 0.1  # until a stop has come over the link
+ASKED_S = 0.3  # time until a link process notices that its program is gone and the host begins to land, s
+SILENT_S = 0.5  # default of `command_timeout_s`
+LAND_AFTER_S = 30.0  # default of yam-host's `--land_after_s`
+STOPPED_S = 0.1  # time for an emergency stop to cross the link, s
 
 _STALE = "StaleStateError, never a state older than `max_state_age_s`"
 _LATER = f"and lands after `--land_after_s`, {LAND_AFTER_S:g} s"

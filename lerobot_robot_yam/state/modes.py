@@ -1,4 +1,4 @@
-"""The states of an arm and the only moves between them.
+"""Modes of an arm and the only moves between them.
 
 Torque is switched off (OFF) from a landed pose or when the arm was never energised; every other end goes through LAND.
 """
@@ -14,7 +14,7 @@ class Mode(IntEnum):
     HOLD = 2  # keeps its set-point
     TRACK = 3  # the set-point follows the caller's targets
     FLOAT = 4  # gravity-compensated, free to be moved by hand
-    LAND = 5  # on its way to a pose in which torque can be cut
+    LAND = 5  # moves to a pose in which torque can be cut
     FAULT = 6  # a motor is lost or reports a fault; the others hold
     OFF = 7  # landed, torque cut
     STOPPED = 8  # emergency stop: a follower holds, a leader floats if it is in balance
@@ -39,9 +39,9 @@ class Gate(IntEnum):
     """State of a leader's gate, which decides what its follower does. See docs/teleoperation.md."""
 
     NONE = 0  # the leader has no follower
-    HOMING = 1  # leader and follower are led home
+    HOMING = 1  # leader and follower ramp home
     IDLE = 2  # the follower stays; the leader floats, and may engage
-    APPROACH = 3  # the follower goes to the leader
+    APPROACH = 3  # the follower moves to the leader
     ENGAGED = 4  # the follower is at the leader and tracks it
-    FINE = 5  # it tracks changes of the leader, scaled down
-    RECENTRE = 6  # the leader is led back to the follower after FINE
+    FINE = 5  # the follower tracks changes of the leader, scaled down
+    RECENTRE = 6  # the leader moves back to the follower after FINE

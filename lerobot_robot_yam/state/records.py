@@ -1,9 +1,9 @@
-"""The two records that caller and control loop share for each arm: state (loop writes), command (caller writes).
+"""Records that caller and control loop share for each arm: the state (loop writes) and the command (caller writes).
 
-A record has a slot for each motor that an arm could have: the joints, then the gripper if that has a motor; further
-slots are unused. The state has the numbers of joints and motors. SI units; gripper 0 closed … 1 open.
+A record has a slot for each motor that an arm can have: the joints, then the gripper if that has a motor; further
+slots are unused. The state holds the numbers of joints and motors. SI units; gripper 0 closed … 1 open.
 
-Each record has its block. The caller makes the memory of both and passes the descriptors on, so no file is needed.
+Each record has its own block. The caller allocates both blocks and passes their descriptors on, so no file is needed.
 """
 
 import math
@@ -35,7 +35,7 @@ class Limited(IntFlag):
     GRIPPER_FORCE = 16
     COMMAND_TIMEOUT = 32
     EMERGENCY_STOP = 64
-    PEER = 128  # the other arm is in trouble
+    PEER = 128  # the other arm is in trouble, so this one holds
     WORKSPACE = 256
     HEAT = 512
     CAME_FREE = 1024  # a joint sprang forward and was caught
@@ -52,21 +52,21 @@ class Request(IntEnum):
     REARM = 5
     GUIDE = 6  # float, but the gripper follows targets
     GAINS = 7  # use own_kp and own_kd of the command
-    CUT_TORQUE = 8  # at once, also in the air; refused while the arm lands or is stopped
+    CUT_TORQUE = 8  # cut torque at once, also in the air; refused while the arm lands or is stopped
 
 
-ACTION_SLOTS = MAX_MOTORS + 1  # a follower may have a gripper more than its leader has motors
+ACTION_SLOTS = MAX_MOTORS + 1  # slots of a follower's target: it may have one motor more than its leader
 
 STATE_DTYPE = np.dtype(
     [
-        ("owner_pid", "u8"),  # process whose loop drives the arm; it changes when another process takes over
-        # The fields of `EACH_TICK`.
+        ("owner_pid", "u8"),  # process whose loop drives the arm; changes when another process takes over
+        # From here to handle_stamp_s: the fields of `EACH_TICK`.
         ("stamp_s", "f8"),  # monotonic time of publication
         ("tick", "u8"),
-        ("asked_s", "f8"),  # when the oldest command was sent that a motor's sample answers
+        ("asked_s", "f8"),  # monotonic time of the oldest command that a motor's sample answers
         ("mode", "u1"),
         ("limited", "u2"),
-        ("own_gains", "u1"),  # the arm's own gains act, not softer ones of a target
+        ("own_gains", "u1"),  # whether the arm's own gains act, not softer ones of a target
         ("gripper_blocked", "u1"),
         ("trigger", "f8"),
         ("buttons", "u1", 2),
@@ -77,32 +77,32 @@ STATE_DTYPE = np.dtype(
         ("dq", "f8", MAX_MOTORS),
         ("tau", "f8", MAX_MOTORS),
         ("setpoint", "f8", MAX_MOTORS),
-        ("sunk", "u1", MAX_MOTORS),  # a landing let the joint sink without replies: it has left its set-point
-        ("motor_stamp_s", "f8", MAX_MOTORS),  # when each motor took its newest sample
+        ("sunk", "u1", MAX_MOTORS),  # whether a landing let the joint sink without replies, away from its set-point
+        ("motor_stamp_s", "f8", MAX_MOTORS),  # monotonic time of each motor's newest sample
         ("temp_mos_c", "f4", MAX_MOTORS),
         ("temp_rotor_c", "f4", MAX_MOTORS),
         ("fault", "u1", MAX_MOTORS),
-        ("distrusted", "u1", MAX_MOTORS),  # readings are not used any more; q is the last that was believed
+        ("distrusted", "u1", MAX_MOTORS),  # whether readings are ignored; q is then the last plausible one
         ("lost", "u8", MAX_MOTORS),
-        ("offset_rad", "f8", MAX_MOTORS),  # motor angle at joint zero: a successor needs it
+        ("offset_rad", "f8", MAX_MOTORS),  # motor angle at joint zero, for a process that takes the arm over
         ("gripper_stops_rad", "f8", 2),  # closed, open; NaN until they are known
         ("gate", "u1"),  # a `Gate`
-        # A follower's target, joints in rad and then its gripper; NaN in unused slots. In a leader's state the target
-        # for its follower, in a follower's state the target that its set-point took last.
+        # A follower's target, joints in rad and then its gripper; NaN in unused slots. In a leader's state it is the
+        # target for its follower, in a follower's state the target that its set-point took last.
         ("action", "f8", ACTION_SLOTS),
-        ("action_dq", "f8", ACTION_SLOTS),  # rate of the same, 1/s
-        ("action_stamp_s", "f8"),  # time of the target
+        ("action_dq", "f8", ACTION_SLOTS),  # rate of `action`, 1/s
+        ("action_stamp_s", "f8"),  # monotonic time of `action`
         ("coupled_to", "u8"),  # `coupling_number` of the leader that a follower follows; 0: none
         ("target_sequence", "u8"),  # number of the newest target that the set-point took
         ("request_sequence", "u8"),  # number of the newest request that was carried out or refused
         ("request_refused", "u1"),
         ("refusal", "S400"),  # why the newest refused request was refused
-        ("trouble", "S40"),  # a `faults.Trouble`, empty when all is well
+        ("trouble", "S40"),  # a `faults.Trouble`, or empty
         ("message", "S400"),
     ]
 )
 
-KEY_BYTES = 200  # longest channel key: a channel's name and a rig's, whose lengths are limited
+KEY_BYTES = 200  # longest channel key, made of a channel's name and a rig's
 
 COMMAND_DTYPE = np.dtype(
     [
@@ -112,10 +112,10 @@ COMMAND_DTYPE = np.dtype(
         ("dq", "f8", MAX_MOTORS),  # NaN: the loop derives it
         ("kp", "f8", MAX_MOTORS),  # NaN: as configured
         ("kd", "f8", MAX_MOTORS),
-        ("own_kp", "f8", MAX_MOTORS),  # the arm's, for targets without gains; NaN: as configured
+        ("own_kp", "f8", MAX_MOTORS),  # gains for targets without gains; NaN: as configured
         ("own_kd", "f8", MAX_MOTORS),
-        ("leader", f"S{KEY_BYTES}"),  # key of the leader whose present action the target is; empty: none
-        ("coupled_until_s", "f8"),  # until then the loop may take each tick's target from that leader's state
+        ("leader", f"S{KEY_BYTES}"),  # key of the leader that the target comes from; empty: none
+        ("coupled_until_s", "f8"),  # time until which the loop may read targets from that leader's state
         ("request_stamp_s", "f8"),
         ("request", "u1"),
         ("request_sequence", "u8"),
@@ -128,8 +128,8 @@ _STRUCT_CODES = {"f8": "d", "f4": "f", "u8": "Q", "u2": "H", "u1": "B"}
 def packed(dtype: np.dtype, motors: int, only: Collection[str] | None = None) -> tuple[struct.Struct, dict[str, int]]:
     """Make a struct of a packed record type, with the place of each field among its values; skip unused slots.
 
-    A caller that wakes up 30 times a second has cold caches, and then a numpy field takes 6 times as long to read as a
-    tuple.
+    Tuples are faster than numpy fields: a caller that wakes up 30 times a second has cold caches, and then a numpy
+    field takes 6 times as long to read.
 
     Args:
         dtype: the record type.
@@ -154,7 +154,7 @@ def packed(dtype: np.dtype, motors: int, only: Collection[str] | None = None) ->
 
 
 EACH_TICK = STATE_DTYPE.fields["stamp_s"][1], struct.Struct("<dQdBHBBd2Bd")  # type: ignore[index]
-"""Place and layout of the values that change at every tick, stamp_s … handle_stamp_s."""
+"""Offset and layout of the values that change at every tick, stamp_s … handle_stamp_s."""
 _STATES = [packed(STATE_DTYPE, motors) for motors in range(MAX_MOTORS + 1)]
 _JOINTS_AT, _MOTORS_AT = (STATE_DTYPE.fields[name][1] for name in ("joints", "motors"))  # type: ignore[index]
 OWNER = STATE_DTYPE.fields["owner_pid"][1], struct.Struct("<Q")  # type: ignore[index]
@@ -187,7 +187,7 @@ def _of_gripper(name: str, doc: str) -> Any:
 
 
 class ArmState:
-    """One arm's state, as measured at `stamp_s`. Each access unpacks a value from the record, into a new array.
+    """State of one arm, as measured at `stamp_s`. Each access unpacks a value from the record, into a new array.
 
     Args:
         payload: the bytes of a state record.
@@ -239,12 +239,11 @@ class ArmState:
 
     @property
     def mode(self) -> Mode:
-        """Life-cycle state."""
+        """Mode of the arm."""
         return _MODES[self._values[self._at["mode"]]]
 
     @property
     def limited(self) -> Limited:
-        """Limits that act on the arm."""
         return Limited(self._values[self._at["limited"]])
 
     @property
@@ -256,13 +255,13 @@ class ArmState:
 
     @property
     def trigger(self) -> float | None:
-        """Teaching handle, 0 released … 1 squeezed; None without a handle or while it is silent."""
+        """Trigger of the teaching handle, 0 released … 1 squeezed; None without a handle or while it is silent."""
         value = self._values[self._at["trigger"]]
         return None if math.isnan(value) else value
 
     @property
     def buttons(self) -> tuple[bool, bool]:
-        """The handle's two buttons."""
+        """Buttons of the teaching handle, True while pressed."""
         first = self._at["buttons"]
         return bool(self._values[first]), bool(self._values[first + 1])
 
@@ -273,9 +272,10 @@ class ArmState:
 
     @property
     def action(self) -> tuple[float, ...] | None:
-        """Follower's target, joints in rad and then its gripper, 0 … 1; None: no target.
+        """Target of a follower, joints in rad and then its gripper, 0 … 1; None: no target.
 
-        In a leader's state it is meant for its follower; a follower's set-point took it last.
+        In a leader's state it is the target for its follower, in a follower's state the target that its set-point took
+        last.
         """
         first = self._at["action"]
         values = self._values[first : first + ACTION_SLOTS]
@@ -289,7 +289,7 @@ class ArmState:
 
     @property
     def trouble(self) -> Trouble | None:
-        """The arm's trouble, None when all is well."""
+        """Trouble of the arm; None when all is well."""
         return Trouble(self._trouble) if self._trouble else None
 
     @property
@@ -299,51 +299,48 @@ class ArmState:
 
 
 class Descriptors(NamedTuple):
-    """File descriptors of both blocks' memory, which the caller has made."""
+    """File descriptors of both blocks' memory, which the caller has allocated."""
 
     states: int
     commands: int
 
     def copies(self) -> "Descriptors":
-        """Duplicate them for a loop in this process, which closes its own."""
+        """Duplicate the descriptors for a loop in this process, which closes its own."""
         return Descriptors(*map(os.dup, self))
 
 
 class BlockPair(NamedTuple):
-    """The loop's ends of both blocks: it writes states and reads commands."""
+    """Loop's ends of both blocks: it writes states and reads commands."""
 
     states: SharedBlock
     commands: SharedBlock
 
     @classmethod
     def of(cls, descriptors: Descriptors) -> "BlockPair":
-        """Map the memory that the caller has made."""
+        """Map the memory that the caller has allocated."""
         return cls(
             SharedBlock(None, STATE_DTYPE, create=True, descriptor=descriptors.states),
             SharedBlock(None, COMMAND_DTYPE, create=False, descriptor=descriptors.commands),
         )
 
     def close(self) -> None:
-        """Close both. Idempotent."""
         for block in self:
             block.close()
 
 
 def channel_key(interface: str, channel: str, rig: str | None) -> str:
-    """Name of a channel's lock and blocks: `can_follower_l`, or `rig.follower_left` on a virtual rig."""
+    """Name for a channel's lock and blocks: `can_follower_l`, or `rig.follower_left` on a virtual rig."""
     return slug(f"{rig}.{channel}" if rig else channel if interface == "socketcan" else f"{interface}.{channel}")
 
 
 def coupling_number(key: str) -> int:
-    """Number by which state records name the arm with this channel key; never 0."""
+    """Number that identifies an arm, by its channel key, in state records; never 0."""
     return zlib.crc32(key.encode()) + 1
 
 
 def state_path(key: str) -> Path:
-    """Path of a channel's state block."""
     return runtime_dir() / f"{STATE}{key}"
 
 
 def lock_path(key: str) -> Path:
-    """Path of a channel's lock."""
     return runtime_dir() / f"{LOCK}{key}"

@@ -1,13 +1,13 @@
-"""The clock of a bus: the computer's, or that of a world that is simulated tick for tick.
+"""Clock of a bus: the computer's, or that of a world that is simulated tick by tick.
 
-Drivers and loops read the time and wait through the clock of their bus, so that the very same code runs on real
-hardware and in lock-step with a simulation (`rig.lockstep`), where time stands still while the caller thinks.
+Drivers and loops read the time and wait through the clock of their bus. So the same code runs on real hardware and in
+lock-step with a simulation (`rig.lockstep`), where time stands still while the caller computes.
 """
 
 import time
 from typing import Any, Protocol
 
-START_TIMEOUT_S = 60.0  # wait for a process that we start, s: it may start a virtual rig, or calibrate a gripper
+START_TIMEOUT_S = 60.0  # wait for a new process, s: it may start a virtual rig, or calibrate a gripper
 
 
 class Clock(Protocol):
@@ -20,7 +20,7 @@ class Clock(Protocol):
 
 
 class SystemClock:
-    """The computer's own."""
+    """Clock of the computer."""
 
     now = staticmethod(time.monotonic)
     sleep = staticmethod(time.sleep)
@@ -30,6 +30,6 @@ SYSTEM = SystemClock()
 
 
 def clock_of(bus: Any) -> Clock:
-    """The clock of a CAN bus: its attribute `clock`, else the computer's."""
+    """Clock of a CAN bus: its attribute `clock`, else the computer's."""
     clock: Clock = getattr(bus, "clock", SYSTEM)
     return clock

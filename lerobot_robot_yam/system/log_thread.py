@@ -1,4 +1,4 @@
-"""Logging that cannot stop a loop: a terminal on hold (Ctrl-S) or a full pipe blocks its writer."""
+"""Logging that cannot block a loop: a terminal on hold (Ctrl-S) or a full pipe blocks only the logging thread."""
 
 import logging
 import queue
@@ -11,7 +11,7 @@ _LAST_LINES_S = 1.0  # wait for the last lines at the end, s
 
 @contextmanager
 def log_from_a_thread() -> Iterator[None]:
-    """Inside the block another thread runs the root logger's handlers."""
+    """Run the root logger's handlers in another thread while the block runs."""
     root = logging.getLogger()
     handlers = root.handlers[:]
     lines: queue.SimpleQueue = queue.SimpleQueue()

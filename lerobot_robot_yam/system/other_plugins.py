@@ -1,4 +1,4 @@
-"""Other projects' plugins: which distribution owns a module, and whether its files lie over ours.
+"""Clashes with other projects' plugins: which distribution owns a module, and whether its files overwrite ours.
 
 The package index has another project's `lerobot_robot_yam`, some of whose files have the same names as ours.
 """
@@ -9,7 +9,7 @@ import importlib.metadata
 import importlib.util
 
 _US = "lerobot_robot_yam"
-_OURS_ALONE = f"{_US}/face/registration.py"  # no other distribution has such a file
+_OURS_ALONE = f"{_US}/face/registration.py"  # file that no other distribution has
 
 
 def distribution_of(module: str) -> str:
@@ -25,16 +25,16 @@ def distribution_of(module: str) -> str:
 
 def overwritten() -> bool:
     """Whether Python imports another project's `lerobot_robot_yam`, although files of ours are there."""
-    return not hasattr(importlib.import_module(_US), "registration")  # which our __init__ imports
+    return not hasattr(importlib.import_module(_US), "registration")  # our __init__ imports it
 
 
 def is_foreign(module: str) -> bool:
-    """Whether a module of ours that cannot be imported is missing, or another project's package lies over ours."""
+    """Whether a module of ours that cannot be imported is missing, or overwritten by another project's package."""
     return importlib.util.find_spec(module) is None or bool(_claimants(module.partition(".")[0]))
 
 
 def mixture(module: str = _US) -> tuple[str, str]:
-    """Say what is wrong, and what to do, when a module of ours is another project's or missing."""
+    """Describe the fault and its remedy for a module of ours that is missing or another project's."""
     package = module.partition(".")[0]
     others = _claimants(package)
     theirs = " and ".join(f"{name} {version}" for name, version in others) or "another distribution"

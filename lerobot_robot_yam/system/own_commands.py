@@ -1,6 +1,6 @@
-"""Commands of this very installation as a person types them.
+"""Command lines of this installation, for messages.
 
-The environment of a clone is not on the PATH, and root has another PATH. So messages name files.
+They name files, since the environment of a clone is not on the PATH, and root has another PATH.
 """
 
 import shlex
@@ -10,11 +10,11 @@ from pathlib import Path
 
 
 def as_root(command: str) -> str:
-    """A console command of ours with its options, run by root: "sudo /…/bin/yam-setup-can --reset"."""
+    """Format one of our console commands with its options, run by root: "sudo /…/bin/yam-setup-can --reset"."""
     name, *options = command.split(" ", 1)
     return " ".join(["sudo", shlex.quote(str(Path(sysconfig.get_path("scripts"), name))), *options])
 
 
 def install_extra(extra: str) -> str:
-    """How to install an optional part of this package: editable, or it would replace a clone's own installation."""
+    """Format the command that installs an optional part of this package, editable so that a clone's own stays."""
     return f'install it in the clone of this package: {shlex.quote(sys.executable)} -m pip install -e ".[{extra}]"'

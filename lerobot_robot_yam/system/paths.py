@@ -1,4 +1,4 @@
-"""Paths with `~`, and files that are written as a whole."""
+"""Paths with `~`, and atomic writing of files."""
 
 import contextlib
 import os
@@ -9,11 +9,7 @@ from lerobot_robot_yam.errors import ConfigError
 
 
 def user_path(path: str | Path) -> Path:
-    """The path with a leading `~` expanded, which no shell does in a file or after `=`.
-
-    Raises:
-        ConfigError: there is no such user.
-    """
+    """Expand a leading `~`, which no shell does in a file or after `=`. Raises ConfigError: there is no such user."""
     try:
         return Path(path).expanduser()
     except RuntimeError as error:
@@ -21,7 +17,7 @@ def user_path(path: str | Path) -> Path:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file, and the directories that it needs, so that a crash in the middle leaves the old file.
+    """Write a file and its missing directories, so that a crash in the middle leaves the old file.
 
     An existing file keeps its mode and, as far as the rights of this process allow, its owner.
 

@@ -11,17 +11,17 @@ from pathlib import Path
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}.get(platform.machine())
 _SCHED_ATTR = struct.Struct("<IIQiIQQQII")  # size, policy, flags, nice, priority, runtime, deadline, period, 2 clamps
-_SHORT_SLICE_NS = 100_000  # the shortest slice that Linux >= 6.12 grants without privilege
+_SHORT_SLICE_NS = 100_000  # shortest slice that Linux >= 6.12 grants without privilege, ns
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
-_GIVING_WAY_NICE = 2  # nice value for two thirds of an ordinary share: on a full machine pictures come late, not never
-_OOM_SCORES = (-900, 0)  # wishes, of -1000 … 1000; only root may go below the score that a process started with
+_GIVING_WAY_NICE = 2  # nice value for two thirds of an ordinary share, so that pictures still come on a full machine
+_OOM_SCORES = (-900, 0)  # scores to try, of -1000 … 1000; only root may go below a process's first score
 
 
 def request_realtime(priority: int) -> str:
     """Request SCHED_FIFO at `priority`, else a 0.1 ms slice; locked memory; 1 µs timer slack.
 
-    It also exempts all present objects from garbage collection. Call it once, after start-up, in the thread that runs
+    Present objects are exempted from garbage collection, too. Call this once, after start-up, in the thread that runs
     the loop. Children do not inherit the scheduling.
 
     Returns:
@@ -36,12 +36,13 @@ def request_realtime(priority: int) -> str:
 
 
 def raise_threads(priority: int, named: str) -> None:
-    """Request SCHED_FIFO at `priority` for the threads whose names begin with `named`; a refusal changes nothing.
+    """Request SCHED_FIFO at `priority` for threads whose names begin with `named`; a refusal changes nothing.
 
-    libzmq names its threads after it has set their scheduling. To change the scheduling earlier ends the process.
+    Call it only once the threads have their names: libzmq sets these after the scheduling, and aborts the process if
+    the scheduling is changed earlier.
     """
     for thread in Path("/proc/self/task").iterdir():
-        with contextlib.suppress(OSError):  # needs privilege or RLIMIT_RTPRIO; or it has ended
+        with contextlib.suppress(OSError):  # no privilege or RLIMIT_RTPRIO; or the thread has ended
             if (thread / "comm").read_text().startswith(named):
                 policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
                 os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
@@ -50,25 +51,25 @@ def raise_threads(priority: int, named: str) -> None:
 def spare_what_is_loaded() -> None:
     """Exempt all present objects from Python's garbage collector.
 
-    A LeRobot command has half a million objects after its start. Python would walk them when there are a quarter more,
-    in the middle of an episode, and send the arms no target for 0.25 s.
+    A LeRobot command has half a million objects after its start. Python would walk them once there are a quarter more,
+    in the middle of an episode, and the arms would get no target for 0.25 s.
     """
     gc.freeze()
 
 
 def give_way() -> None:
-    """Let this process run in the time that others leave. It needs a session of its own (`start_new_session`).
+    """Lower the priority of this process below others. It needs a session of its own (`start_new_session`).
 
     Linux shares the processors among sessions first (autogroup); a nice value counts only within a session.
     """
-    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # it preempts nobody by waking up
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # waking up preempts nobody
     os.setpriority(os.PRIO_PROCESS, 0, _GIVING_WAY_NICE)
-    with contextlib.suppress(OSError):  # a kernel without them, or somebody else's was set within 0.1 s
+    with contextlib.suppress(OSError):  # no autogroups in the kernel, or another one was set within 0.1 s
         Path("/proc/self/autogroup").write_text(str(_GIVING_WAY_NICE))
 
 
 def avoid_oom_killer() -> str:
-    """Request to be killed among the last when memory runs out. Children inherit it.
+    """Lower this process's out-of-memory score, so that the kernel kills others first. Children inherit it.
 
     Returns:
         The score now, for the log: for example "out-of-memory score -900".

@@ -1,4 +1,4 @@
-"""A rig in one file: `robot`, its followers and cameras, and `teleop`, its leaders, as in a run config of LeRobot.
+"""Rig file: one YAML file with `robot` (followers and cameras) and `teleop` (leaders), as in a run config of LeRobot.
 
 Run configs name the file instead of repeating the arms: `robot: {type: yam_rig, file: rig.yaml}`.
 """
@@ -17,12 +17,12 @@ _CAMERAS = "cameras"
 
 
 def device_of(section: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Read the options of a device of a run config; those of type `yam_rig` come from the file that they name.
+    """Read the options of a device in a run config; options of type `yam_rig` come from the file that it names.
 
     Args:
         section: "robot" or "teleop".
-        given: the device as the run config has it. A `yam_rig` has `file`; `options`, `id` and `calibration_dir`, laid
-            over the file's; `arm_options`, laid over each arm in the file; `cameras`, False: without any.
+        given: the device in the run config. A `yam_rig` has `file`; `options`, `id` and `calibration_dir`, laid
+            over the file's; `arm_options`, laid over each arm in the file; `cameras`, False: leave cameras out.
 
     Raises:
         ConfigError: there is no such file, it cannot be read, or it has no such device.

@@ -1,6 +1,6 @@
-"""Where locks, state blocks and rig sockets of this user live, and who holds what.
+"""Runtime files of a user (locks, state blocks, rig sockets), and which process holds a lock.
 
-Every file name carries the CAN channel and, on a virtual rig, the rig's id, so two rigs never meet.
+Every file name contains the CAN channel and, on a virtual rig, the rig's id, so two rigs never conflict.
 """
 
 import contextlib
@@ -15,21 +15,21 @@ from lerobot_robot_yam.errors import BusError, ChannelInUseError, ConfigError
 ENV_RUNTIME_DIR = "YAM_RUNTIME_DIR"
 ENV_RIG = "YAM_RIG"
 AUTO_RIG = "auto-"
-# File names, before a channel's key: lock of its driver, state block of its arm, configuration of its arm.
+# Beginnings of file names, before a channel's key: lock of its driver, state block and configuration of its arm.
 LOCK, STATE, ABOUT = "lock-", "state-", "about-"
-DESK = "desk-"  # file name of a LeRobot command, before its process number
+DESK = "desk-"  # beginning of the file names of a LeRobot command, before its process number
 _CONTROL_PROCESS = "lerobot_robot_yam.control.process.control_process"
-_SHARED = (Path("/dev/shm"), Path("/tmp"))  # the same in every shell, unlike XDG_RUNTIME_DIR and TMPDIR
+_SHARED = (Path("/dev/shm"), Path("/tmp"))  # same directories in every shell, unlike XDG_RUNTIME_DIR and TMPDIR
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
-_RIG_NAME_MAX = 64  # longest name of a rig, which is part of a socket's path (108 bytes in all)
+_RIG_NAME_MAX = 64  # longest name of a rig, characters: a socket's path contains it (108 bytes in all)
 
 
 def runtime_dir() -> Path:
     """Directory for sockets, locks, shared blocks and the emergency stop; created with mode 0700.
 
-    `YAM_RUNTIME_DIR`, else this user's in /dev/shm, else in /tmp: cron, su, ssh and `docker exec` set none of the
-    session's other variables, and have to find the arms that they stop. Unix sockets are in the directory, so its path
-    must stay short (108 bytes in all).
+    The path is `YAM_RUNTIME_DIR`, else this user's in /dev/shm, else in /tmp. Other variables would not do: cron, su,
+    ssh and `docker exec` set none of the session's, and have to find the arms that they stop. The path must be short,
+    since Unix sockets lie in it (108 bytes in all).
 
     Raises:
         ConfigError: the directory cannot be made, belongs to somebody else, or is open to others.
@@ -51,10 +51,10 @@ def runtime_dir() -> Path:
 
 
 def runtime_dirs() -> list[Path]:
-    """Runtime directories of all users of this machine; ours is the first, whether it exists or not.
+    """List the runtime directories of all users of this machine; ours is first, whether it exists or not.
 
-    With `YAM_RUNTIME_DIR` set it is the only one. Anybody may write into /dev/shm, so the others count only if they are
-    directories, not links, and belong to the user whose number they carry.
+    With `YAM_RUNTIME_DIR` set it is the only one. Anybody may write into /dev/shm, so other directories count only if
+    they are no links and belong to the user whose number is in their name.
     """
     own = _own_path()
     if os.environ.get(ENV_RUNTIME_DIR):
@@ -80,7 +80,7 @@ def _is_directory_of(path: Path, uid: int) -> bool:
 
 
 def slug(name: str) -> str:
-    """File-name form of a channel or rig name."""
+    """Replace characters of a channel or rig name that do not fit into a file name."""
     return re.sub(r"[^A-Za-z0-9_.-]", "-", name)
 
 
@@ -112,7 +112,7 @@ def rig_name(rig: str | None = None) -> tuple[str, int | None]:
 class FileLock:
     """Exclusive advisory lock on a file, released by the kernel when its holder dies.
 
-    The holder's pid is written into the file so that a refusal can name it.
+    The file holds the holder's pid, so that a refusal can name it.
     """
 
     def __init__(self, path: Path, what: str):
@@ -121,10 +121,10 @@ class FileLock:
         self._fd: int | None = None
 
     def acquire(self, blocking: bool = False) -> None:
-        """Take the lock.
+        """Acquire the lock.
 
         Raises:
-            ChannelInUseError: somebody else holds it (only when not blocking).
+            ChannelInUseError: another process holds it (only when not blocking).
             BusError: the lock's file cannot be made.
         """
         while True:
@@ -148,7 +148,7 @@ class FileLock:
                 break
             os.close(fd)
         self._fd = fd
-        with contextlib.suppress(OSError):  # on a full disk it is locked all the same
+        with contextlib.suppress(OSError):  # the lock works on a full disk, too
             os.ftruncate(fd, 0)
             os.pwrite(fd, f"{os.getpid()}\n".encode(), 0)
 
@@ -165,7 +165,7 @@ class FileLock:
         return self._fd is not None
 
     def release(self) -> None:
-        """Remove the file and release the lock, whatever has become of the file. Idempotent."""
+        """Remove the file and release the lock, even if the file has been replaced. Idempotent."""
         if self._fd is not None:
             with contextlib.suppress(OSError):
                 if self._is_ours(self._fd):
@@ -182,17 +182,17 @@ class FileLock:
 
 
 def sessions(directory: Path) -> dict[str, str]:
-    """Processes that drive arms, by channel key: holders of a lock in a runtime directory that publish a state.
+    """Find the processes that drive arms, by channel key: they hold a lock in a runtime directory and publish a state.
 
-    A program that sets motors up holds the lock alone.
+    Programs that set motors up hold only the lock.
     """
     holders = lock_holders(directory).items()
-    # lexists: a state may be a link that a container cannot follow
+    # lexists, since a state may be a link that a container cannot follow
     return {key: holder for key, holder in holders if os.path.lexists(directory / f"{STATE}{key}")}
 
 
 def lock_holders(directory: Path) -> dict[str, str]:
-    """Processes that hold a channel's lock, by channel key: sessions, and programs that set motors up."""
+    """Find the processes that hold a channel's lock, by channel key: sessions, and programs that set motors up."""
     locks = {lock.name.removeprefix(LOCK): _lock_holder(lock) for lock in sorted(directory.glob(f"{LOCK}*"))}
     return {key: holder for key, holder in locks.items() if holder is not None}
 
@@ -213,7 +213,7 @@ def _lock_holder(path: Path) -> str | None:
 
 
 def _program_of(holder: str) -> str:
-    """Name the program of a lock's holder; of a control process, the program that it drives the arm for."""
+    """Name the program of a lock's holder; for a control process, the program that it drives the arm for."""
     words = _words(holder)
     if _CONTROL_PROCESS in words:
         with contextlib.suppress(OSError, IndexError):

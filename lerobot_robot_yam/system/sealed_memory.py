@@ -1,9 +1,8 @@
-"""Memory that several processes map, and that no other program can shrink or write into.
+"""Sealed memory: several processes map it, and no other program can shrink it or write into it.
 
 A mapped file kills its readers (SIGBUS) once a program has truncated it, or its disk is full. A sealed memory file
-keeps its size, and has its pages from the start. It has no name: its maker passes a descriptor on, and later processes
-find a link to the descriptor of a process that has it open (`/proc/PID/fd/N`). A process that has mapped the memory
-does not need the link any more.
+keeps its size, and has all its pages from the start. It has no name: its maker passes a descriptor on, and later
+processes find a link to `/proc/PID/fd/N` of a process that has it open. A mapping needs the link no longer.
 """
 
 import contextlib
@@ -13,15 +12,15 @@ import mmap
 import os
 from pathlib import Path
 
-_LIBC = ctypes.CDLL(None, use_errno=True)  # Pythons of uv and conda have no os.memfd_create
+_LIBC = ctypes.CDLL(None, use_errno=True)  # C library: Pythons of uv and conda have no os.memfd_create
 _MFD_CLOEXEC, _MFD_ALLOW_SEALING = 1, 2  # include/uapi/linux/memfd.h
-_F_SEAL_FUTURE_WRITE = 0x10  # include/uapi/linux/fcntl.h, since Linux 5.1; mappings that exist stay writable
+_F_SEAL_FUTURE_WRITE = 0x10  # include/uapi/linux/fcntl.h, since Linux 5.1; existing mappings stay writable
 _FIXED_SIZE = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW
 _ONE_WRITER = _F_SEAL_FUTURE_WRITE | fcntl.F_SEAL_SEAL
 
 
 def allocate(name: str, size: int) -> int:
-    """Make `size` bytes of zeros, and return their descriptor; `ls -l /proc/PID/fd` shows `name`.
+    """Allocate `size` bytes of zeros, and return their descriptor; `ls -l /proc/PID/fd` shows `name`.
 
     Raises:
         OSError: no memory or no descriptor is left.
@@ -33,7 +32,7 @@ def allocate(name: str, size: int) -> int:
         os.fchmod(descriptor, 0o600)
         try:
             os.posix_fallocate(descriptor, 0, size)
-        except OSError as error:  # it names no file
+        except OSError as error:  # its text names no file
             what = f"no memory for {name}: {error.strerror}; `free -h` and `df -h /dev/shm` show what is full"
             raise OSError(error.errno, what) from error
         fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, _FIXED_SIZE)
@@ -44,7 +43,7 @@ def allocate(name: str, size: int) -> int:
 
 
 def map_to_write(descriptor: int) -> mmap.mmap:
-    """Map the memory for its one writer and the writer's children; nobody else can write it from now on.
+    """Map the memory for its one writer and the writer's children, and seal it against other writers.
 
     Raises:
         PermissionError: another process has mapped it to write.
@@ -55,14 +54,14 @@ def map_to_write(descriptor: int) -> mmap.mmap:
 
 
 def map_to_read(descriptor: int) -> mmap.mmap:
-    """Map the memory to read. Raises OSError, ValueError: its size is not sealed, so it is none of ours."""
+    """Map the memory to read. Raises OSError, ValueError: its size is not sealed, so we have not made it."""
     if fcntl.fcntl(descriptor, fcntl.F_GET_SEALS) & _FIXED_SIZE != _FIXED_SIZE:
         raise ValueError("its size is not sealed")
     return mmap.mmap(descriptor, os.fstat(descriptor).st_size, prot=mmap.PROT_READ)
 
 
 def publish(descriptor: int, path: Path) -> str:
-    """Link `path` to the memory, as long as this process has it open; returns the link's target.
+    """Link `path` to the memory, valid while this process has it open; returns the link's target.
 
     Raises:
         OSError: the link cannot be made.
@@ -88,7 +87,7 @@ def unpublish(path: Path, target: str) -> None:
 
 
 def find(path: Path) -> int:
-    """Open the memory that `path` leads to, to read, and return its descriptor.
+    """Open the memory behind `path` to read, and return its descriptor.
 
     Raises:
         FileNotFoundError: nothing is published there, or its publisher is gone.

@@ -1,4 +1,4 @@
-"""One record in memory that processes share: one writer, any number of readers, always a consistent copy.
+"""Shared block: one record in memory with one writer and any number of readers, who always get a consistent copy.
 
 The memory is sealed (`sealed_memory`): no other program can shrink it or write into it. The sequence counter is odd
 during a write; the checksum catches reordering on processors with weakly ordered memory.
@@ -21,12 +21,12 @@ _HEADER = struct.Struct("<QQII")  # magic, sequence, payload size, checksum of p
 _MAGIC = 0x59414D424C4B3032  # "YAMBLK02"
 _CHECKSUM = struct.Struct("<I")
 _SEQUENCE_AT, _CHECKSUM_AT = slice(8, 16), 20
-_LARGE = 16_384  # payloads from this size on are summed, bytes: the crc32 of a picture takes eight times as long
+_LARGE = 16_384  # smallest payload that is summed instead, bytes: crc32 of a picture takes eight times as long
 _READ_TIMEOUT_S = 0.25  # wait for a consistent record, s
 
 
 def allocate(dtype: np.dtype) -> int:
-    """Make memory for one block of `dtype`, and return its descriptor for writer and readers.
+    """Allocate memory for one block of `dtype`, and return its descriptor for writer and readers.
 
     Raises:
         OSError: no memory or no descriptor is left.
@@ -38,13 +38,13 @@ def allocate(dtype: np.dtype) -> int:
 
 
 class SharedBlock:
-    """A fixed-size record of `dtype`.
+    """Fixed-size record of `dtype` in shared memory.
 
     Args:
-        path: where others find the block, see `publish`; None: others get its descriptor.
+        path: link by which others find the block, see `publish`; None: others get its descriptor.
         dtype: a numpy structured dtype (or a plain one with a shape).
         create: True for the one writer, False for a reader.
-        descriptor: the memory's, closed with the block; None: the writer makes it, a reader opens `path`.
+        descriptor: the memory's, closed with the block; None: the writer allocates it, a reader opens `path`.
 
     Raises:
         FileNotFoundError: the writer has not begun, or has ended.
@@ -67,7 +67,7 @@ class SharedBlock:
         except BaseException:
             os.close(descriptor)
             raise
-        # A view stores eight bytes at once; struct clears them first, which a reader could see.
+        # A view stores eight bytes at once; struct clears them first, and a reader could see that.
         self._sequence = memoryview(self._map)[_SEQUENCE_AT].cast("Q")
         self._payload = memoryview(self._map)[_HEADER.size :]
 
@@ -88,12 +88,12 @@ class SharedBlock:
                 magic, _, payload, _ = _HEADER.unpack_from(mapped)
                 if magic == _MAGIC and payload == self.dtype.itemsize:
                     return mapped
-        except (OSError, ValueError):  # a number that has been given again: the process that had it is gone
+        except (OSError, ValueError):  # the process is gone, and another one has its number
             pass
         raise StaleStateError(f"{self.path} has another layout; end the process that wrote it")
 
     def publish(self, path: Path) -> None:
-        """Let others find the block at `path` for as long as this process has it.
+        """Link `path` to the block, valid while this process has the block.
 
         Raises:
             OSError: the link cannot be made; readers that have the block already do not notice.
@@ -101,7 +101,7 @@ class SharedBlock:
         self.path, self._link = path, sealed_memory.publish(self.descriptor, path)
 
     def adopt(self) -> None:
-        """Go on writing, in a child of a writer that has died; readers notice nothing."""
+        """Become the writer, in a child of a writer that has died; readers notice nothing."""
         self._sequence[0] += self._sequence[0] % 2  # odd: the writer died in the middle of a write
 
     def write(self, record: np.ndarray | np.void) -> None:
@@ -110,7 +110,7 @@ class SharedBlock:
 
     def write_bytes(self, payload: bytes | bytearray) -> None:
         """Publish one record, given as the bytes of `dtype`. Only the creator may call this."""
-        writing = self._sequence[0] | 1  # odd already where a signal has broken off the last write
+        writing = self._sequence[0] | 1  # already odd if a signal has broken off the last write
         self._sequence[0] = writing
         self._map[_HEADER.size :] = payload
         _CHECKSUM.pack_into(self._map, _CHECKSUM_AT, _checksum(payload))
@@ -139,7 +139,7 @@ class SharedBlock:
             if payload is not None:
                 return payload
             now = time.monotonic()
-            if sequence != stuck:  # the writer is alive; this process was held up
+            if sequence != stuck:  # the writer is alive: restart the timeout
                 deadline, stuck = now + _READ_TIMEOUT_S, sequence
             if now > deadline:
                 raise StaleStateError(f"{self.path or 'a block'}: its writer died in the middle of a write")
@@ -147,7 +147,7 @@ class SharedBlock:
         return None
 
     def glance(self) -> np.ndarray | None:
-        """Copy the newest record without waiting: None also during a write."""
+        """Copy the newest record without waiting; None before the first and during a write."""
         return self._record(self._copy(bytearray))
 
     def glance_bytes(self) -> bytes | None:
@@ -171,14 +171,14 @@ class SharedBlock:
 
     @property
     def current(self) -> bool:
-        """False when `path` leads elsewhere by now, or nowhere."""
+        """Whether `path` still leads to this block."""
         try:
             return self.path is not None and self.path.stat().st_ino == self._inode
         except OSError:
             return False
 
     def close(self, remove: bool = True) -> None:
-        """Unmap, and remove our link; `remove` False: another process still needs it. Idempotent."""
+        """Unmap the memory and, with `remove`, delete our link. Idempotent."""
         if self.descriptor < 0:
             return
         self._sequence.release()
@@ -191,7 +191,7 @@ class SharedBlock:
 
 
 def _checksum(payload: bytes | bytearray) -> int:
-    """Compute 32 bits: crc32, for a large payload the folded sum of its 8-byte words."""
+    """Compute 32 bits: crc32, or for a large payload the folded sum of its 8-byte words."""
     if len(payload) < _LARGE:
         return zlib.crc32(payload)
     words = len(payload) // 8

@@ -1,10 +1,10 @@
-"""SIGTERM and SIGHUP end a session like Ctrl-C, with one line; blocks that must not be cut short go on.
+"""Signals: SIGTERM and SIGHUP end a session like Ctrl-C, with one line; some blocks of code finish first.
 
-Under a LeRobot command an error of ours ends in one line, too: it says what failed and what to do, and a traceback
-would bury that.
+Under a LeRobot command an error of ours is printed as one line, too: it says what failed and what to do, and a
+traceback would bury that.
 
-Handlers are process-wide. So all devices of the process share them; they are set only in the main thread and only over
-default handlers, and put back when the last device disconnects.
+Handlers are process-wide, so all devices of the process share them. They are set only in the main thread and only over
+default handlers, and restored when the last device disconnects.
 """
 
 import importlib.util
@@ -28,20 +28,20 @@ _DEFAULTS = {
     signal.SIGTERM: signal.SIG_DFL,
     signal.SIGHUP: signal.SIG_DFL,
 }
-_WHY = "ended by "  # beginning of the text of our KeyboardInterrupt
-# Module that torch loads at exit, where it is installed. To load it then makes Python forget that an interrupt ends the
-# process, and the exit status becomes 1. So it is loaded before.
+_WHY = "ended by "  # text at the beginning of our KeyboardInterrupt
+# Module that torch loads at exit, if it is installed. Loading it that late makes Python forget that an interrupt ended
+# the process, and the exit status becomes 1. So it is loaded early.
 _LOADED_AT_EXIT = "tabulate"
-_TWICE_S = 1.0  # signals within this count as one, s: a closed terminal sends two at once
-_users = 0  # devices that have not undone their `end_session_on_signals`
-_waits = False  # the session will end by itself
+_TWICE_S = 1.0  # time in which several signals count as one, s: a closed terminal sends two at once
+_users = 0  # number of devices that have not undone their `end_session_on_signals`
+_waits = False  # whether the session will end by itself
 _under_a_command = False
-_first_s = -math.inf  # when the first signal came
+_first_s = -math.inf  # monotonic time of the first signal
 _replaced: dict[signal.Signals, Any] = {}
-_report: Any = sys.excepthook  # the hook for uncaught exceptions that was there before
+_report: Any = sys.excepthook  # previous hook for uncaught exceptions
 
 Instead = Callable[[FrameType | None, str], bool]
-"""Called with the interrupted frame and the reason; returns whether the session will end by itself."""
+"""Function of the interrupted frame and the reason; returns whether the session will end by itself."""
 _instead: list[Instead] = []
 
 
@@ -67,15 +67,16 @@ def _say_in_a_line(kind: type[BaseException], error: BaseException, trace: Trace
 
 
 def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: bool = False) -> Callable[[], None]:
-    """Make SIGTERM and SIGHUP raise KeyboardInterrupt in the main thread, which ends in one line.
+    """Make SIGTERM and SIGHUP raise KeyboardInterrupt in the main thread, printed as one line.
 
     Args:
-        instead: called at the first signal; if the session will end by itself, only a signal a second later raises.
-        ctrl_c: SIGINT, too: a LeRobot command runs. The user's own programs keep their handler (asyncio has one), and
-            the traceback of an error.
+        instead: called at the first signal; if it returns that the session will end by itself, only a signal a second
+            later raises.
+        ctrl_c: whether to handle SIGINT and print errors in one line, too: for LeRobot commands. The user's own
+            programs keep their handler (asyncio has one) and their tracebacks.
 
     Returns:
-        A function that undoes it. Idempotent.
+        A function that undoes this. Idempotent.
     """
     global _users, _first_s, _waits, _report, _under_a_command
     _users += 1
@@ -85,7 +86,7 @@ def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: 
     _instead.append(instead)
     if _users == 1:
         _first_s, _waits = -math.inf, False
-        if sys.excepthook is not _say_in_a_line:  # it stays: the exception is told after the last device has gone
+        if sys.excepthook is not _say_in_a_line:  # not restored: it prints after the last device has gone
             _report, sys.excepthook = sys.excepthook, _say_in_a_line
     if threading.current_thread() is threading.main_thread():
         for number, default in _DEFAULTS.items():
@@ -112,7 +113,7 @@ def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: 
 
 @contextmanager
 def undisturbed(what: str) -> Iterator[None]:
-    """Inside the block SIGINT, SIGTERM and SIGHUP are only logged. Outside the main thread it does nothing."""
+    """Only log SIGINT, SIGTERM and SIGHUP while the block runs. Outside the main thread it does nothing."""
 
     def answer(number: int, frame: FrameType | None) -> None:
         logger.warning("%s; the arms have no brakes, so this cannot be cut short", what)
@@ -123,10 +124,10 @@ def undisturbed(what: str) -> Iterator[None]:
 
 @contextmanager
 def finished_first(what: str) -> Iterator[None]:
-    """Inside the block hold SIGINT, SIGTERM and SIGHUP back. Outside the main thread it does nothing.
+    """Delay SIGINT, SIGTERM and SIGHUP until the block has run. Outside the main thread it does nothing.
 
     Raises:
-        KeyboardInterrupt: at the end of the block, if one came.
+        KeyboardInterrupt: at the end of the block, if a signal came.
     """
     came: list[str] = []
 

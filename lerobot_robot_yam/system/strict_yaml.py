@@ -19,11 +19,11 @@ import yaml
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
-_LARGEST = 1e9  # largest number that is accepted: in SI units no arm comes near, and larger ones overflow in the model
+_LARGEST = 1e9  # largest accepted number: arms in SI units stay far below, and larger ones overflow in the model
 
 
 def array_field(*shape: int, default: Any = dataclasses.MISSING) -> Any:
-    """Dataclass field for a read-only float array of `shape` (-1: any length along that axis)."""
+    """Make a dataclass field for a read-only float array of `shape` (-1: any length along that axis)."""
     if default is dataclasses.MISSING:
         return dataclasses.field(metadata={"shape": shape})
     value = None if default is None else _array(default, shape, "default")

@@ -1,4 +1,4 @@
-"""Hardware as the kernel shows it in sysfs: USB devices, and the CAN adapters behind network interfaces."""
+"""Hardware in sysfs, the kernel's files: USB devices, and the CAN adapters behind network interfaces."""
 
 import re
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ CAN_TYPE = "280"  # ARPHRD_CAN
 
 @dataclass(frozen=True)
 class UsbDevice:
-    """A USB device. None where sysfs does not tell.
+    """USB device. Attributes are None if sysfs does not have them.
 
     Attributes:
         port: where it is plugged in, such as "1-2.3": bus, then the port of each hub on the way.
         bus: number of the USB bus (one per controller and speed class).
-        number: of the device on its bus.
-        speed_mbit: speed of the link as negotiated: 12, 480 (USB 2), 5000 (USB 3) and more.
+        number: number of the device on its bus.
+        speed_mbit: negotiated speed of the link: 12, 480 (USB 2), 5000 (USB 3) and more.
     """
 
     port: str
@@ -30,7 +30,7 @@ class UsbDevice:
 
 @dataclass(frozen=True)
 class CanAdapter:
-    """One CAN interface and the hardware behind it.
+    """CAN interface and the hardware behind it.
 
     Attributes:
         driver: kernel driver, such as "gs_usb"; None when it is unknown or there is no hardware (vcan).
@@ -51,17 +51,17 @@ class CanAdapter:
 
     @property
     def usb_interface(self) -> str | None:
-        """ "1-2:1.0", the place of this function of the USB device."""
+        """Place of this function of the USB device, such as "1-2:1.0"; None when it is not USB."""
         return Path(self.place).name if self.usb and self.place else None
 
     @property
     def number(self) -> tuple[str | None, str | None]:
-        """What tells this channel from the others of its adapter."""
+        """Numbers that distinguish this channel from others of its adapter."""
         return self.dev_id, self.dev_port
 
 
 def text_of(path: Path) -> str | None:
-    """Content of a small sysfs file, None when it cannot be read or is empty."""
+    """Read a small sysfs file, stripped; None when it is empty or cannot be read."""
     try:
         return path.read_text(errors="replace").strip() or None
     except OSError:
@@ -69,7 +69,7 @@ def text_of(path: Path) -> str | None:
 
 
 def usb_device(directory: Path) -> UsbDevice | None:
-    """The USB device that a directory of sysfs belongs to, None when it is not USB."""
+    """Find the USB device that a directory of sysfs belongs to; None when it is not USB."""
     for place in (directory, *directory.parents):
         if text_of(place / "idVendor") is not None:
             bus, number, speed = (text_of(place / name) or "" for name in ("busnum", "devnum", "speed"))
@@ -85,16 +85,16 @@ def usb_device(directory: Path) -> UsbDevice | None:
 
 
 def read_adapters(sysfs: Path = SYSFS) -> list[CanAdapter]:
-    """All CAN interfaces of a sysfs tree, by name."""
+    """List all CAN interfaces of a sysfs tree, by name."""
     found = (read_adapter(path) for path in sorted((sysfs / "class" / "net").glob("*")))
     return [adapter for adapter in found if adapter is not None]
 
 
 def read_adapter(interface: Path) -> CanAdapter | None:
-    """The adapter of a directory of `class/net`; None when it is no CAN interface.
+    """Read the adapter behind a directory of `class/net`; None when it is no CAN interface.
 
-    Its `device` leads to the USB interface ("1-2.3:1.0"), whose parent is the adapter; other hardware (SPI) has no such
-    parent.
+    The link `device` leads to the USB interface ("1-2.3:1.0"), whose parent is the adapter; other hardware (SPI) has no
+    such parent.
     """
     if text_of(interface / "type") != CAN_TYPE:
         return None

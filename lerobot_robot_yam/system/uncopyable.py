@@ -1,4 +1,4 @@
-"""Objects that stand for arms cannot be copied: LeRobot would throw its copy away, which would land the arms."""
+"""Base class of objects that cannot be copied: LeRobot would discard its copy of a session, and so land the arms."""
 
 from typing import NoReturn, SupportsIndex
 
