@@ -1,4 +1,4 @@
-"""Where a host is, and what a client says of itself."""
+"""Address of a host, and names that a client sends to it."""
 
 import getpass
 import importlib.metadata
@@ -16,21 +16,21 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 
-PORT = 5570  # of commands; states have the next one
-INTERFACE = "remote"  # of an arm on a host, in place of python-can's
-_OF_THE_HOST = ("calibration_path", "identity_path", "tuning")  # options of an arm that are files there
+PORT = 5570  # default port of commands; states have the next one
+INTERFACE = "remote"  # interface of an arm on a host, in place of python-can's
+_OF_THE_HOST = ("calibration_path", "identity_path", "tuning")  # options of an arm that name files of the host
 _PORT_MOST = 65534
 _ADDRESS = re.compile(r"([A-Za-z0-9][A-Za-z0-9.-]*)(?::([0-9]{1,5}))?")
-_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # drawn at each start; /etc/machine-id is copied with an image
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # new at each start, while images share /etc/machine-id
 
 
 @dataclass(frozen=True)
 class HostAddress:
-    """A computer and the first of its two ports.
+    """Host, and the first of its two ports.
 
     Attributes:
         host: name or IPv4 address.
-        port: the port of commands; states have the next one.
+        port: port of commands; states have the next one.
     """
 
     host: str
@@ -38,7 +38,7 @@ class HostAddress:
 
     @classmethod
     def of(cls, text: str) -> "HostAddress":
-        """Read `192.168.1.20` or `192.168.1.20:5570`. Raises ConfigError: it is neither."""
+        """Parse `192.168.1.20` or `192.168.1.20:5570`. Raises ConfigError: neither form."""
         found = _ADDRESS.fullmatch(text)
         if found is None or not 0 < (port := int(found[2] or PORT)) <= _PORT_MOST:
             raise ConfigError(
@@ -61,22 +61,22 @@ class HostAddress:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only this computer reaches it."""
+        """Whether only this computer reaches the address."""
         try:
             return ip_address(self.host).is_loopback
         except ValueError:
             return self.host == "localhost"
 
     def channel(self, channel: str) -> str:
-        """Name a channel of that computer on this one, such as `192.168.1.20:5570/can_follower_l`."""
+        """Name here for a channel of that computer, such as `192.168.1.20:5570/can_follower_l`."""
         return f"{self}/{channel}"
 
     def key(self, channel: str) -> str:
-        """Key under which this computer's programs find the state of the arm on that channel."""
+        """Key here for the state of the arm on that channel."""
         return channel_key(INTERFACE, self.channel(channel), None)
 
     def options(self, there: Mapping[str, Any]) -> dict[str, Any]:
-        """Translate an arm's options there: this computer's name of its channel, and none of the host's files."""
+        """Translate an arm's options from the host: name of its channel here, and no files of the host."""
         here = {**there, "interface": INTERFACE, "channel": self.channel(there["channel"]), "can_options": {}}
         here |= dict.fromkeys(name for name in _OF_THE_HOST if name in there)
         if there.get("follower") is not None:
@@ -85,7 +85,7 @@ class HostAddress:
 
 
 def who() -> str:
-    """Name user, computer and process, for refusals of others."""
+    """Name user, computer and process, for refusals to other clients."""
     try:
         user = getpass.getuser()
     except (KeyError, OSError):  # a user without a name, in a container
@@ -94,7 +94,7 @@ def who() -> str:
 
 
 def package_version() -> str:
-    """Version of this package; empty where it runs from a checkout that is not installed."""
+    """Version of this package; empty in a checkout that is not installed."""
     try:
         return importlib.metadata.version("lerobot_robot_yam")
     except importlib.metadata.PackageNotFoundError:
@@ -102,12 +102,13 @@ def package_version() -> str:
 
 
 def machine_name() -> str:
-    """Name this computer, user and runtime directory, which share one emergency stop, for the host: 8 hex digits.
+    """Identify this computer, user and runtime directory, which share one emergency stop: 8 hex digits for the host.
 
-    Computers of one image have the same name and the same users. Containers have the kernel of their computer.
+    The boot id distinguishes computers of one image, which have the same name and users; containers share their
+    computer's.
 
     Raises:
-        ConfigError: this computer cannot be told from others.
+        ConfigError: /proc is missing, so this computer cannot be distinguished from others.
     """
     try:
         boot = _BOOT_ID.read_text().strip()

@@ -1,4 +1,4 @@
-"""Questions to a host: by a link to it, or by a program that has none."""
+"""Questions to a host, over an open link or without one."""
 
 import contextlib
 import itertools
@@ -15,18 +15,18 @@ from lerobot_robot_yam.remote.link_messages import Answer, Question
 from lerobot_robot_yam.remote.link_sockets import ClientSockets
 from lerobot_robot_yam.system.clock import SYSTEM
 
-HELLO_S = 2.0  # wait for an answer
-_AGAIN_S = 0.1  # between two times that a question is asked, until it has a result
-_WAIT_S = 0.01  # for a message of the host
+HELLO_S = 2.0  # wait for an answer, s
+_AGAIN_S = 0.1  # period of repeating a question until it has a result, s
+_WAIT_S = 0.01  # wait for a message of the host, s
 _numbers = itertools.count(secrets.randbits(31))
 
 
 @dataclass(frozen=True)
 class Host:
-    """A host as a client names it.
+    """Host with the key that a client uses.
 
     Attributes:
-        address: where it is.
+        address: address and port of the host.
         key: path of this client's key; None: none.
     """
 
@@ -38,16 +38,16 @@ class Host:
         return None if self.key is None else LinkKey.load(self.key)
 
     def ask(self, op: str, within_s: float = HELLO_S, **fields: Any) -> dict[str, Any]:
-        """Ask, and return the result.
+        """Send a question, and return its result.
 
         Args:
             op: see `Question`.
             within_s: time for the answer, s.
-            fields: the other ones of a `Question`.
+            fields: the other fields of a `Question`.
 
         Raises:
             LinkError: no answer comes.
-            YamError: the host refuses, with the error that it has met.
+            YamError: the host refuses; the class of its error.
         """
         with contextlib.closing(ClientSockets(self.address, self.client_key(), states=False)) as sockets:
 
@@ -68,13 +68,13 @@ def ask_over(
     unwanted: Callable[[], bool] = lambda: False,
     **fields: Any,
 ) -> dict[str, Any]:
-    """Ask over sockets that are open; see `Host.ask`.
+    """Send a question over open sockets, and return its result; see `Host.ask`.
 
     Args:
         sockets: the sockets to the host.
-        turn: lets a little time pass, and returns the answer that has come, if one has.
-        address: the host's.
-        unwanted: once it says True, the result is empty.
+        turn: waits a little, and returns an answer that has arrived, or None.
+        address: address of the host.
+        unwanted: ends the wait with an empty result once it returns True.
     """
     question = Question(next(_numbers), op, **fields)  # type: ignore[arg-type]
     deadline, again_s, heard = SYSTEM.now() + within_s, 0.0, False
@@ -100,10 +100,10 @@ def ask_over(
 
 
 def hello(host: Host) -> dict[str, Any]:
-    """Ask a host what it is and has.
+    """Request the description of a host and its arms.
 
     Raises:
-        LinkError: no answer comes, or it has another version of this package.
+        LinkError: no answer comes, or the host has another version of this package.
     """
     told = host.ask("hello")
     theirs, ours = told.get("package"), package_version()

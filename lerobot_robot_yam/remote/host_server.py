@@ -1,7 +1,7 @@
-"""The host: answers its clients, and lets one at a time drive each group of arms.
+"""Server of the host: answers its clients, and lets one at a time drive each group of arms.
 
-Nothing is energised but by a client that asks for it. Targets go through the session of this computer, which checks
-and limits them as it does a local program's; a client that is silent for too long has its arms landed.
+Arms are energised only for a client that requests it. Targets pass through this computer's session, with the checks
+and limits of a local program; the arms of a client that is silent for too long are landed.
 """
 
 import contextlib
@@ -37,21 +37,21 @@ logger = logging.getLogger(__name__)
 
 RunTool = Callable[[Hashable, str, str, bool], dict[str, Any] | None]
 
-_LOOK_S = 0.04  # between looks at emergency stops and silent clients
-_REFUSED_S = 10.0  # between two lines in the log about messages that were refused
-_RT_PRIORITY = 15  # below that of control loops
-_LEAST_S = 0.002  # between two messages: a loop may tick as fast as its wire allows, or no more
-_QUIET_S = 0.1  # between two messages while no arm runs
-_MOST_TEXT = 400  # characters of a client's words that are logged
+_LOOK_S = 0.04  # period of checking emergency stops and silent clients, s
+_REFUSED_S = 10.0  # least time between two log entries about refused messages, s
+_RT_PRIORITY = 15  # real-time priority, below that of control loops
+_LEAST_S = 0.002  # least time between two messages, s: a loop may tick as fast as its wire allows, or not at all
+_QUIET_S = 0.1  # period of messages while no arm runs, s
+_MOST_TEXT = 400  # most characters of a client's text that are logged
 
 
 class StateStream:
-    """A thread that sends the newest states of all arms, right after each tick of their control loop.
+    """Thread that publishes the newest states of all arms, right after each tick of their control loop.
 
     Args:
-        groups: the host's; the first that runs says when.
-        stops: says whether the emergency stop is latched, and because of which machine.
-        publish: sends to all.
+        groups: groups of the host; the ticks of the first that runs set the pace.
+        stops: knows whether the emergency stop is latched, and by which machine.
+        publish: sends to all clients.
     """
 
     def __init__(self, groups: Sequence[HostedGroup], stops: MirroredStops, publish: Callable[[States], None]):
@@ -64,11 +64,10 @@ class StateStream:
         self._thread = threading.Thread(target=self._stream, name="yam-states", daemon=True)
 
     def start(self) -> None:
-        """Begin."""
         self._thread.start()
 
     def stop(self) -> None:
-        """End. Idempotent."""
+        """End the thread. Idempotent."""
         self._ended.set()
         if self._thread.ident is not None:
             self._thread.join()
@@ -97,13 +96,13 @@ class StateStream:
 
 
 class HostServer:
-    """Serves until it is told to end.
+    """Server that runs until it is told to end.
 
     Args:
-        sockets: which listen; closed at the end.
+        sockets: listening sockets; closed at the end.
         groups: the groups of arms.
-        land_after_s: a client that is silent for so long has its arms landed.
-        run_tool: has a tool of this computer run for a client; see `HostTools.run`.
+        land_after_s: silence of a client, s, after which its arms are landed.
+        run_tool: runs a tool of this computer for a client; see `HostTools.run`.
     """
 
     def __init__(self, sockets: HostSockets, groups: Sequence[HostedGroup], land_after_s: float, run_tool: RunTool):
@@ -113,11 +112,11 @@ class HostServer:
         self._group_of = {arm.number: group for group in groups for arm in group.arms}
         self._stops = MirroredStops("workstation", machine_name())
         self._stream = StateStream(groups, self._stops, sockets.publish)
-        self._acted: deque[int] = deque(maxlen=100)  # questions for an emergency stop; each client's begin at random
-        self._refused_s = -math.inf  # when the log has told of a message that was refused
+        self._acted: deque[int] = deque(maxlen=100)  # numbers of done estop questions; each client's begin at random
+        self._refused_s = -math.inf  # time of the last log entry about a refused message
 
     def run(self, must_end: Callable[[], bool]) -> None:
-        """Serve; at the end all arms are landed."""
+        """Serve until `must_end` returns True, then land all arms."""
         self._stream.start()
         look_s = 0.0
         try:
@@ -137,7 +136,7 @@ class HostServer:
             self._sockets.close()
 
     def _handle(self, client: bytes, data: bytes) -> None:
-        """Handle one message. What cannot be read, or does not count, has no effect."""
+        """Handle one message. A message that is malformed or not permitted has no effect."""
         received_s = SYSTEM.now()
         try:
             message = decode(data)
@@ -158,7 +157,7 @@ class HostServer:
                 self._refused_s = received_s
                 logger.warning("a message is refused: %s", error)
             if isinstance(error, OtherVersionError):
-                self._sockets.answer(client, Answer(0))  # by which the client knows, too
+                self._sockets.answer(client, Answer(0))  # shows the client that the versions differ
         except Exception:
             logger.exception("a message could not be handled; it has no effect")
 
@@ -177,7 +176,7 @@ class HostServer:
             return Answer(question.number, None, str(error), type(error).__name__)
 
     def _result(self, client: bytes, asked: Question) -> dict[str, Any] | None:
-        """What a question comes to; None: nothing yet, it is asked again. Raises YamError: it is refused."""
+        """Result of a question; None: not done yet, the client repeats the question. Raises YamError: refused."""
         if asked.op == "hello":
             return self._told()
         if asked.op == "tool":
@@ -197,7 +196,7 @@ class HostServer:
 
     def _estop(self, asked: Question) -> dict[str, Any]:
         stop = EmergencyStop()
-        if asked.number not in self._acted:  # a question that comes again does not undo what others have done since
+        if asked.number not in self._acted:  # a repeated question must not undo what others have done since
             try:
                 if asked.action == "latch":
                     stop.latch(_printable(f"{asked.who}: {asked.why}"))
@@ -221,5 +220,5 @@ class HostServer:
 
 
 def _printable(text: str) -> str:
-    """A client's words, without what would move the cursor of a terminal."""
+    """Replace characters in a client's text that would move the cursor of a terminal."""
     return "".join(character if character.isprintable() else "?" for character in text)[:_MOST_TEXT]

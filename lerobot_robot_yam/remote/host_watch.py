@@ -1,7 +1,7 @@
-"""Watching a host: its arms are seen by this computer's programs as its own are, and nothing can be commanded.
+"""Watching a host: this computer's programs see its arms like local ones, but cannot command them.
 
-An arm that is watched has a key of its own, with a lock and a state under it. So whoever drives it over a link finds
-its channel free, and has a lock and a state beside these. While it is driven it is not shown a second time.
+A watched arm has a key of its own, with a lock and a state. So a program that drives the arm over a link finds its
+channel free, and has its own lock and state. While the arm is driven from here, the watched copy is hidden.
 """
 
 import contextlib
@@ -24,20 +24,20 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 logger = logging.getLogger(__name__)
 
 _FIELDS = set(ArmConfig.__dataclass_fields__)
-_LOOK_S = 0.2  # between looks which arms are driven from here
-_AGAIN_S = 5.0  # after an error
+_LOOK_S = 0.2  # period of checking which arms are driven from here, s
+_AGAIN_S = 5.0  # pause after an error, s
 
 
 def watched_key(key: str) -> str:
-    """Key under which an arm is shown while nobody drives it over a link from here, where its key is `key`."""
+    """Key of the watched copy of the arm with this `key`."""
     return f"{key}.watched"
 
 
 @contextlib.contextmanager
 def watched(host: Host) -> Iterator[None]:
-    """Inside the block the arms that run on the host are in the runtime directory.
+    """Show the host's running arms in the runtime directory while the block runs.
 
-    Those that another program of this computer drives over a link, or watches, are there already.
+    Arms that another program of this computer drives over a link, or watches, are there already.
 
     Raises:
         YamError: the host does not answer.
@@ -63,7 +63,7 @@ def watched(host: Host) -> Iterator[None]:
 
 
 def _show(host: Host, groups: dict[str, Any], ended: threading.Event) -> None:
-    """Show the arms that nobody drives from here, and no other program shows, until `ended`."""
+    """Show the arms that nobody drives from here and no other program shows, until `ended`."""
     keys = keys_of(host, groups)
     configs = {}
     for arm in (arm for group in groups.values() for arm in group["arms"].values()):
@@ -87,7 +87,7 @@ def _show(host: Host, groups: dict[str, Any], ended: threading.Event) -> None:
 
 def _look(shown: dict[int, MirroredArm], number: int, key: str, config: ArmConfig, keys: dict[str, str]) -> None:
     """Show an arm, or hide it while it is driven from here."""
-    if state_path(key).exists():  # not a lock's look: who drives it may be taking that just now
+    if state_path(key).exists():  # testing the lock could disturb a program that acquires it now
         if number in shown:
             shown.pop(number).close()
     elif number not in shown:

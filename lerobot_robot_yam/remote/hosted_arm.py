@@ -1,4 +1,4 @@
-"""One arm of the host: its client's commands become targets and requests, its states are passed on."""
+"""Arm of the host: passes its client's commands on as targets and requests, and its states back."""
 
 import contextlib
 import logging
@@ -18,49 +18,49 @@ logger = logging.getLogger(__name__)
 
 _TEXTS_AT = STATE_DTYPE.fields["refusal"][1]  # type: ignore[index]
 _NO_TEXTS = bytes(STATE_DTYPE.itemsize - _TEXTS_AT)
-_AHEAD_S = 0.05  # by which a command may seem to come from the future: clocks are known that well
-_PERMITTED_MOST_S = 0.5  # for which a client may permit a follower to go on with its leader
+_AHEAD_S = 0.05  # tolerance for commands from the future, s: the error of the clock offset
+_PERMITTED_MOST_S = 0.5  # longest time for which a client may couple a follower to its leader, s
 _LED = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
 _OUT_OF_HOME_RAD = 0.3
 
 
 class HostedArm:
-    """One arm.
+    """Arm of the host.
 
     Args:
         number: its number among all arms of the host.
-        session: the session that has it.
-        name: its name there.
+        session: session that contains the arm.
+        name: the arm's name in the session.
     """
 
     def __init__(self, number: int, session: ArmSession, name: str):
         self.number, self.key, self._name = number, session.key(name), name
         self._session, self._hardware = session, session.hardware(name)
-        self._target = self._request = 0  # newest numbers of the client's
+        self._target = self._request = 0  # newest numbers of the client's targets and requests
 
     @property
     def calibrated(self) -> bool:
-        """Whether its gripper's stops are configured or stored, or need not be."""
+        """Whether the gripper's stops are configured or stored, or there is no gripper."""
         config = self._hardware.config
         known = config.gripper_stops_rad is not None or Path(config.calibration_path or "").is_file()
         return known or not self._hardware.has_gripper
 
     @property
     def client(self) -> ArmClient | None:
-        """Its client in the session; None while that does not run."""
+        """Client of the arm in the session; None while the session does not run."""
         with contextlib.suppress(LifeCycleError):
             return self._session[self._name]
         return None
 
     def begin(self) -> None:
-        """Expect the commands of another client of the host."""
+        """Reset the numbers, for the commands of another client of the host."""
         self._target = self._request = 0
 
     def take(self, record: bytes, leaders: Collection[str]) -> bool:
-        """Pass on what is new in a client's command record. False: something in it was too old, or not taken.
+        """Pass on what is new in a client's command record; returns False if a part of it was too old or refused.
 
-        A request goes first: the client has waited for its answer before it gave a target. It keeps its number, by
-        which the client finds the answer in the arm's states.
+        A request goes first, because the client awaits its answer before it sends a target. The request keeps its
+        number, by which the client finds the answer in the arm's states.
 
         Args:
             record: bytes of COMMAND_DTYPE, by the clock of the host's arms.
@@ -84,13 +84,13 @@ class HostedArm:
         return taken
 
     def _check_age(self, stamp_s: float, most_s: float) -> None:
-        """Raises LifeCycleError: a request or target of that time is too old, or from the future."""
+        """Refuse a request or target with a time that is too old, or in the future. Raises LifeCycleError."""
         age_s = self._session.clock.now() - stamp_s
         if not -_AHEAD_S <= age_s <= most_s:  # NaN, too
             raise LifeCycleError(f"it is {age_s:.1f} s old")
 
     def _ask(self, client: ArmClient, command: Any, number: int) -> None:
-        self._check_age(command["request_stamp_s"], REQUEST_TIMEOUT_S)  # its client has taken it for failed
+        self._check_age(command["request_stamp_s"], REQUEST_TIMEOUT_S)  # the client has given it up
         try:
             request = Request(command["request"])
         except ValueError as error:
@@ -106,7 +106,7 @@ class HostedArm:
         gripper = command["q"][joints] if self._hardware.has_gripper else None
         try:
             mode = client.newest().mode
-        except GripperError:  # an arm that is guided may float on all the same
+        except GripperError:  # a guided arm may float on without known stops
             mode = client.mode()
         if mode is Mode.FLOAT:
             client.guide_on(gripper)
@@ -114,7 +114,7 @@ class HostedArm:
         options = {name: row for name in ("dq", "kp", "kd") if not np.isnan(row := command[name][:joints]).all()}
         coupled = None
         if leader := command["leader"].decode(errors="replace"):
-            permitted_s = float(command["coupled_until_s"]) - given_s  # from when it arrives on
+            permitted_s = float(command["coupled_until_s"]) - given_s  # counts from its arrival
             if leader not in leaders or not 0.0 <= permitted_s <= _PERMITTED_MOST_S:
                 raise LifeCycleError(f"it cannot follow {leader} for {permitted_s:g} s")
             coupled = (leader, permitted_s)
@@ -122,17 +122,17 @@ class HostedArm:
         client.write_target(command["q"][:joints].tolist(), gripper, **options, coupled=coupled, given_s=given_s)
 
     def record(self) -> bytes | None:
-        """Its newest state, without the texts at its end where all are empty; None while it does not run."""
+        """Newest state record, without the texts at its end if all are empty; None while the arm does not run."""
         client = self.client
         try:
             record = None if client is None else client.payload()
-        except (YamError, ValueError):  # it was closed meanwhile; its loop died in the middle of a write
+        except (YamError, ValueError):  # closed meanwhile, or the loop died in the middle of a write
             return None
         return record[:_TEXTS_AT] if record is not None and record.endswith(_NO_TEXTS) else record
 
     @property
     def in_a_hand(self) -> bool:
-        """Whether a person seems to have this leader in the hand: it is engaged, and away from where it lands."""
+        """Whether a person seems to hold this leader: it is engaged, and away from its rest pose."""
         try:
             state = self._session[self._name].published()
         except (YamError, ValueError):

@@ -1,6 +1,6 @@
-"""A group of a host's arms as LeRobot's device on this computer has it: what the host tells of it, and its `Runner`.
+"""Group of a host's arms as a LeRobot device on this computer: its options, and its `Runner`.
 
-The runner starts a link process here; the control loop is there.
+The runner starts a link process here; the control loop runs on the host.
 """
 
 import logging
@@ -18,19 +18,19 @@ logger = logging.getLogger(__name__)
 
 
 class HostedDevice:
-    """The robot or the teleoperator of a host.
+    """Robot or teleoperator of a host.
 
     Attributes:
-        host: where it is.
+        host: the host.
         group: "robot" or "teleop".
-        options: each arm's by prefix, as LeRobot's local device has them, with this computer's names of channels.
-        numbers: the number of each arm on the host.
-        all_keys: key there and here of every arm of the host.
-        calibrated: the stops of all grippers are known to the host.
+        options: options of each arm by prefix, as in LeRobot's local device, with this computer's names of channels.
+        numbers: number of each arm on the host.
+        all_keys: channel key on the host and here of every arm of the host.
+        calibrated: whether the host knows the stops of all grippers.
 
     Raises:
         LinkError: the host does not answer.
-        ConfigError: it has no such group, or one with another number of arms.
+        ConfigError: the host has no such group, or one with another number of arms.
     """
 
     def __init__(self, host: Host, group: str, prefixes: tuple[str, ...]):
@@ -51,22 +51,22 @@ class HostedDevice:
         self.calibrated = bool(groups[group]["calibrated"])
 
     def runner(self) -> MakeRunner:
-        """Return what makes the `Runner` of a session with these arms."""
+        """Function that makes the `Runner` of a session with these arms."""
         return partial(RemoteRunner, self)
 
 
 def keys_of(host: Host, groups: dict[str, Any]) -> dict[str, str]:
-    """Key there and here of every arm in the groups of a host's hello."""
+    """Map channel keys on the host to keys here, for every arm in the groups of a host's hello."""
     every = [arm for group in groups.values() for arm in group["arms"].values()]
     return {arm["key"]: host.address.key(arm["options"]["channel"]) for arm in every}
 
 
 class RemoteRunner(ProcessRunner):
-    """Drives a group of a host's arms.
+    """Runner of a group of a host's arms.
 
     Args:
         device: the group, as the host describes it.
-        arms, keys: the same arms as they are called here.
+        arms, keys: the same arms by their names here.
     """
 
     _program = "lerobot_robot_yam.remote.link_process"
@@ -88,12 +88,12 @@ class RemoteRunner(ProcessRunner):
         }
 
     def note_written(self, arm: int) -> None:
-        """Wake the link process: it sends the command at once, not with the next state."""
+        """Wake the link process, so that it sends the command at once, not with the next state."""
         if self._lifeline is not None:
             self._lifeline.nudge()
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Have the host land them; True when it says that they are down."""
+        """Land the arms on the host; returns whether they are down."""
         link = self._child
         ended = super().stop(off)
         if ended and link is not None and link.returncode < 0:

@@ -1,4 +1,4 @@
-"""A group of arms of the host: the robot's followers or the teleoperator's leaders, which one client at a time has."""
+"""Group of arms of the host, the robot's followers or the teleoperator's leaders; one client at a time drives it."""
 
 import logging
 import threading
@@ -17,7 +17,7 @@ logger = logging.getLogger(__name__)
 
 
 class Phase(Enum):
-    """What a group does."""
+    """Phase of a group."""
 
     FREE = "free"
     STARTING = "starting"
@@ -26,23 +26,23 @@ class Phase(Enum):
 
 
 class HostedGroup:
-    """One group.
+    """Group of arms that start and land together.
 
     Args:
         role: "robot" or "teleop".
         device: LeRobot's type name of the local device.
         arms: by prefix, in canonical order.
-        options: what a client is told of each, by prefix: the options of LeRobot's device.
+        options: by prefix, options of LeRobot's device for the client.
         first: number of the first arm among all arms of the host.
         isolation: where their control loop runs, see `ArmSession`.
 
     Attributes:
-        phase: what it does.
-        lease: who has it, by the session number that each client gives itself.
+        phase: present phase.
+        lease: right to drive the group, held by a client's session number.
         newest: number of the newest command of that client.
         leaders: keys of the arms that its followers may follow; set by the server.
-        channels: its CAN channels, and what names each on a command line.
-        dropped: commands that were not the holder's, too old, or not newer than the last.
+        channels: its CAN channels, and the command-line options that name each.
+        dropped: number of commands from others than the holder, too old, or not newer than the last.
     """
 
     def __init__(
@@ -64,14 +64,14 @@ class HostedGroup:
         self.phase, self.lease, self.newest = Phase.FREE, Lease(f"the host's {role}"), 0
         self.leaders: frozenset[str] = frozenset()
         self.dropped = 0
-        self._lock = threading.Lock()  # of phase, lease and what the last clients are told
-        self._over = 0  # session of the client that has let go last
-        self._last: tuple[int, bool, YamError | None] = (0, True, None)  # session, whether landed, why it did not start
+        self._lock = threading.Lock()  # guards phase, lease, _over and _last
+        self._over = 0  # session that called `stop` last
+        self._last: tuple[int, bool, YamError | None] = (0, True, None)  # last session, if landed, why it did not start
         self._unwanted = threading.Event()
         self._worker: threading.Thread | None = None
 
     def told(self) -> dict[str, Any]:
-        """What a hello says of it."""
+        """Describe the group for a hello."""
         return {
             "device": self.device,
             "arms": {
@@ -85,12 +85,12 @@ class HostedGroup:
         }
 
     def start(self, session: int, who: str, search: bool) -> bool:
-        """Energise the arms for a client; whether they are. It asks again until then.
+        """Energise the arms for a client; returns whether they are. The client repeats the question until then.
 
         Raises:
-            ChannelInUseError: another client has them.
-            LifeCycleError: this one has let go of them already.
-            YamError: they could not be energised.
+            ChannelInUseError: another client has the group.
+            LifeCycleError: this client has released the group already.
+            YamError: the arms could not be energised.
         """
         with self._lock:
             self.lease.check(session)
@@ -130,7 +130,7 @@ class HostedGroup:
             logger.exception("%s did not start", self.role)
             error = YamError(f"the host has failed: {failure!r}")
         try:
-            landed = self._session.stop()  # True where it has not started
+            landed = self._session.stop()  # True if the session has not started
         except Exception:
             logger.exception("%s: landing", self.role)
         logger.info("%s: let go of by %s, %s", self.role, self.lease.who, "landed" if landed else "NOT DOWN YET")
@@ -140,9 +140,9 @@ class HostedGroup:
             self.phase = Phase.FREE
 
     def stop(self, session: int) -> bool | None:
-        """Land the arms of this client, and let go of them. None: they are not down yet, and it asks again.
+        """Land the arms of this client and release them; None: not down yet, the client repeats the question.
 
-        Asked once more it gives the same answer; one that never had them is told that they are down.
+        A repeated question gets the same answer. For a client that never had the arms they are down.
         """
         with self._lock:
             self._over = session
@@ -153,7 +153,7 @@ class HostedGroup:
             return None
 
     def land(self, why: str) -> None:
-        """Land them without being asked, if they are in the air."""
+        """Land the arms without a client's request, if they are in the air."""
         with self._lock:
             if self.phase in (Phase.STARTING, Phase.RUNNING):
                 logger.warning("%s: lands, %s", self.role, why)
@@ -166,11 +166,11 @@ class HostedGroup:
             self._unwanted.set()
 
     def heard(self, session: int) -> bool:
-        """Note a sign of life; whether the session has these arms."""
+        """Note a sign of life of a session; returns whether it has these arms."""
         return self.lease.renew(session)
 
     def take(self, command: Command) -> None:
-        """Pass a client's command on to its arm. Raises LinkError: it does not count."""
+        """Pass a client's command on to its arm. Raises LinkError: not the holder's, or not newer than the last."""
         if self.phase is not Phase.RUNNING or self.lease.holder != command.session:
             self.dropped += 1
             raise LinkError(f"a command for the {self.role} is not of the client that has it")
@@ -185,16 +185,16 @@ class HostedGroup:
 
     @property
     def silent_s(self) -> float:
-        """For how long the client that drives the arms has said nothing, s; 0 without one."""
+        """Silence of the client that drives the arms, s; 0 without one."""
         return self.lease.silent_s if self.phase is Phase.RUNNING else 0.0
 
     @property
     def led_by_hand(self) -> bool:
-        """Whether a person seems to have one of these leaders in the hand."""
+        """Whether a person seems to hold one of these leaders."""
         return any(arm.in_a_hand for arm in self.arms)
 
     def close(self) -> None:
-        """Land, and wait until that has ended."""
+        """Land, and wait until the arms are down."""
         self.land("the host ends")
         if self._worker is not None:
             self._worker.join()

@@ -1,4 +1,4 @@
-"""A client's link to a host: states come, commands and signs of life go, the emergency stop goes both ways."""
+"""Client's link to a host: receives states, sends commands and beats, mirrors the emergency stop both ways."""
 
 import logging
 import math
@@ -20,17 +20,17 @@ from lerobot_robot_yam.system.clock import SYSTEM
 
 logger = logging.getLogger(__name__)
 
-_BEAT_S = 0.1  # between signs of life
-_FIRST_S = 0.02  # between signs of life until the host's clock is known
-_STOP_LOOK_S = 0.04  # between looks at the emergency stop
-_WAIT_S = 0.02  # for messages of the host and commands of our program
-_LOST_S = 1.0  # without a word of the host: the log says so, and the states that come first may be another client's
-_START_S = 57.0  # for arms to be energised; less than what our program waits for us
-_GONE_S = 5.0  # without a word of the host: nothing more comes of what it was asked; it lands the arms alone
-LAND_S = 75.0  # longer than a landing takes
-_LEAST = 5  # echoes before times of the host mean anything
-_WINDOW = 50  # echoes, 5 s: two clocks drift apart by 0.1 ms in that time
-_DRIFT_S = 0.001  # that much is no contradiction
+_BEAT_S = 0.1  # period of beats, s
+_FIRST_S = 0.02  # period of beats until the host's clock is known, s
+_STOP_LOOK_S = 0.04  # period of checking the emergency stop, s
+_WAIT_S = 0.02  # wait for messages of the host and commands of our program, s
+_LOST_S = 1.0  # silence of the host that is logged, s; states right after it may be another client's
+_START_S = 57.0  # wait for arms to be energised, s; less than our program's wait for this process
+_GONE_S = 5.0  # silence of the host that ends a question, s; the host lands the arms by itself
+LAND_S = 75.0  # wait for a landing, s; longer than a landing takes
+_LEAST = 5  # echoes before the clock offset counts as known
+_WINDOW = 50  # echoes that are kept, 5 s: two clocks drift apart by 0.1 ms in that time
+_DRIFT_S = 0.001  # difference between offsets that is no contradiction, s
 _LET_GO = "the host has let go of the arms (another client may have them); connect again"
 
 
@@ -40,18 +40,18 @@ class _Measured(NamedTuple):
 
 
 class ClockOffset:
-    """How far the host's monotonic clock is ahead of ours, by the quickest of the last round trips.
+    """Offset of the host's monotonic clock to ours, from the quickest of the last round trips.
 
     An echo that was sent at t0, arrived at the host at t1, left it at t2 and came back at t3 says
 
         offset = ((t1 - t0) + (t2 - t3)) / 2        wrong by at most half of (t3 - t0) - (t2 - t1)
 
-    (RFC 5905, section 8). Of a window of echoes the one with the shortest round trip counts. It counts no longer once
-    an echo contradicts it: the monotonic clock of a computer that sleeps stands still.
+    (RFC 5905, section 8). Of a window of echoes the one with the shortest round trip counts, until an echo contradicts
+    it: the monotonic clock of a computer that sleeps stands still.
 
     Attributes:
         offset_s: host's clock minus ours; NaN before the first echo.
-        error_s: by which it may be wrong.
+        error_s: largest error of offset_s.
     """
 
     def __init__(self) -> None:
@@ -64,7 +64,7 @@ class ClockOffset:
         return len(self._measured) >= _LEAST
 
     def add(self, echo: Echo, now: float) -> None:
-        """Count an echo that came back `now`, s, unless it says that it took less than no time."""
+        """Add an echo that came back at `now`, s; echoes with a negative round trip are ignored."""
         round_trip_s = (now - echo.sent_s) - (echo.answered_s - echo.received_s)
         if round_trip_s < 0.0 or echo.answered_s < echo.received_s:
             return
@@ -76,28 +76,28 @@ class ClockOffset:
         self.offset_s, self.error_s = best.offset_s, best.round_trip_s / 2.0
 
     def clear(self) -> None:
-        """Forget: the host is another one, or has booted, or one of both has slept."""
+        """Forget all echoes: the host has changed or booted, or one of the computers has slept."""
         self._measured.clear()
         self.offset_s, self.error_s = math.nan, math.inf
 
 
 class Link:
-    """A link to one host.
+    """Link to one host.
 
     Args:
         host: the host.
-        arms: those whose states are wanted, by their number on the host; whoever has made the link may change it.
-        drives: whether commands of these arms are passed on, once `start` has had them energised.
-        nudged: descriptor that can be read when something was commanded; None: there is none.
+        arms: arms whose states are wanted, by their number on the host; the owner of the link may change the mapping.
+        drives: whether commands of these arms are passed on, once `start` has energised them.
+        nudged: descriptor that becomes readable when a command was written; None: there is none.
     """
 
     def __init__(self, host: Host, arms: Mapping[int, MirroredArm], drives: bool = False, nudged: int | None = None):
         self._host, self._arms, self._nudged = host, arms, nudged
         self._sockets = ClientSockets(host.address, host.client_key(), also=nudged)
         self._session = secrets.randbits(62) + 1 if drives else 0
-        self._started_s: float | None = None  # since when the host takes commands; None: it does not
-        self._let_go = False  # it has let go of the arms without being asked: their states may be another client's
-        self._number = 0  # of the newest command
+        self._started_s: float | None = None  # time since which the host takes commands; None: it does not
+        self._let_go = False  # the host has released the arms unasked: their states may be another client's
+        self._number = 0  # number of the newest command
         self._answer: Answer | None = None
         self._machine, self._told_stopped = machine_name(), False
         self._clock, self._stops = ClockOffset(), MirroredStops("host", self._machine)
@@ -106,19 +106,19 @@ class Link:
 
     @property
     def up(self) -> bool:
-        """Whether the host's states are known, and its clock."""
+        """Whether the host's clock and the states of all arms are known."""
         return self._clock.known and all(arm.known for arm in self._arms.values())
 
     def start(self, group: str, search: bool, unwanted: Callable[[], bool]) -> None:
-        """Have the host energise a group; until then nothing is commanded.
+        """Have the host energise a group; commands are sent only afterwards.
 
         Args:
             group: "robot" or "teleop".
             search: whether stops of grippers are sought.
-            unwanted: asked again and again; once it says True the host lets go of the group.
+            unwanted: polled meanwhile; once it returns True the host releases the group.
 
         Raises:
-            YamError: what the host says, or that it says nothing.
+            YamError: the host refuses, or does not answer.
             LifeCycleError: unwanted.
         """
         fields = {"group": group, "session": self._session, "who": who(), "search": search}
@@ -131,14 +131,14 @@ class Link:
                     port = self._host.address.port + 1
                     raise LinkError(f"{self._host.address}: no states come; is port {port} open?")
         except LinkError:
-            self.stop(group)  # it may have energised them by now
+            self.stop(group)  # the host may have energised them by now
             raise
         if unwanted():
             self.stop(group)
             raise LifeCycleError("nobody waits for the arms any more; the host has let go of them")
 
     def stop(self, group: str) -> bool:
-        """Have the host land the group; whether its arms are down. Says so in the log where nobody knows."""
+        """Have the host land the group; returns whether its arms are down, False (with a log entry) if unknown."""
         self._started_s = None
         try:
             landed = bool(self._ask("stop", LAND_S, group=group, session=self._session)["landed"])
@@ -153,7 +153,7 @@ class Link:
     def _ask(
         self, op: str, within_s: float, unwanted: Callable[[], bool] = lambda: False, **fields: object
     ) -> dict[str, object]:
-        """See `Host.ask`; the link goes on meanwhile. Raises LinkError: the host has gone."""
+        """Send a question as `Host.ask` does, while the link goes on. Raises LinkError: the host has gone."""
 
         def turn() -> Answer | None:
             self.turn()
@@ -165,12 +165,12 @@ class Link:
         return ask_over(self._sockets, turn, self._host.address, op, within_s, unwanted, **fields)
 
     def turn(self) -> None:
-        """One round: wait a little, pass on what has come from the host, and what our program commands."""
+        """Run one round: wait a little, pass on messages of the host and commands of our program."""
         sockets = self._sockets
         came = sockets.wait(_WAIT_S)
         now = SYSTEM.now()
         if self._nudged is not None and self._nudged in came and not take_nudges(self._nudged):
-            sockets.ignore(self._nudged)  # it could be read without end
+            sockets.ignore(self._nudged)  # closed at the other end: always readable
             self._nudged = None
         try:
             if sockets.states in came and (states := sockets.newest_states()) is not None:
@@ -190,9 +190,7 @@ class Link:
 
     def _take_echo(self, echo: Echo) -> None:
         self._clock.add(echo, SYSTEM.now())
-        self._heard_s = max(
-            self._heard_s, echo.sent_s
-        )  # not when it is read: it may have waited
+        self._heard_s = max(self._heard_s, echo.sent_s)  # not when it is read: it may have waited
         if self._started_s is not None and not echo.held and echo.sent_s > self._started_s:
             self._started_s, self._let_go = None, True
             for arm in self._arms.values():
@@ -202,7 +200,7 @@ class Link:
             logger.warning("%s: the host is back", self._host.address)
 
     def _take_states(self, states: States, now: float) -> None:
-        if states.run != self._run:  # the host has been started anew; its computer may have been, too
+        if states.run != self._run:  # the host has restarted, and maybe its computer, too
             self._run = states.run
             self._clock.clear()
         if self._clock.known and now - self._heard_s < _LOST_S and not self._let_go:
@@ -213,18 +211,18 @@ class Link:
         self._stops.hear(str(self._host.address), b"", stopped, now)
 
     def _beat(self, now: float) -> None:
-        """Give a sign of life when one is due, or when a stop of our own has been latched or released."""
+        """Send a beat when one is due, or when our own emergency stop has been latched or released."""
         due = now - self._beat_s >= (_BEAT_S if self._clock.known else _FIRST_S)
         if not due and now - self._look_s < _STOP_LOOK_S:
             return
         self._look_s = now
-        self._stops.look(now)  # as it is now: other links of ours may have told it
+        self._stops.look(now)  # other links of this computer may have changed it
         if due or self._stops.own is not self._told_stopped:
             self._beat_s, self._told_stopped = now, self._stops.own
             self._sockets.send(Beat(self._session, self._machine, now, self._told_stopped))
 
     def _send_commands(self) -> None:
-        """Pass on commands that are new, with their times by the host's clock."""
+        """Send new commands, with their times by the host's clock."""
         if self._started_s is None or not self._clock.known:
             return
         for number, arm in self._arms.items():
@@ -233,5 +231,4 @@ class Link:
                 self._sockets.send(Command(self._session, self._number, number, record))
 
     def close(self) -> None:
-        """Let go of the sockets."""
         self._sockets.close()

@@ -15,10 +15,10 @@ from msgspec import Meta
 from lerobot_robot_yam.errors import LinkError
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, STATE_DTYPE
 
-MOST_BYTES = 1 << 16  # size of a message to the host, and of states
-MOST_ANSWER_BYTES = 1 << 20  # size of another message to a client: a hello has the options of four arms
+MOST_BYTES = 1 << 16  # largest message to the host, and largest states
+MOST_ANSWER_BYTES = 1 << 20  # largest other message to a client: a hello has the options of four arms
 _MAGIC, _VERSION = b"YR", 2
-_LAYOUT = zlib.crc32(repr((STATE_DTYPE.descr, COMMAND_DTYPE.descr)).encode())  # of the records inside
+_LAYOUT = zlib.crc32(repr((STATE_DTYPE.descr, COMMAND_DTYPE.descr)).encode())  # checksum of the records' layout
 HEAD = struct.pack("<2sHI", _MAGIC, _VERSION, _LAYOUT)
 
 Number = Annotated[int, Meta(ge=0)]
@@ -27,7 +27,7 @@ Machine = Annotated[str, Meta(pattern=r"^[0-9a-f]{0,8}\Z")]  # see `machine_name
 
 
 class OtherVersionError(LinkError):
-    """A message of another version of this package."""
+    """Message of another version of this package."""
 
 
 class _Message(msgspec.Struct, tag=True, array_like=True, forbid_unknown_fields=True):
@@ -35,63 +35,63 @@ class _Message(msgspec.Struct, tag=True, array_like=True, forbid_unknown_fields=
 
 
 class Question(_Message):
-    """Something that a client asks, again and again under the same number, until the answer has a result."""
+    """Question of a client, repeated under the same number until its answer has a result."""
 
     number: Number
     op: Literal["hello", "start", "stop", "tool", "estop"]
     group: str = ""  # start, stop: the group of arms
     session: Number = 0  # start, stop: the session of the client
     search: bool = True  # start: whether stops of grippers are sought
-    who: str = ""  # start, estop: user, computer and process
+    who: str = ""  # start, estop: user, computer and process of the client
     action: Literal["latch", "release", "status"] = "status"  # estop
     why: str = ""  # estop
     tool: Literal["doctor", "identify"] = "doctor"
-    channel: str = ""  # tool: the channel that is identified
+    channel: str = ""  # tool: the channel to identify
     json: bool = False  # tool: whether its output is JSON
 
 
 class Answer(_Message):
-    """The answer to a question."""
+    """Answer to a question."""
 
     number: Number
     result: dict[str, Any] | None = None  # None: not done yet
-    error: str = ""  # why it is refused
-    kind: str = ""  # the class of this error
+    error: str = ""  # reason of a refusal
+    kind: str = ""  # class of that error
 
 
 class Command(_Message):
-    """A client's commands for one arm."""
+    """Command record of a client for one arm."""
 
     session: Number
     number: Number  # grows with each command of the session
-    arm: Number  # its number in the host's hello
+    arm: Number  # number of the arm in the host's hello
     record: Annotated[bytes, Meta(min_length=COMMAND_DTYPE.itemsize, max_length=COMMAND_DTYPE.itemsize)]  # host's clock
 
 
 class Beat(_Message):
-    """A sign of life of a client, ten times a second; the host answers with an `Echo`."""
+    """Sign of life of a client, ten times a second; the host answers with an `Echo`."""
 
-    session: Number  # 0: it only watches
+    session: Number  # 0: the client only watches
     machine: Machine  # the client's computer and user
     sent_s: Time  # the client's clock
-    stopped: bool  # whether the emergency stop is latched there, by itself
+    stopped: bool  # whether that machine itself has latched the emergency stop
 
 
 class Echo(_Message):
-    """The host's answer to a beat."""
+    """Answer of the host to a beat."""
 
     sent_s: Time  # the beat's, by the client's clock
     received_s: Time  # the host's clock
     answered_s: Time  # the host's clock
-    held: bool  # whether the beat's session has arms; one that has had some and has none any more has lost them
+    held: bool  # whether the beat's session has arms; false after it had some: the host has released them
 
 
 class States(_Message):
-    """The newest states of all arms that run."""
+    """Newest states of all arms that run."""
 
-    run: Number  # a random number of this run of the host
+    run: Number  # random number of this run of the host
     stopped: bool  # whether the emergency stop is latched on the host
-    stopped_by: Machine  # the machine whose stop that is, the host or a client's
+    stopped_by: Machine  # machine that has latched it: the host or a client's
     arms: list[tuple[Number, Annotated[bytes, Meta(max_length=STATE_DTYPE.itemsize)]]]  # number and state, host's clock
 
 
@@ -101,12 +101,11 @@ _decoder: msgspec.msgpack.Decoder[Message] = msgspec.msgpack.Decoder(Message)
 
 
 def encode(message: Message) -> bytes:
-    """Encode a message."""
     return HEAD + _encoder.encode(message)
 
 
 def decode(data: bytes) -> Message:
-    """Decode a message. Raises LinkError: it is none, or of another version."""
+    """Decode a message. Raises LinkError: it is malformed, or of another version."""
     if not data.startswith(_MAGIC):
         raise LinkError("a message is not of this protocol")
     if not data.startswith(HEAD):

@@ -1,8 +1,8 @@
-"""The link process: `python -m lerobot_robot_yam.remote.link_process`, started by `RemoteRunner`.
+"""Link process: `python -m lerobot_robot_yam.remote.link_process`, started by `RemoteRunner`.
 
-It stands where the control process stands for arms of this computer: it writes the states of the host's arms into
-their blocks, and passes on what the caller commands. It is a process for the same reason: the caller's interpreter
-cannot disturb it. It has the host land the arms when it is told to (SIGTERM) or when its parent is gone.
+It takes the place of the control process: it writes the states of the host's arms into their blocks, and sends the
+caller's commands. It is a process for the same reason: the caller's interpreter cannot disturb it. On SIGTERM, or when
+its parent is gone, it has the host land the arms.
 """
 
 import contextlib
@@ -23,13 +23,12 @@ from lerobot_robot_yam.system.runtime_files import FileLock
 
 logger = logging.getLogger("lerobot_robot_yam.remote.link_process")
 
-RT_PRIORITY = 15  # below that of control loops
-_PARENT_LOOK_S = 0.1
-NOT_DOWN = 3  # exit status: the arms are in the air, or nobody knows
+RT_PRIORITY = 15  # real-time priority, below that of control loops
+_PARENT_LOOK_S = 0.1  # period of checking the parent, s
+NOT_DOWN = 3  # exit status when the arms are in the air, or this is unknown
 
 
 def main() -> int:
-    """Entry point of the process."""
     caller = Caller()
     job = caller.job
     caller.watch(_PARENT_LOOK_S)
@@ -38,7 +37,7 @@ def main() -> int:
             link = _link(job, ends)
             link.start(job["group"], job["search"], caller.wants_an_end)
         logger.info("link to %s: %s", job["host"], request_realtime(RT_PRIORITY))
-        raise_threads(RT_PRIORITY, "ZMQbg/IO")  # which send and receive
+        raise_threads(RT_PRIORITY, "ZMQbg/IO")  # these send and receive
         caller.answer(ready=True)
         try:
             while not caller.wants_an_end():

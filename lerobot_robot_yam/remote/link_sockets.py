@@ -1,7 +1,7 @@
-"""The sockets of host and clients: ZeroMQ over TCP, with CURVE where there are keys.
+"""Sockets of host and clients: ZeroMQ over TCP, with CURVE if there are keys.
 
-Commands go over DEALER and ROUTER, states over PUB and SUB, which keep the newest only. All queues are short: what
-cannot be delivered now is worth nothing later.
+Commands go over DEALER and ROUTER, states over PUB and SUB, which keep only the newest. All queues are short: a
+message that cannot be delivered now is useless later.
 """
 
 import contextlib
@@ -18,18 +18,18 @@ from lerobot_robot_yam.remote.link_messages import MOST_ANSWER_BYTES, MOST_BYTES
 
 _OPTIONS = {
     zmq.LINGER: 0,
-    zmq.SNDHWM: 64,  # messages: at 60 Hz, with two arms, half a second of commands
+    zmq.SNDHWM: 64,  # messages: half a second of commands, at 60 Hz and with two arms
     zmq.RCVHWM: 64,
-    zmq.SNDBUF: 1 << 18,  # bytes of the kernel: 0.3 s of states
+    zmq.SNDBUF: 1 << 18,  # bytes in the kernel: 0.3 s of states
     zmq.RCVBUF: 1 << 18,
-    # The kernel ends connections that the network has forgotten, 3 to 4 s later. ZMTP's own heartbeat would, too, but
+    # Keepalive ends connections that the network has forgotten, after 3 to 4 s. ZMTP's own heartbeat would, too, but
     # libzmq 4.3.5 aborts (`!_io_error`) when one is due on a full connection whose other end has gone.
     zmq.TCP_KEEPALIVE: 1,
     zmq.TCP_KEEPALIVE_IDLE: 1,  # s
     zmq.TCP_KEEPALIVE_INTVL: 1,  # s
     zmq.TCP_KEEPALIVE_CNT: 3,
-    zmq.TCP_MAXRT: 3000,  # ms for data that is not acknowledged
-    zmq.HANDSHAKE_IVL: 5000,  # ms to exchange keys: a connection that never begins to is not kept for 30 s
+    zmq.TCP_MAXRT: 3000,  # ms until unacknowledged data ends a connection
+    zmq.HANDSHAKE_IVL: 5000,  # ms to exchange keys; the default of 30 s keeps dead connections
     zmq.RECONNECT_IVL: 100,  # ms
     zmq.RECONNECT_IVL_MAX: 1000,  # ms
 }
@@ -47,13 +47,13 @@ def _socket(context: "zmq.Context[Socket]", kind: int, most_bytes: int) -> Socke
 
 
 class ClientSockets:
-    """A client's two sockets.
+    """Two sockets of a client.
 
     Args:
-        address: the host's.
-        key: this client's; None: none, which only a host on this computer takes.
+        address: address of the host.
+        key: this client's key; None: none, which only a host on this computer accepts.
         states: False: without the socket for states.
-        also: a descriptor that ends a wait when it can be read, and is not read here; None: none.
+        also: further descriptor whose readability ends a wait, not read here; None: none.
 
     Attributes:
         commands, states: the sockets.
@@ -63,7 +63,7 @@ class ClientSockets:
         self._context: zmq.Context[Socket] = zmq.Context()
         self._poller = zmq.Poller()
         self.commands = _socket(self._context, zmq.DEALER, MOST_ANSWER_BYTES)
-        self.commands.setsockopt(zmq.IMMEDIATE, 1)  # nothing waits for a connection that is not there
+        self.commands.setsockopt(zmq.IMMEDIATE, 1)  # no queue without a connection
         self._connect(self.commands, address.commands, key)
         self.states: Socket | None = None
         if states:
@@ -81,7 +81,7 @@ class ClientSockets:
         self._poller.register(socket, zmq.POLLIN)
 
     def send(self, message: Message) -> bool:
-        """Send to the host, if it is there; False: it is not, and the message is gone."""
+        """Send to the host; returns False if it is not connected, and drops the message."""
         try:
             self.commands.send(encode(message), zmq.NOBLOCK)
         except zmq.Again:
@@ -89,11 +89,11 @@ class ClientSockets:
         return True
 
     def receive(self) -> Message | None:
-        """Return the host's next message besides states, None if there is none. Raises LinkError: it is no message."""
+        """Receive the host's next message besides states, None if there is none. Raises LinkError: malformed."""
         return self._next(self.commands)
 
     def newest_states(self) -> States | None:
-        """Return the newest states, None if there are no new ones. Raises LinkError: it is no message."""
+        """Receive the newest states, None if there are no new ones. Raises LinkError: malformed."""
         assert self.states is not None
         message = self._next(self.states)
         return message if isinstance(message, States) else None
@@ -106,28 +106,28 @@ class ClientSockets:
             return None
 
     def ignore(self, also: int) -> None:
-        """Wait no longer for the other descriptor."""
+        """Stop waiting for the further descriptor."""
         self._poller.unregister(also)
 
     def wait(self, within_s: float) -> set[Any]:
-        """Wait until something has come; returns the sockets, and the other descriptor, that have something."""
+        """Wait until something has arrived; returns the readable sockets, and the further descriptor if readable."""
         return {polled for polled, _ in self._poller.poll(max(0, round(within_s * 1e3)))}
 
     def close(self) -> None:
-        """Let go. Idempotent."""
+        """Close the sockets. Idempotent."""
         self._context.destroy(linger=0)
 
 
 class HostSockets:
-    """The host's two sockets, which listen.
+    """Two listening sockets of the host.
 
     Args:
-        address: on which to listen.
-        keys: the directory of its keys; None: none.
+        address: address to listen on.
+        keys: directory of the host's keys; None: none.
 
     Raises:
-        ConfigError: without keys nothing listens beyond this computer; or the host's own key cannot be read.
-        BusError: the ports cannot be had.
+        ConfigError: no keys, and the address is reachable from other computers; or the host's key cannot be read.
+        BusError: the ports cannot be bound.
     """
 
     def __init__(self, address: HostAddress, keys: Path | None):
@@ -144,7 +144,7 @@ class HostSockets:
                 self._authenticator = ThreadAuthenticator(self._context)
                 self._authenticator.start()
                 self._authenticator.configure_curve(domain="*", location=str(keys / CLIENTS))
-                self._authenticator.certs.setdefault("*", {})[key.public.encode()] = True  # of `yam-host status`
+                self._authenticator.certs.setdefault("*", {})[key.public.encode()] = True  # for `yam-host status`
             self.commands = _socket(self._context, zmq.ROUTER, MOST_BYTES)
             self.states = _socket(self._context, zmq.PUB, MOST_BYTES)
             for socket, endpoint in ((self.commands, address.commands), (self.states, address.states)):
@@ -157,24 +157,24 @@ class HostSockets:
             raise BusError(f"cannot listen on {address}: {error}; does another yam-host run?") from error
 
     def receive(self, within_s: float) -> tuple[bytes, bytes] | None:
-        """Return (client, message), None if nothing comes in that time. A message of several parts becomes empty."""
+        """Receive (client, message), None if nothing comes in that time. A message of several parts becomes empty."""
         if not self.commands.poll(round(within_s * 1e3)):
             return None
         client, *parts = self.commands.recv_multipart()
         return client, parts[0] if len(parts) == 1 else b""
 
     def answer(self, client: bytes, message: Message) -> None:
-        """Send to a client; one that has gone, or does not listen, gets nothing."""
+        """Send to a client; dropped if the client has gone, or does not read."""
         with contextlib.suppress(zmq.ZMQError):
             self.commands.send_multipart([client, encode(message)], zmq.NOBLOCK)
 
     def publish(self, states: States) -> None:
-        """Send to all who watch. Only one thread may call this."""
+        """Send to all clients. Only one thread may call this."""
         with contextlib.suppress(zmq.Again):
             self.states.send(encode(states), zmq.NOBLOCK)
 
     def close(self) -> None:
-        """Let go. Idempotent."""
+        """Close the sockets. Idempotent."""
         if self._authenticator is not None and self._authenticator.is_alive():
             self._authenticator.stop()
         self._context.destroy(linger=0)

@@ -1,4 +1,4 @@
-"""An arm of the host as this computer's programs have it: its states in a block, all times by our clock."""
+"""Arm of the host for programs of this computer: its states in a local block, all times by our clock."""
 
 import contextlib
 import os
@@ -20,12 +20,12 @@ _COMMAND_TIMES = ("target_stamp_s", "coupled_until_s", "request_stamp_s")
 
 
 class MirroredArm:
-    """One arm. Other programs find its states with the first one.
+    """Arm of the host. Other programs find its states once there is one.
 
     Args:
-        key: key of its channel, here.
-        config: what it is called here.
-        lock: lock of the channel, which whoever makes this has taken.
+        key: key of its channel here.
+        config: its configuration here.
+        lock: lock of the channel, already acquired.
         states: memory to write.
         commands: memory to read; None: the arm is only watched.
         keys: key there and here of every arm of the host.
@@ -44,15 +44,16 @@ class MirroredArm:
         self._coupled = {coupling_number(there): coupling_number(here) for there, here in keys.items()}
         self._leaders = {here.encode(): there.encode() for there, here in keys.items()}
         self._last: np.ndarray | None = None
-        self._sent = 0  # number of the command record that was passed on
+        self._sent = 0  # number of the last command record passed on
 
     @property
     def known(self) -> bool:
-        """Whether it has a state."""
+        """Whether the arm has a state."""
         return self._last is not None
 
     def write(self, record: bytes, ahead_s: float) -> None:
-        """Write a state of the host; not as if it had been published later than now: it would be fresh for too long.
+        """Write a state of the host. Its time of publication becomes `now` at the latest, or it would stay fresh too
+        long.
 
         Args:
             record: the first bytes of a record of STATE_DTYPE, by the host's clock; zeros follow.
@@ -66,22 +67,22 @@ class MirroredArm:
         state["owner_pid"] = os.getpid()
         self._states.write(state)
         if self._last is None:
-            with contextlib.suppress(OSError, YamError):  # no other program can watch it
+            with contextlib.suppress(OSError, YamError):  # then no other program can watch it
                 self._states.publish(state_path(self._key))
             tell_about(self._key, self._config)
         self._last = state
 
     def note(self, mode: Mode, message: str = "") -> None:
-        """Write a mode, and why, unless the arm is off: the host's states may have got lost, or be another client's."""
+        """Write a mode and its reason, unless the arm is off: states of the host may be lost, or another client's."""
         if self._last is not None and self._last["mode"] != Mode.OFF:
             self._last["mode"], self._last["message"] = mode, message.encode() or self._last["message"]
             self._states.write(self._last)
 
     def command(self, ahead_s: float) -> bytes | None:
-        """Read the record that the caller has written since the last call; None: there is none, or not yet.
+        """Read the record that the caller has written since the last call; None: none, or a write is under way.
 
         Args:
-            ahead_s: host's clock minus ours, s. The times in the record are the host's.
+            ahead_s: host's clock minus ours, s. The returned record has times of the host's clock.
         """
         if self._commands is None or self._commands.sequence() == self._sent:
             return None
@@ -95,7 +96,7 @@ class MirroredArm:
         return record.tobytes()
 
     def close(self) -> None:
-        """Hide the arm, and let go of its memory and its lock. Idempotent."""
+        """Remove the arm's files, and release its memory and its lock. Idempotent."""
         self._states.close()
         if self._commands is not None:
             self._commands.close()

@@ -1,10 +1,10 @@
-"""The emergency stops of other computers: while one is latched there it is latched here, and released with it.
+"""Mirror of other computers' emergency stops: while one is latched there it is latched here, and released with it.
 
-Each computer tells the others only of a stop of its own, never of one that it has taken over. So a stop ends where it
-began: what came from another computer, and is released here, is latched again.
+Each computer reports only its own stop, never one that it mirrors. So a stop ends where it began: a mirrored stop that
+is released here is latched again.
 
-The programs of a computer have a link each, and look at its latch at different times. So it is latched there while one
-of its links says so.
+The programs of a computer have a link each, and check its latch at different times. So a computer counts as stopped
+while one of its links says so.
 """
 
 import logging
@@ -15,8 +15,8 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 
 logger = logging.getLogger(__name__)
 
-_GONE_S = 2.0  # without a word: what is latched stays so, but is not latched anew when somebody releases it here
-_MOST = 64  # computers that are remembered
+_GONE_S = 2.0  # silence of a computer, s, after which its stop stays, but is not latched again if released here
+_MOST = 64  # most computers that are remembered
 _WHY = "its emergency stop is latched; `yam-estop release` there"
 
 
@@ -24,22 +24,22 @@ _WHY = "its emergency stop is latched; `yam-estop release` there"
 class _Computer:
     heard_s: float = 0.0
     stopped: bool = False
-    said: dict[bytes, tuple[bool, float]] = field(default_factory=dict)  # what each of its links has said last, when
-    failed: bool = False  # the last change here did not succeed
-    unwritten: bool = False  # its stop cannot be latched here
+    said: dict[bytes, tuple[bool, float]] = field(default_factory=dict)  # per link, its last word and its time
+    failed: bool = False  # whether the last change here has failed
+    unwritten: bool = False  # whether its stop cannot be latched here
 
 
 class MirroredStops:
-    """This computer's latch, as the other computers that it hears drive it.
+    """Latch of this computer, with the stops of other computers mirrored into it.
 
     Args:
-        called: what the other computers are called here, "host" or "workstation"; reasons of their stops begin with it.
-        own: name of this computer, as the others hear it. Programs of one computer share a latch: mirrored it would
+        called: role of the other computers, "host" or "workstation"; reasons of their stops begin with it.
+        own: name of this computer for the others. Programs of one computer share a latch: mirroring it would make it
             last for ever.
 
     Attributes:
         stopped: whether the emergency stop is latched here, or should be and cannot; and the computer whose stop it is.
-        unwritten: the stop of another computer cannot be latched here.
+        unwritten: whether the stop of another computer cannot be latched here.
     """
 
     def __init__(self, called: str, own: str) -> None:
@@ -49,16 +49,16 @@ class MirroredStops:
 
     @property
     def own(self) -> bool:
-        """Whether it is latched here, and not because another computer says so."""
+        """Whether this computer itself has latched the stop."""
         return self.stopped == (True, self._own)
 
     def hear(self, name: str, link: bytes, stopped: bool, now: float) -> None:
-        """Note what a link of a computer says. When none says any more that it is latched, what it has latched ends.
+        """Note what a link of a computer reports. When no link of it reports a stop any more, the mirrored stop ends.
 
         Args:
-            name: the computer's.
+            name: name of the computer.
             link: which of its links.
-            stopped: whether it is latched there, because of that computer itself.
+            stopped: whether that computer itself has latched its stop.
             now: s.
         """
         if name == self._own:
@@ -75,12 +75,11 @@ class MirroredStops:
             self.look(now)
 
     def look(self, now: float) -> None:
-        """Latch here as other computers say, and note how things are; to be called again and again.
+        """Latch here what other computers have latched, and update the attributes; call this periodically.
 
-        A change that fails is tried again by the next call. What is latched on a computer that is there, and was
-        released here, is latched again.
+        A change that fails is tried again by the next call.
         """
-        for name, computer in sorted(self._computers.items(), key=lambda item: item[1].stopped):  # releases come first
+        for name, computer in sorted(self._computers.items(), key=lambda item: item[1].stopped):  # releases first
             if not computer.stopped or computer.unwritten or now - computer.heard_s < _GONE_S:
                 self._follow(name, computer)
         self.unwritten = any(computer.unwritten for computer in self._computers.values())
@@ -95,7 +94,7 @@ class MirroredStops:
         prefix = self._prefix(name)
         try:
             if computer.stopped and not self._stop.latched:
-                EmergencyStop().latch(prefix + _WHY)  # an object that has failed to latch never tries again
+                EmergencyStop().latch(prefix + _WHY)  # a new object, since one that has failed never tries again
             elif not computer.stopped and self._stop.latched and self._stop.reason().startswith(prefix):
                 self._stop.release()
                 logger.warning("%semergency stop released, as there", prefix)
