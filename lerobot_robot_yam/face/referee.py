@@ -1,4 +1,4 @@
-"""The referee of an environment: lays the scene out before an episode, and judges it."""
+"""Referees of an environment: they lay the scene out before an episode, and judge it."""
 
 import importlib
 import logging
@@ -23,40 +23,38 @@ logger = logging.getLogger(__name__)
 _REMIND_S = 20.0
 _ENDLESS_S = 86_400.0
 Judge = Callable[[Mapping[str, Any]], bool | None]
-"""From an observation to success, failure or, not yet, None."""
+"""Judges an observation: True for success, False for failure, None for undecided."""
 
 
 class Verdict(NamedTuple):
-    """Whether the task is done, and whether the episode is over."""
+    """State of an episode: success, and whether it is over."""
 
     success: bool = False
     over: bool = False
 
 
 class Referee:
-    """Lays scenes out and judges episodes. This one has nothing to lay out, and lets every episode run on."""
+    """Referee that has nothing to lay out and lets each episode run on; base class of the others."""
 
     def arrange(self, seed: int | None) -> None:
         """Lay the scene out for an episode; the arms are out of the way.
 
         Raises:
-            YamError: it cannot be laid out.
+            YamError: the scene cannot be laid out.
         """
 
     def verdict(self, observation: Mapping[str, Any]) -> Verdict:
-        """How the episode stands."""
+        """Judge the episode by an observation."""
         return Verdict()
 
     def close(self) -> None:
-        """Leave. Idempotent."""
+        """Release what the referee holds. Idempotent."""
 
 
 class RigReferee(Referee):
     """A virtual rig's own task, laid out and judged by the rig.
 
-    Args:
-        rig: the rig.
-        task: a task of its scene. It fails by itself only after a day: the environment counts its steps.
+    task: a task of the rig's scene. It fails by itself only after a day: the environment counts its steps.
     """
 
     def __init__(self, rig: RigOperations, task: str):
@@ -73,7 +71,7 @@ class RigReferee(Referee):
         return Verdict(success, success or bool(state["failed"]))
 
 
-_KEYS = {Meaning.NEXT: "space", Meaning.SUCCESS: "s", Meaning.FAILURE: "f"}  # of what a page asks for
+_KEYS = {Meaning.NEXT: "space", Meaning.SUCCESS: "s", Meaning.FAILURE: "f"}  # keys of a page's requests
 
 
 class OperatorReferee(Referee):
@@ -97,12 +95,10 @@ class OperatorReferee(Referee):
         requests.join(self, first=True)
 
     def ask(self, press: Press) -> None:
-        """Do what a page asks for, see `requests.Doer`."""
         if press.meaning in self.offers(Situation(), 0):
             self._press(_KEYS[press.meaning])
 
     def offers(self, now: Situation, first: int) -> dict[str, str]:
-        """Say in words what can be asked for now, see `requests.Doer`."""
         if self._arranges:
             return {Meaning.NEXT.value: "the scene is laid out: begins the episode"}
         return {label.value: f"the episode is a {label}, and ends" for label in (Meaning.SUCCESS, Meaning.FAILURE)}
@@ -138,13 +134,13 @@ class OperatorReferee(Referee):
 
 
 def find_judge(name: str) -> Judge:
-    """The callable behind "module:function", see `YamEnvConfig.success`; the module may lie in the working directory.
+    """Import the callable "module:function", see `YamEnvConfig.success`; the working directory is searched too.
 
     Raises:
         ConfigError: there is no such function.
     """
     module, _, function = name.partition(":")
-    if (here := os.getcwd()) not in sys.path:  # a console script has the directory of its program there
+    if (here := os.getcwd()) not in sys.path:  # a console script has its own folder there instead
         sys.path.append(here)
     try:
         judge: Judge = getattr(importlib.import_module(module), function)
@@ -156,8 +152,6 @@ def find_judge(name: str) -> Judge:
 
 
 class CallableReferee(Referee):
-    """Another referee, with a callable as its judge."""
-
     def __init__(self, other: Referee, judge: Judge):
         self._other, self._judge = other, judge
 

@@ -1,13 +1,12 @@
 """Our types in LeRobot's registries, without importing LeRobot where it is not used.
 
-`lerobot.robots.config` alone costs seconds and loads torch, and our own processes (control loop, virtual rig) import
-this package too. So each config module of ours is imported right after the LeRobot module that holds its registry:
-now, if that is loaded already, else by an import hook at the moment it is. Every LeRobot command loads those it needs.
+`lerobot.robots.config` alone takes seconds and loads torch, and our own processes (control loop, virtual rig) import
+this package too. So each of our config modules is imported right after the LeRobot module that holds its registry: at
+once if that is loaded already, else by an import hook. Each LeRobot command loads the registries that it needs.
 
-Other plugins claim some of our names. Each device therefore has a spare name, and a name that is taken costs us that
-name only.
+Other plugins use some of our names. So each device has a spare name, and a name that is taken costs only that name.
 
-The same moment serves for what is to be said before all else, see `start_messages`.
+The same moment serves the messages of `start_messages`.
 """
 
 import importlib
@@ -45,11 +44,11 @@ REGISTRIES = {
 }
 
 logger = logging.getLogger(__name__)
-_registering: set[str] = set()  # modules that have called `register_as`: ours, not somebody else's of the same name
+_registering: set[str] = set()  # modules that have called `register_as`, so ours, not another plugin's
 
 
 def register() -> None:
-    """Register our types with the LeRobot that is loaded, and with what of it is loaded later.
+    """Register our types with LeRobot's registries, loaded now or later.
 
     Raises:
         ConfigError: another distribution has put its own files over ours.
@@ -65,13 +64,13 @@ def register() -> None:
 
 
 def register_types(lerobot_module: str) -> None:
-    """Register the types that belong into the registry of `lerobot_module`, which is loaded.
+    """Register the types of one registry, whose module `lerobot_module` is loaded.
 
     Raises:
         ConfigError: another distribution has put its own files over ours.
     """
     warn_if_newer()
-    if not _registering:  # once: before the first of ours
+    if not _registering:  # once, before the first of our types
         refuse_unreadable()
     shorten_page_about_ffmpeg()
     for name in REGISTRIES[lerobot_module]:
@@ -90,7 +89,7 @@ def _register_types_of(name: str) -> None:
 
 
 def register_as[C: type](registry: Any, name: str, spare: str | None = None) -> Callable[[C], C]:
-    """Class decorator: enter a config class of ours into a registry of LeRobot.
+    """Return the class decorator that enters a config class of ours into a registry of LeRobot.
 
     Args:
         registry: LeRobot's base class of such configs.
@@ -119,7 +118,7 @@ def _is_initialising(module: ModuleType) -> bool:
 
 
 class _Hook(importlib.abc.MetaPathFinder):
-    """Registers our types when one of LeRobot's registry modules has been loaded; leaves when it has seen them all."""
+    """Registers our types after each of LeRobot's registry modules, and removes itself after the last."""
 
     def __init__(self, waiting: set[str]):
         self._waiting = waiting
@@ -132,14 +131,14 @@ class _Hook(importlib.abc.MetaPathFinder):
         self._waiting.discard(fullname)
         if not self._waiting:
             sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(fullname)  # as the other finders say
+        spec = importlib.util.find_spec(fullname)  # by the other finders
         if spec is not None and spec.loader is not None:
             spec.loader = _ThenRegister(spec.loader)
         return spec
 
 
 class _ThenRegister(importlib.abc.Loader):
-    """Loads a module as its own loader would, then registers our types with it."""
+    """Loads a module by its own loader, then registers our types with it."""
 
     def __init__(self, loader: importlib.abc.Loader):
         self._loader = loader

@@ -1,14 +1,14 @@
-"""What LeRobot's RL stack (`lerobot.rl`) asks of our devices: a follower's motor bus, a leader's events and steps.
+"""What LeRobot's RL stack (`lerobot.rl`) needs of our devices: a follower's motor bus, a leader's events and steps.
 
-The actions that a leader gives are steps of the follower's tool along x, y and z, and its gripper:
+The actions of a leader are steps of the follower's tool along x, y and z, and its gripper:
 
     delta_x, delta_y, delta_z      -1 … 1, of the longest step of a frame, in the frame of the arm's base
     gripper                        0 opens, 1 stops, 2 closes
 
-LeRobot's own names of the gripper's values are the other way round: those arms' grippers close by rising values.
+LeRobot's own names of the gripper's values are reversed: those arms' grippers close by rising values.
 
-A step is what the leader's tool has moved since the person took over, less the steps given before. So the follower
-does not jump to the leader, and what a step was too short for comes with the next ones.
+A step is the motion of the leader's tool since the person took over, less the steps given before. So the follower does
+not jump to the leader, and motion beyond one step's length comes with the next ones.
 """
 
 import logging
@@ -34,14 +34,14 @@ from lerobot_robot_yam.state.records import ArmState
 logger = logging.getLogger(__name__)
 
 # A write of the motor bus
-_THERE = 2e-3  # rad, of the stroke: the set-point is where it was sent
-_MOVES = 1e-4  # rad, of the stroke: less from tick to tick is no motion
-_BLOCKED_S = 0.5  # without motion of the set-point: an emergency stop, the workspace
+_THERE = 2e-3  # rad, or share of the stroke: distance to the target that counts as arrived
+_MOVES = 1e-4  # rad, or share of the stroke: least change from tick to tick that counts as motion
+_BLOCKED_S = 0.5  # without motion of the set-point, as in an emergency stop or at the workspace's edge
 _TICK_S = 0.01
 
 # Events
-_PERIOD_S = 0.005  # of the look at the handles; LeRobot looks ten times a second
-_RESET_S = 0.5  # without a question: LeRobot has reset the arm meanwhile
+_PERIOD_S = 0.005  # between two reads of the handles; LeRobot reads ten times a second
+_RESET_S = 0.5  # pause of LeRobot's calls that means that it has reset the arm
 _END_S = 1.0
 _EVENTS = {
     Meaning.SUCCESS: (TeleopEvents.SUCCESS,),
@@ -55,15 +55,13 @@ _ENDINGS = (TeleopEvents.TERMINATE_EPISODE, TeleopEvents.SUCCESS, TeleopEvents.R
 # Steps of the tool
 _OPENS, _CLOSES = 0.0, 2.0
 _HALF = 0.5
-_AFRESH_S = 0.5  # without an action: the follower was reset, the hand has gone elsewhere
+_AFRESH_S = 0.5  # pause of actions after which steps begin anew: follower and hand have moved
 
 
 class MotorBus:
-    """The motors of one follower arm, by the names and in the units of its features.
+    """Motors of one follower arm, by the names and in the units of its features.
 
-    Args:
-        arms: the follower's.
-        send: its `send_action`.
+    arms: the follower's. send: its `send_action`.
     """
 
     def __init__(self, arms: ArmGroup, send: Callable[[Mapping[str, Any]], Mapping[str, float]]):
@@ -71,11 +69,7 @@ class MotorBus:
 
     @property
     def motors(self) -> dict[str, int]:
-        """The place of each motor's value in an action.
-
-        Raises:
-            ConfigError: the stack cannot drive this follower.
-        """
+        """Index of each motor's value in an action. Raises ConfigError: the stack cannot drive this follower."""
         arms = self._arms
         if len(arms.sides) != 1 or not arms.sides[0].has_gripper:
             raise ConfigError(f"{arms.device}: LeRobot's RL stack drives one arm with a gripper; use yam_follower")
@@ -84,7 +78,7 @@ class MotorBus:
         return {name: place for place, name in enumerate(arms.motors)}
 
     def sync_read(self, register: str) -> dict[str, float]:
-        """Present_Position of each motor: degrees, the gripper 0 closed … 1 open.
+        """Read Present_Position of each motor: degrees, the gripper 0 closed … 1 open.
 
         Raises:
             ActionError: another register, which these motors do not have.
@@ -96,10 +90,10 @@ class MotorBus:
         return {key.removesuffix(".pos"): value for key, value in values.items()}
 
     def sync_write(self, register: str, values: Mapping[str, Any]) -> None:
-        """Have the arm go to Goal_Position, and wait until its set-point is there, or something holds it back.
+        """Move the arm to Goal_Position, and wait until its set-point is there or no longer moves.
 
-        LeRobot writes the way to its reset pose in 0.75 s and then nothing for seconds. An arm that is slower would
-        hold halfway.
+        LeRobot writes the way to its reset pose in 0.75 s and then nothing for seconds; without the wait a slower arm
+        would hold halfway.
 
         Raises:
             ActionError: another register, or wrong motors or values; nothing was sent.
@@ -123,14 +117,14 @@ class MotorBus:
 
 
 class TeleopEventWatch:
-    """Watches the handles and gates of a leader device, from the first question on.
+    """Watches the handles and gates of a leader device, from the first call on.
 
     A person intervenes from the button `correct` to the next press of it, or to `go_on`; and while all leaders with a
     gate are lifted.
 
     Args:
-        meanings: of buttons, such as left_bottom.
-        read: the newest state of each arm by its prefix.
+        meanings: button, such as left_bottom → its meaning.
+        read: returns the newest state of each arm by its prefix.
     """
 
     def __init__(self, meanings: Mapping[str, Meaning], read: Callable[[], Mapping[str, ArmState]]):
@@ -143,7 +137,7 @@ class TeleopEventWatch:
         self._asked_s = -math.inf
 
     def intervenes(self) -> bool:
-        """Whether a person drives. Raises YamError: an arm is silent."""
+        """Return whether a person drives. Raises YamError: an arm is silent."""
         self._start()
         states = list(self._read().values())
         if any(state.mode is Mode.STOPPED for state in states):
@@ -152,9 +146,9 @@ class TeleopEventWatch:
         return self._corrects or bool(gates) and all(gate in LIFTED for gate in gates)
 
     def take(self) -> dict[TeleopEvents, bool]:
-        """The events since the last call, each told once, and whether a person drives.
+        """Return the events since the last call, each once, and whether a person drives.
 
-        What came while nobody asked for half a second was meant for an episode that has ended, and is dropped.
+        Events after a pause of half a second between calls belong to an episode that has ended, and are dropped.
 
         Raises:
             YamError: see `intervenes`.
@@ -169,7 +163,7 @@ class TeleopEventWatch:
         return {TeleopEvents.IS_INTERVENTION: intervenes, **{event: event in came for event in _ENDINGS}}
 
     def stop(self) -> None:
-        """Watch no more, and forget. Idempotent."""
+        """Stop watching, and drop all events. Idempotent."""
         thread, self._thread = self._thread, None
         self._ends.set()
         if thread is not None:
@@ -187,7 +181,7 @@ class TeleopEventWatch:
         while not ends.wait(_PERIOD_S):
             try:
                 pressed = edges.pressed(buttons_of(self._read()))
-            except YamError as error:  # the arms are off, or their loop is gone, which others say
+            except YamError as error:  # arms off or loop gone, which is reported elsewhere
                 logger.debug("no buttons: %s", error)
                 continue
             for button in pressed:
@@ -207,13 +201,13 @@ class TeleopEventWatch:
 
 
 class ToolSteps:
-    """Keys and actions of one leader, see above.
+    """Keys and actions of one leader, as steps of the tool (see the module's docstring).
 
     Args:
         arms: the leader.
         models: profiles of its follower.
         step_m: longest step along an axis, `end_effector_step_sizes` of LeRobot's config.
-        opening: reads the opening that the follower's gripper is asked for, 0 closed … 1 open.
+        opening: returns the target opening of the follower's gripper, 0 closed … 1 open.
 
     Raises:
         ConfigError: two leaders, or a follower without a gripper.
@@ -230,24 +224,24 @@ class ToolSteps:
         from lerobot_robot_yam.arm.kinematics import YamKinematics  # mink takes a second to import
 
         self._kinematics = YamKinematics(*models[0])
-        self._anchor: np.ndarray | None = None  # (3,) m, where the leader's tool was less the steps given since
+        self._anchor: np.ndarray | None = None  # (3,) m, the leader's tool at the start plus all steps
         self._closes = self._squeezed = False
         self._given_s = 0.0
 
     @property
     def features(self) -> dict[str, Any]:
-        """As LeRobot's data sets describe an action."""
+        """Description of an action as in LeRobot's data sets."""
         names = {name: place for place, name in enumerate(self.keys)}
         return {"dtype": "float32", "shape": (len(names),), "names": names}
 
     def begin(self) -> None:
-        """Nobody moves the follower by this leader."""
+        """Restart the steps: nobody moves the follower by this leader."""
         self._anchor = None
 
     def action(self, vector: np.ndarray) -> dict[str, float]:
-        """The step that a leader at joints and trigger opening `vector` (n + 1,), rad and 0 … 1, asks for.
+        """Return the step for a leader at joints and trigger opening `vector` (n + 1,), rad and 0 … 1.
 
-        After `begin`, or half a second without a call, it is none, and the gripper goes on as it does.
+        After `begin`, or half a second without a call, the step is zero and the gripper keeps its direction.
         """
         now_s, tool = time.monotonic(), self._kinematics.fk(vector[self._side.slice])[:3, 3]
         squeezed = bool(vector[self._side.gripper_index] < _HALF)

@@ -1,7 +1,7 @@
-"""Says what the LeRobot command in this process does, and takes requests, for a page beside it. Slows it in nothing.
+"""Desk that shows a page what the LeRobot command in this process does, and receives the page's requests.
 
-All work is done by a thread of its own, a few times a second. So requests are taken while LeRobot saves, too, and are
-not done later, in another phase.
+A thread of its own does all work, a few times a second. So it neither slows the command nor waits while LeRobot
+saves: a request is not carried out late, in another phase.
 """
 
 import contextlib
@@ -33,21 +33,21 @@ from lerobot_robot_yam.system.runtime_files import runtime_dir
 
 logger = logging.getLogger(__name__)
 
-_LIVE = (Phase.RECORDING, Phase.AUTONOMOUS, Phase.CORRECTING)  # a data set may grow
-_LATE = 1.5  # of a tick's time, as `EpisodeFigures` counts
-_RECENT_S = 5.0  # whose ticks make a rate
-_KEPT = 4096  # times that nobody has counted yet
+_LIVE = (Phase.RECORDING, Phase.AUTONOMOUS, Phase.CORRECTING)  # phases in which a data set may grow
+_LATE = 1.5  # periods after which a tick counts as late, as in `EpisodeFigures`
+_RECENT_S = 5.0  # span over which the rate is computed
+_KEPT = 4096  # most ticks that wait to be counted
 _TOLD_S = 0.5
 _WAIT_S = 0.25
-_PAUSE_S = 0.05  # between two handfuls of requests
+_PAUSE_S = 0.05  # between two batches of requests
 _COMPLAIN_S = 10.0
 _END_S = 2.0
 
 
 class TickPace:
-    """Counter of how fast a command's loop really runs, one loop after the other.
+    """Counter of the real rate of a command's loop, one loop after the other.
 
-    The loop itself only notes the time, in `tick`; another thread counts.
+    The loop only notes the time, in `tick`; another thread counts.
     """
 
     def __init__(self) -> None:
@@ -57,19 +57,19 @@ class TickPace:
         self._late = 0
 
     def tick(self) -> None:
-        """The loop has observed, just now."""
+        """Note an observation of the loop."""
         self._new.append(time.perf_counter())
 
     def count(self, run: float, began_s: float, fps: float) -> tuple[float | None, int]:
-        """Ticks per second, of the last 5 s, and how many ticks of this run of the loop came late.
+        """Count ticks per second over the last 5 s, and late ticks of this run of the loop.
 
         Args:
-            run: tells it from the one before.
-            began_s: when it began, on `time.perf_counter`.
-            fps: ticks per second that are asked for.
+            run: distinguishes it from the run before.
+            began_s: start of the run, on `time.perf_counter`.
+            fps: ticks per second that the command asks for.
 
         Returns:
-            None in the place of the rate, before there are two ticks.
+            The rate, None before there are two ticks, and the number of late ticks.
         """
         if run != self._run:
             self._run, self._late = run, 0
@@ -90,9 +90,9 @@ class CommandFacts:
     """Facts about one command.
 
     Args:
-        name: what it is called, such as lerobot-record.
-        config: LeRobot's, as it has parsed its options.
-        pace: counts how fast its loop runs.
+        name: the command, such as lerobot-record.
+        config: LeRobot's parsed options.
+        pace: counter of the loop's rate.
     """
 
     def __init__(self, name: str, config: Any, pace: TickPace):
@@ -101,7 +101,7 @@ class CommandFacts:
         self._first: int | None = None  # episodes of the data set before this session
 
     def look(self) -> dict[str, Any]:
-        """All that is known now, ready for JSON; what cannot be known is not in it."""
+        """Return all known facts, ready for JSON; unknown ones are left out."""
         if self.name == EVALUATION:
             known = self._evaluation()
         else:
@@ -167,14 +167,14 @@ class CommandFacts:
             known |= {"saved": len(done), "first": 0, "successes": sum(map(bool, done))}
         fps = config.env.fps
         if "step" in values and fps:
-            rate, late = self._pace.count(known.get("saved", 0), 0.0, fps)  # its loop does not say when it began
+            rate, late = self._pace.count(known.get("saved", 0), 0.0, fps)  # its loop has no start time
             known |= {"fps": rate, "fps_asked": fps, "late": late}
             known |= {"elapsed_s": values["step"] / fps, "left_s": (values["max_steps"] - values["step"]) / fps}
         return known
 
 
 def _queues(writer: Any) -> dict[str, Any]:
-    """Frames that wait for LeRobot's encoder, or for the writer of its images."""
+    """Return the frames that wait for LeRobot's encoder, or for the writer of its images."""
     found: dict[str, Any] = {}
     encoder = getattr(writer, "_streaming_encoder", None)
     queues: Mapping[str, Any] = getattr(encoder, "_frame_queues", None) or {}
@@ -188,7 +188,7 @@ def _queues(writer: Any) -> dict[str, Any]:
     return found
 
 
-_one = threading.Lock()  # of a process: environments of lerobot-eval may have several robots
+_one = threading.Lock()  # one desk per process, as environments of lerobot-eval may have several robots
 
 
 class SessionDesk:
@@ -203,7 +203,7 @@ class SessionDesk:
         self._keys = OperatorKeys({}, auto=False, by_request=True)
 
     def begin(self, frame: FrameType | None) -> None:
-        """Before the arms are energised. `frame`: the robot's."""
+        """Start the desk, before the arms are energised. frame: the robot's."""
         try:
             found = command_of(frame)
             if found is None or not _one.acquire(blocking=False):
@@ -223,11 +223,9 @@ class SessionDesk:
         self._thread.start()
 
     def observed(self) -> None:
-        """The command's loop has observed."""
         self._pace.tick()
 
     def end(self) -> None:
-        """Idempotent."""
         thread, self._thread = self._thread, None
         if thread is None:
             return
@@ -252,7 +250,7 @@ class SessionDesk:
                     self._ends.wait(_PAUSE_S)
                 if time.monotonic() - told_s >= _TOLD_S:
                     told_s = time.monotonic()
-                    with contextlib.suppress(OSError):  # a full disk; the page says how old the status is
+                    with contextlib.suppress(OSError):  # a full disk; the page shows the status's age
                         post.tell(facts.look())
         except Exception as error:
             logger.warning("no page shows this command from now on: %r", error)

@@ -1,10 +1,10 @@
-"""What is said of a LeRobot command as soon as it loads our types: three messages.
+"""Messages of a LeRobot command as soon as it loads our types:
 
 - LeRobot is newer than tested.
 - The command's config file is no YAML. LeRobot's reader ends with a traceback that names neither line nor cause.
-- FFmpeg is not installed, in place of LeRobot's page about that: torchcodec tries FFmpeg 4 to 8, and LeRobot logs all
-  attempts before it reads videos with PyAV, which has an FFmpeg with it. Where anything else than missing libraries was
-  the reason, the page is shown as it is.
+- FFmpeg is not installed, instead of LeRobot's page about it: torchcodec tries FFmpeg 4 to 8, and LeRobot logs all
+  attempts before it reads videos with PyAV, which has an FFmpeg of its own. The page stays if anything but missing
+  libraries was the reason.
 """
 
 import importlib.metadata
@@ -29,14 +29,14 @@ _told_of_newer = False
 
 
 def warn_if_newer() -> None:
-    """Say so, once in a process, when the installed LeRobot is newer than any that this package is tested with."""
+    """Warn, once in a process, when the installed LeRobot is newer than the newest tested one."""
     global _told_of_newer
     if _told_of_newer:
         return
     _told_of_newer = True
     try:
         installed = importlib.metadata.version("lerobot")
-    except importlib.metadata.PackageNotFoundError:  # a source tree on the path, which has no version
+    except importlib.metadata.PackageNotFoundError:  # a source tree has no version
         return
     if _release(installed) > _release(NEWEST_TESTED):
         logger.warning(
@@ -48,15 +48,15 @@ def warn_if_newer() -> None:
 
 
 def _release(version: str) -> tuple[int, ...]:
-    """The first three numbers of a version, without what says of which pre-release or build it is."""
+    """Return the first three numbers of a version, without suffixes of pre-releases and builds."""
     return tuple(int(number) for number in re.findall(r"\d+", version)[:3])
 
 
 def refuse_unreadable() -> None:
-    """End a LeRobot command whose config file YAML cannot read; what else is wrong with the file LeRobot says.
+    """End a LeRobot command whose config file is no YAML; other mistakes in the file are left to LeRobot.
 
     Raises:
-        SystemExit: names file, line and cause.
+        SystemExit: after a message with file, line and cause.
     """
     if not Path(*sys.argv[:1]).stem.startswith("lerobot"):
         return
@@ -64,7 +64,7 @@ def refuse_unreadable() -> None:
     path = Path(given.removeprefix(_OPTION))
     if path.suffix not in (".yaml", ".yml"):
         return
-    import yaml  # here: every process of ours loads this module
+    import yaml  # here, as all our processes load this module
 
     try:
         yaml.safe_load(path.read_text())
@@ -80,17 +80,17 @@ def refuse_unreadable() -> None:
 
 
 def shorten_page_about_ffmpeg() -> None:
-    """Have LeRobot say in one line, and once, that FFmpeg's libraries are missing. Idempotent."""
+    """Replace LeRobot's page about missing FFmpeg libraries by one line, once. Idempotent."""
     logging.getLogger("lerobot.utils.import_utils").addFilter(_shorten)
 
 
 class _Shorten(logging.Filter):
-    """Lets one line pass the first time, and nothing after that."""
+    """Filter that shows one line the first time, and nothing after that."""
 
     told = False
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether to show a record; one about FFmpeg's absence is shortened."""
+        """Return whether to show a record; one about FFmpeg's absence is shortened."""
         if not _is_absence(record.getMessage()):
             return True
         record.msg, record.args = _INSTEAD, ()

@@ -1,9 +1,9 @@
-"""A copy of a data set: it appears under its name only when it is whole, with our side-cars renumbered.
+"""Copies of a data set: each appears under its name only when it is whole, with our side-cars renumbered.
 
-`apply_labels` makes one in which the outcomes of episodes count: without the discarded ones, and with two columns.
-LeRobot's own functions drop the episodes and write `next.success`, which lerobot-dataset-viz shows, in the form in
-which lerobot-eval records it: true in the last frame of a success. The column `success` of the episodes' metadata is
-what `LeRobotDataset(…, episode_filter=lambda episode: episode["success"])` reads: true, false, or null without a label.
+`apply_labels` makes a copy in which the outcomes of episodes count: without the discarded ones, and with two columns.
+LeRobot's own functions drop the episodes and write `next.success`, which lerobot-dataset-viz shows, in the form of
+lerobot-eval: true in the last frame of a success. The column `success` of the episodes' metadata is for
+`LeRobotDataset(…, episode_filter=lambda episode: episode["success"])`: true, false, or null without a label.
 """
 
 import json
@@ -29,29 +29,29 @@ from lerobot_robot_yam.face.recorder.outcomes import DISCARD, OUTCOMES, SUCCESS,
 
 logger = logging.getLogger(__name__)
 
-SIDE_CARS = (SIDE_CAR, OUTCOMES)  # files of ours beside a data set that tell something of each episode
+SIDE_CARS = (SIDE_CAR, OUTCOMES)  # our files beside a data set, with rows per episode
 EPISODE_COLUMN = "success"
-_NAME = "local/labelled"  # LeRobot wants one, and stores it nowhere
+_NAME = "local/labelled"  # LeRobot needs a name, and stores it nowhere
 
 
 @contextmanager
 def written_aside(target: Path) -> Iterator[Path]:
-    """A path beside `target` to create a directory at: it becomes `target` at the end, or is removed after an error.
+    """Yield a path beside `target` for a new directory; it becomes `target` at the end, or is removed after an error.
 
-    Whatever is written beside that path, in the same new directory, is removed at the end.
+    Anything beside that path, in the same temporary directory, is removed at the end.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
-    # A new name: a directory that exists already, whatever its name, is somebody's, and may be what is copied.
+    # A new name: an existing directory belongs to somebody, and may be the one that is copied.
     aside = Path(tempfile.mkdtemp(prefix=f"{target.name}.partial.", dir=target.parent))
     try:
-        yield aside / "whole"  # not `aside` itself, which only its owner may read
+        yield aside / "whole"  # `aside` itself is readable by its owner only
         (aside / "whole").rename(target)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
 
 
 def copy_side_cars(root: Path, target: Path, kept: Sequence[int]) -> None:
-    """Copy figures and outcomes of the episodes that are left; those of the others would be told of wrong ones.
+    """Copy the figures and outcomes of the kept episodes, with their new numbers.
 
     Args:
         root: the data set.
@@ -59,7 +59,7 @@ def copy_side_cars(root: Path, target: Path, kept: Sequence[int]) -> None:
         kept: numbers in `root` of the copy's episodes.
 
     Raises:
-        ConfigError: a line of the outcomes that is none; names it.
+        ConfigError: names the line that is no outcome.
     """
     new_numbers = {old: new for new, old in enumerate(kept)}
     labels = outcomes.read(root)
@@ -76,7 +76,7 @@ def _renumbered(path: Path, new_numbers: dict[int, int]) -> list[str]:
         try:
             row = json.loads(line)
             number = new_numbers.get(row["episode_index"])
-        except (ValueError, TypeError, KeyError):  # half a line, which a power cut has left
+        except (ValueError, TypeError, KeyError):  # half a line after a power cut
             logger.warning("%s: a line is no row of figures, and left out: %.40s", path, line)
             continue
         if number is not None:
@@ -85,10 +85,10 @@ def _renumbered(path: Path, new_numbers: dict[int, int]) -> list[str]:
 
 
 def verify(root: Path, progress: Progress = iter) -> None:
-    """Load a data set as a training would, and the first and last frame of each episode with its pictures.
+    """Load a data set as a training would, with the pictures of each episode's first and last frame.
 
     Raises:
-        DatasetError: something does not load or is not what the metadata say.
+        DatasetError: something does not load or contradicts the metadata.
     """
     try:
         data = LeRobotDataset("local/verified", root=root, return_uint8=True, video_backend="pyav")
@@ -108,11 +108,11 @@ def verify(root: Path, progress: Progress = iter) -> None:
 
 
 def apply_labels(root: Path, target: Path, labels: Mapping[int, Outcome], progress: Progress = iter) -> None:
-    """Write the copy; the original is only read.
+    """Write the copy with labels; the original is only read.
 
     Raises:
         ConfigError: nothing would be left, or it is such a copy already.
-        DatasetError: it does not load, or what was written does not; `target` is not there.
+        DatasetError: the data set or the written copy does not load; `target` does not exist then.
     """
     try:
         with written_aside(target) as whole:
@@ -145,7 +145,7 @@ def _write(root: Path, whole: Path, labels: Mapping[int, Outcome], progress: Pro
 
 
 def _frames(data: LeRobotDataset, labels: Mapping[int, Outcome]) -> np.ndarray:
-    """(frames,) true in the last one of each success."""
+    """Return (frames,) bool, true in the last frame of each success."""
     column = np.zeros(len(data), bool)
     for episode in data.meta.episodes:
         label = labels.get(episode["episode_index"])

@@ -1,6 +1,6 @@
 """Pictures of a data set's videos, decoded by PyAV: one at a time, or an episode's as small grey thumbnails.
 
-LeRobot does the same, but loads torch for it.
+LeRobot can do it too, but loads torch for it.
 """
 
 from collections.abc import Iterator
@@ -15,22 +15,18 @@ from lerobot_robot_yam.errors import DatasetError
 from lerobot_robot_yam.face.datasets.check.opened_dataset import OpenedDataset, RecordedEpisode
 from lerobot_robot_yam.face.datasets.layout import is_depth
 
-WIDTH, HEIGHT = 64, 48  # of a thumbnail; a pixel is the mean of about 10 x 10 in a picture of 640 x 480
+WIDTH, HEIGHT = 64, 48  # size of a thumbnail, whose pixel is the mean of 10 x 10 in a picture of 640 x 480
 
 
 class DatasetPictures:
-    """Decodes one frame at a time. The video that was read last of each camera stays open.
-
-    Args:
-        data: the data set.
-    """
+    """Decodes single frames of a data set. The last video of each camera stays open."""
 
     def __init__(self, data: OpenedDataset):
         self._data = data
         self._videos: dict[str, tuple[Path, av.container.InputContainer]] = {}
 
     def picture(self, episode: RecordedEpisode, camera: str, frame: int) -> np.ndarray:
-        """(height, width, 3) uint8 RGB that a camera saw in a frame of an episode; distances are grey, near is dark.
+        """Return (height, width, 3) uint8 RGB of a camera in a frame of an episode; distances are grey, near is dark.
 
         Raises:
             DatasetError: there is no such picture, or it cannot be decoded.
@@ -70,7 +66,6 @@ class DatasetPictures:
             self._videos.pop(camera)[1].close()
 
     def close(self) -> None:
-        """Close the videos. Idempotent."""
         for camera in list(self._videos):
             self._close(camera)
 
@@ -85,9 +80,7 @@ def _grey(distances: np.ndarray) -> np.ndarray:
 class Thumbnails:
     """Small grey pictures of one camera in an episode.
 
-    Attributes:
-        frames: (k,) numbers of the frames in the episode, growing.
-        images: (k, HEIGHT, WIDTH) uint8, grey.
+    frames: (k,) numbers of the frames in the episode, growing. images: (k, HEIGHT, WIDTH) uint8, grey.
     """
 
     frames: np.ndarray
@@ -95,11 +88,11 @@ class Thumbnails:
 
 
 def decode(path: Path, start_s: float, length: int, fps: float, step: int) -> Thumbnails:
-    """Pictures of the frames 0 … length - 1 that begin at start_s of a video.
+    """Decode the frames 0 … length - 1 that begin at start_s of a video.
 
     Args:
-        step: 1 for all frames. Else the key frames at or just before every so many frames, and before the last: only
-            these are decoded. LeRobot makes every second frame a key frame.
+        step: 1 for all frames. Else only key frames are decoded: those at or just before each step-th frame, and before
+            the last. LeRobot makes every second frame a key frame.
 
     Raises:
         av.FFmpegError, OSError, EOFError: the video cannot be decoded.
@@ -114,7 +107,7 @@ def decode(path: Path, start_s: float, length: int, fps: float, step: int) -> Th
         wanted = range(1) if step == 1 else sorted({*range(0, length, step), length - 1})
         if step > 1:
             stream.codec_context.skip_frame = "NONKEY"
-            stream.codec_context.thread_count = 1  # more would wait for pictures that nobody wants
+            stream.codec_context.thread_count = 1  # more threads would wait for unneeded pictures
         for target in wanted:
             pictures = _pictures_from(target, video, stream, start_s, fps)
             if step == 1:
@@ -138,7 +131,7 @@ def _small(picture: av.VideoFrame) -> np.ndarray:
 def _pictures_from(
     frame: int, video: av.container.InputContainer, stream: av.VideoStream, start_s: float, fps: float
 ) -> Iterator[tuple[int, av.VideoFrame]]:
-    """Pictures from a frame on, or a little before, and which frames of the episode that begins at start_s they are."""
+    """Yield pictures from a frame on, or a little before, with their frame numbers in the episode from start_s on."""
     assert stream.time_base is not None
     video.seek(round((start_s + (frame + 0.5) / fps) / stream.time_base), stream=stream)
     for picture in video.decode(stream):

@@ -1,6 +1,6 @@
-"""Where a LeRobot data set (format v3) is, and what its files say, for those who read them without LeRobot.
+"""Location and files of a LeRobot data set (format v3), for readers that do without LeRobot.
 
-LeRobot takes seconds to import: nothing here needs it, but to find a data set by its name.
+LeRobot takes seconds to import, and is loaded here only to find a data set by its name.
 """
 
 import json
@@ -13,16 +13,16 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
 Progress = Callable[[Iterable[Any]], Iterable[Any]]
-"""Wraps a loop to show how far it is."""
+"""Wraps a loop to show its progress."""
 
 INFO = Path("meta", "info.json")
-DEGREES_SUFFIX = "_degrees"  # of the name of a robot whose joints are recorded in degrees
+DEGREES_SUFFIX = "_degrees"  # end of the name of a robot whose joints are recorded in degrees
 
 
 def locate(path_or_repo_id: str) -> Path:
-    """The directory of a data set, given itself or as the name that LeRobot stores it under, here or on the Hub.
+    """Return the directory of a data set, given as a path or as LeRobot's name for one, here or on the Hub.
 
-    One that is not on this computer is downloaded by LeRobot.
+    LeRobot downloads one that is not on this computer.
 
     Raises:
         ConfigError: there is no such data set, or it cannot be downloaded.
@@ -47,26 +47,26 @@ def locate(path_or_repo_id: str) -> Path:
 
 
 def clip_columns(key: str) -> list[str]:
-    """Names of an episode's metadata about its clip of a camera: chunk, file, begin and end (s) in the file."""
+    """Return the columns of an episode's metadata about a camera's clip: chunk, file, begin and end (s) in the file."""
     return [f"videos/{key}/{name}" for name in ("chunk_index", "file_index", "from_timestamp", "to_timestamp")]
 
 
 def is_depth(feature: Mapping[str, Any]) -> bool:
-    """Whether a camera gives distances, not colours."""
+    """Return whether a camera records distances, not colours."""
     return bool((feature.get("info") or {}).get("is_depth_map"))
 
 
 def value_names(feature: Mapping[str, Any]) -> tuple[str, ...]:
-    """Names of the values of a feature; empty where it has none."""
+    """Return the names of the values of a feature; empty without names."""
     names = feature.get("names")
-    if isinstance(names, Mapping):  # of older data sets {"motors": […]}; of LeRobot's RL stack {"delta_x": 0, …}
+    if isinstance(names, Mapping):  # {"motors": […]} in older data sets, {"delta_x": 0, …} in LeRobot's RL stack
         groups = [value for value in names.values() if isinstance(value, list)]
         names = [name for group in groups for name in group] if groups else sorted(names, key=names.__getitem__)
     return tuple(names or ())
 
 
 def frame_count(path: Path) -> int:
-    """Frames that a video file says it has; 0 where it cannot be opened."""
+    """Return the number of frames by a video file's header; 0 if it cannot be opened."""
     import av
 
     try:
@@ -77,7 +77,7 @@ def frame_count(path: Path) -> int:
 
 
 def episodes_in(root: Path) -> int | None:
-    """How many episodes the data set in a folder has; None if there is no data set."""
+    """Return the number of episodes of the data set in a folder; None without a data set."""
     try:
         return int(json.loads((root / INFO).read_text())["total_episodes"])
     except (OSError, ValueError, KeyError, TypeError):
@@ -85,6 +85,6 @@ def episodes_in(root: Path) -> int | None:
 
 
 def is_empty(root: Path) -> bool:
-    """Whether a folder is a data set in which nothing was ever recorded: no rows, no images, no videos."""
+    """Return whether a folder is a data set in which nothing was ever recorded: no rows, images or videos."""
     recorded = (path for pattern in ("*.parquet", "*.mp4", "*.png") for path in root.rglob(pattern))
     return episodes_in(root) == 0 and next(recorded, None) is None

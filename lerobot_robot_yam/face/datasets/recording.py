@@ -1,9 +1,9 @@
-"""Facts that a data set or a checkpoint tells about the robot that it was recorded with.
+"""Facts about the robot of a data set or checkpoint.
 
-LeRobot records neither units nor what the values of an action mean, but
+LeRobot records neither units nor the meaning of an action's values, but
 
 - a data set names its robot (ours by `recorded_name`) and the values of its actions;
-- some checkpoints name these values too, and all name the data set that they were trained on, which may be at hand;
+- some checkpoints name these values too, and all name the data set of their training, which may be on this computer;
 - both hold statistics of the values.
 """
 
@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 RADIANS, DEGREES = "radians", "degrees"
 _OURS = ("yam_follower", "bi_yam_follower")
 _TOOL_SUFFIX = "_ee"
-_STATISTICS = ("min", "max", "mean", "q01", "q99")  # any of them will do
+_STATISTICS = ("min", "max", "mean", "q01", "q99")  # any of them suffices
 _PIPELINES = ("policy_preprocessor.json", "policy_postprocessor.json")
 _NORMALISERS = ("normalizer_processor", "unnormalizer_processor")
 
@@ -35,9 +35,9 @@ class Recording:
     """Facts about a data set or a checkpoint.
 
     Attributes:
-        what: what messages call it.
-        robot_type: what its robot was called, empty where it does not say.
-        names: names of the values of an action, empty where it does not say.
+        what: its name in messages.
+        robot_type: name of its robot, empty if unknown.
+        names: names of the values of an action, empty if unknown.
         statistics: LeRobot's, by feature and kind: {"action": {"max": (n,), …}, "observation.state": …}.
         config: the saved config of a checkpoint's policy, empty without one.
     """
@@ -49,10 +49,9 @@ class Recording:
     config: Mapping[str, Any] = field(default_factory=dict)
 
     def largest(self, which: np.ndarray) -> float | None:
-        """Largest magnitude that the statistics show; None without statistics, or if they describe something else.
+        """Return the largest magnitude in the statistics; None without statistics, or for other values.
 
-        Args:
-            which: (n,) the values of an action that count; in a state they come first.
+        which: (n,) the values of an action that count; in a state they come first.
         """
         n, found = len(which), []
         for feature in (ACTION, OBS_STATE):
@@ -64,11 +63,9 @@ class Recording:
 
 
 def unit_of(recording: Recording, is_joint: np.ndarray) -> str | None:
-    """Unit of the joints, None if the recording does not tell.
+    """Return the unit of the joints, None if unknown.
 
-    Args:
-        recording: a data set or a checkpoint.
-        is_joint: (n,) which values of an action are angles; the others are grippers.
+    is_joint: (n,) which values of an action are angles; the others are grippers.
     """
     if recording.robot_type.endswith(DEGREES_SUFFIX):
         return DEGREES
@@ -79,10 +76,9 @@ def unit_of(recording: Recording, is_joint: np.ndarray) -> str | None:
 
 
 def recorded_name(device: str, use_degrees: bool, action_space: str) -> str:
-    """The name of a robot in data sets, which tells what their numbers are.
+    """Return the name of a robot in data sets, which encodes the meaning of their numbers.
 
-    lerobot-record itself compares these names when it resumes. Poses of a tool are in m and rad whatever `use_degrees`
-    says of joints.
+    lerobot-record itself compares these names when it resumes. Tool poses are in m and rad whatever `use_degrees` is.
     """
     if action_space == "ee":
         return device + _TOOL_SUFFIX
@@ -90,20 +86,20 @@ def recorded_name(device: str, use_degrees: bool, action_space: str) -> str:
 
 
 def of_dataset(repo_id: str, root: str | None) -> Recording:
-    """Facts about a data set (LeRobot's options `dataset.repo_id`, `dataset.root`); empty if it cannot be read."""
+    """Return facts about a data set (LeRobot's `dataset.repo_id`, `dataset.root`); empty if it cannot be read."""
     from lerobot.datasets import LeRobotDatasetMetadata
 
     what = f"data set {root or repo_id}"
     try:
         meta = LeRobotDatasetMetadata(repo_id, root=root)
-    except Exception as error:  # whatever is wrong with it: LeRobot, which is about to open it, says what
+    except Exception as error:  # LeRobot, which is about to open it, reports the reason
         logger.debug("%s: %s", what, error)
         return Recording(what)
     return Recording(what, meta.robot_type or "", value_names(meta.features.get(ACTION, {})), meta.stats or {})
 
 
 def of_checkpoint(path: str, revision: str | None) -> Recording:
-    """Facts about a checkpoint, a directory or a repository of the hub; empty if it cannot be read."""
+    """Return facts about a checkpoint, a directory or a repository of the hub; empty if it cannot be read."""
     data, config = _trained_on(path, revision), _json(path, "config.json", revision)
     names = tuple(config.get("action_feature_names") or value_names(data.get("features", {}).get(ACTION, {})))
     robot_type = data.get("robot_type") or ""
@@ -111,14 +107,14 @@ def of_checkpoint(path: str, revision: str | None) -> Recording:
 
 
 def _trained_on(path: str, revision: str | None) -> dict[str, Any]:
-    """LeRobot's description of the data set that a policy was trained on, empty if that is not on this computer."""
+    """Return LeRobot's description of a policy's data set, empty if that is not on this computer."""
     trained = _json(path, "train_config.json", revision).get("dataset") or {}
     root = trained.get("root") or HF_LEROBOT_HOME / (trained.get("repo_id") or "")
     return _json(str(root), "meta/info.json", None) if Path(root).is_dir() else {}
 
 
 def _statistics(path: str, revision: str | None) -> dict[str, dict[str, np.ndarray]]:
-    """The statistics that training has left in the processors beside a policy."""
+    """Return the statistics that training has stored in the processors beside a policy."""
     from safetensors.numpy import load_file
 
     statistics: dict[str, dict[str, np.ndarray]] = {}
@@ -133,13 +129,13 @@ def _statistics(path: str, revision: str | None) -> dict[str, dict[str, np.ndarr
 
 
 def _json(path: str, name: str, revision: str | None) -> dict[str, Any]:
-    """A JSON object of a checkpoint or data set, empty without such a file."""
+    """Read a JSON object of a checkpoint or data set, empty without such a file."""
     file = _file(path, name, revision)
     return json.loads(file.read_text()) if file else {}
 
 
 def _file(path: str, name: str, revision: str | None) -> Path | None:
-    """A file of a checkpoint; None if it is missing, or the hub cannot be reached."""
+    """Return a file of a checkpoint; None if it is missing, or the hub cannot be reached."""
     if Path(path).is_dir():
         file = Path(path) / name
         return file if file.is_file() else None

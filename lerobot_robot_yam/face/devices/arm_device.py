@@ -1,4 +1,4 @@
-"""One arm or two as a LeRobot device: what followers and leaders have in common."""
+"""Common part of followers and leaders: one arm or two as a LeRobot device."""
 
 from collections.abc import Collection, Mapping
 from functools import cached_property
@@ -28,7 +28,7 @@ class ArmDevice(Uncopied):
     _arms: ArmGroup
     _models: Models
     _space: "ArmGroup | EeSpace"
-    """Turns actions into joints and back: of joints the group itself, of poses `EeSpace`."""
+    """Converter of actions to joints and back: the group itself for joints, `EeSpace` for poses."""
 
     def _make_arms(
         self,
@@ -38,7 +38,7 @@ class ArmDevice(Uncopied):
         isolation: Isolation,
         handles: Collection[str] | None = None,
     ) -> ArmGroup:
-        """The group of these arms, see `ArmGroup`; messages call an unnamed one by prefix and `role`."""
+        """Make the `ArmGroup` of these arms; messages call an unnamed arm by prefix and `role`."""
         configs = {prefix: arm_config(arm, f"{prefix}{role}") for prefix, arm in arms.items()}
         for prefix, arm in configs.items():
             if arm.calibration_path is None:  # in a subdirectory, whose files LeRobot never reads
@@ -47,7 +47,7 @@ class ArmDevice(Uncopied):
         return ArmGroup(self.name, configs, use_degrees, isolation, handles)
 
     def _speak(self, kind: Literal["joint", "ee"], models: Models) -> None:
-        """Have actions be joints, or poses of the tools of `models`.
+        """Set whether actions are joints, or poses of the tools of `models`.
 
         Raises:
             ConfigError: no such kind, or an arm that has no tool pose.
@@ -64,12 +64,12 @@ class ArmDevice(Uncopied):
 
     @cached_property
     def action_features(self) -> dict[str, type]:
-        """`joint_1.pos`, `joint_2.pos` … (or `ee_x.pos` …), `gripper.pos`; of two arms with `left_`, then `right_`."""
+        """`joint_1.pos`, `joint_2.pos` … (or `ee_x.pos` …), `gripper.pos`; for two arms with `left_`, then `right_`."""
         return dict.fromkeys(self._space.keys, float)
 
     @property
     def is_connected(self) -> bool:
-        """Whether the arms are ours. Cameras have no say: a dead camera must not keep the arms from being landed."""
+        """Whether the arms are connected. Cameras do not count: a dead camera must not keep the arms from landing."""
         return self._arms.connected
 
     @property
@@ -87,13 +87,13 @@ class ArmDevice(Uncopied):
         self._arms.calibrate()
 
     def configure(self) -> None:
-        """Nothing to do: the control loop has checked and set up the motors."""
+        """Do nothing: the control loop has checked and set up the motors."""
 
     @check_if_not_connected
     def rearm(self) -> None:
-        """After a fault (docs/faults.md): enable again what has failed. Look at the arms first.
+        """Enable failed arms again after a fault (docs/faults.md). Look at the arms first.
 
-        Followers then hold where they are, leaders float.
+        Followers then hold their pose, leaders float.
 
         Raises:
             YamError: an arm still fails, or needs a new connection.

@@ -28,11 +28,11 @@ logger = logging.getLogger(__name__)
 
 Recognise = Callable[[Mapping[str, object]], tuple[np.ndarray, list[bool]] | None]
 
-_running: "list[ArmGroup]" = []  # of this process
+_running: "list[ArmGroup]" = []  # connected groups of this process
 
 
 class _Side:
-    """One arm of the group: where its values lie in the group's vector."""
+    """One arm of the group, and the place of its values in the group's vector."""
 
     def __init__(self, prefix: str, config: ArmConfig, session: ArmSession, start: int, handles: bool):
         self.name = config.name
@@ -58,16 +58,17 @@ class ArmGroup:
         arms: configuration by feature prefix, in canonical order: {"": …} or {"left_": …, "right_": …}.
         use_degrees: joints in degrees towards LeRobot; the gripper stays 0 … 1.
         isolation: where the control loop runs, see `ArmSession`.
-        handles: of leaders, the prefixes of arms with a trigger that counts as a gripper, if they have a handle.
+        handles: for leaders, prefixes of arms whose trigger counts as a gripper, if they have a handle; None for
+            followers.
 
     Attributes:
         motors: names of the values in canonical order, such as `left_joint_1`.
-        keys: the same with `.pos`: the action's keys.
+        keys: the action's keys: the same with `.pos`.
         is_joint: (n,) which of the values are angles; the others are grippers.
-        paused: followers that hold until they get a new target, see `pause_followers`.
-        give_action: of connected leaders, their present action; None of followers.
-        recognise: of connected leaders, the joints (n,) that they gave last, and of each arm whether an action asks
-            for them; None if none does.
+        paused: followers hold until they get a new target, see `pause_followers`.
+        give_action: for connected leaders, returns their present action; None for followers.
+        recognise: for connected leaders, returns the joints (n,) of their last action, and for each arm whether a
+            given action has them; None if no arm's are in it.
     """
 
     def __init__(
@@ -90,7 +91,7 @@ class ArmGroup:
             self.motors += side.motors
         self.keys = [f"{motor}.pos" for motor in self.motors]
         self.is_joint = np.array([not motor.endswith("gripper") for motor in self.motors])
-        self._action_keys: list[str] = []  # while the arms are driven
+        self._action_keys: list[str] = []  # set while connected
         self._models: Models = []
         self.scale = np.where(self.is_joint & use_degrees, 180.0 / math.pi, 1.0)
         limits = [(side.hardware.lower[: side.joints], side.hardware.upper[: side.joints]) for side in self.sides]
@@ -105,12 +106,12 @@ class ArmGroup:
 
     @property
     def connected(self) -> bool:
-        """True from connect to disconnect, whatever state the arms are in."""
+        """Whether the device is connected, whatever state the arms are in."""
         return self._session.running
 
     @property
     def calibrated(self) -> bool:
-        """True when every gripper's stops are configured, stored, or known to the loop, which stores them soon."""
+        """Whether all grippers' stops are configured, stored, or known to the loop, which stores them soon."""
         return all(
             config.gripper_stops_rad is not None
             or Path(config.calibration_path or "").is_file()
@@ -130,14 +131,14 @@ class ArmGroup:
         """Energise all arms or none.
 
         Args:
-            calibrate: False means that a calibration may follow (lerobot-calibrate): the grippers' stops are not
-                sought, and those that are known but do not fit are put aside.
-            action_keys: keys of the device's actions. A leader's in this process have to be a follower's.
+            calibrate: False before a calibration (lerobot-calibrate): the grippers' stops are not searched, and known
+                ones that do not fit are set aside.
+            action_keys: keys of the device's actions. A leader's and a follower's in this process have to be the same.
             models: likewise.
-            give_action, recognise: given by a leader, see `ArmGroup`.
+            give_action, recognise: a leader's, see `ArmGroup`.
 
         Raises:
-            YamError: what failed; nothing is energised.
+            YamError: the reason; nothing is energised.
         """
         tell_what_is_kept(inspect.currentframe())
         self._action_keys, self._models, self.paused = list(action_keys), models, False
@@ -158,7 +159,7 @@ class ArmGroup:
         atexit.register(self.stop)  # whatever ends the interpreter, the arms land
 
     def _check_pair(self, other: "ArmGroup") -> None:
-        """Refuse a leader and a follower whose actions do not fit: their first tick would find out, arms energised."""
+        """Refuse a leader and a follower whose actions do not fit, before the arms are energised."""
         check_pair(*(Spoken(g.device, g._action_keys, g._use_degrees, g._models) for g in (self, other)))
         both = f"{self.device} and {other.device}"
         leaders, followers = (self, other) if self._leads else (other, self)
@@ -170,22 +171,22 @@ class ArmGroup:
                 )
 
     def check_followers(self) -> None:
-        """Refuse followers that this process cannot lead. Raises ConfigError, ChannelInUseError: says which and why."""
+        """Refuse followers that this process cannot lead. Raises ConfigError, ChannelInUseError: which and why."""
         others = [side.key for other in _running if not other._leads for side in other.sides]
         if any(side.follower_key for side in self.sides):
             check_followers([side.hardware.config for side in self.sides], others)
 
     def stop(self) -> None:
-        """Land all arms and let go. Idempotent; signals do not hurry it.
+        """Land all arms and disconnect. Idempotent; signals do not hurry it.
 
-        A LeRobot command that disconnects one device disconnects the others next: their arms begin to land now, too.
+        A LeRobot command that disconnects one device disconnects the others next, so their arms begin to land now, too.
         """
         self._leave()
         try:
             with undisturbed(f"{self.device}: landing"):
                 if under_a_command(inspect.currentframe()):
                     for other in _running:
-                        with contextlib.suppress(OSError):  # ours have to land, whatever becomes of its process
+                        with contextlib.suppress(OSError):  # these arms land, whatever happens to the other process
                             other._session.begin_stop()
                 self._session.stop()
         finally:
@@ -198,11 +199,10 @@ class ArmGroup:
 
     @property
     def clock(self) -> Clock:
-        """The clock by which the arms live."""
         return self._session.clock
 
     def discard(self) -> None:
-        """Leave a world in lock-step that is thrown away: nothing lands. Idempotent."""
+        """Leave a world in lock-step that is thrown away, without landing. Idempotent."""
         self._leave()
         try:
             self._session.discard()
@@ -222,11 +222,11 @@ class ArmGroup:
                 logger.info("%s: nothing to calibrate, there is no gripper motor", side.name)
 
     def rearm(self) -> None:
-        """Enable again what has failed, see `ArmDevice.rearm`."""
+        """Enable failed arms again, see `ArmDevice.rearm`."""
         self._session.rearm()
 
     def leader(self) -> "ArmGroup | None":
-        """The leaders whose actions a LeRobot command gives to these followers: where there is one pair."""
+        """Return the leaders whose actions a LeRobot command gives to these followers, if there is one pair."""
         leaders = [other for other in _running if other.give_action is not None]
         one_pair = len(leaders) == 1 and len(_running) == 2
         return leaders[0] if one_pair and under_a_command(inspect.currentframe()) else None
@@ -234,15 +234,15 @@ class ArmGroup:
     def couple(
         self, action: Mapping[str, object], joints_of: Callable[[Mapping[str, object]], np.ndarray]
     ) -> tuple[np.ndarray, list[str | None]] | None:
-        """Whether leaders of this process have given this action last, for these followers to follow at loop rate.
+        """Find leaders of this process that gave this action last, so that followers can follow them at loop rate.
 
         Args:
-            action: of all arms; one may be a leader's and the other another's.
-            joints_of: finds the joints (n,) of the others.
+            action: for all arms; one arm's values may be a leader's and the other's another source's.
+            joints_of: computes the joints (n,) of other sources.
 
         Returns:
-            The joints (n,) that it stands for, and of each arm the channel key of its leader, None where that has no
-            follower or has not given the action; None if no leader has.
+            The joints (n,) of the action, and for each arm the channel key of its leader, None if that has no follower
+            or has not given the action; None if no leader has.
         """
         for other in _running:
             if other.recognise is None or not any(side.follower_key for side in other.sides):
@@ -261,7 +261,7 @@ class ArmGroup:
         return None
 
     def follower_state(self, key: str) -> ArmState | None:
-        """State of the follower with this channel key, if this process drives it and it is well."""
+        """Return the state of the follower with this channel key; None if it is not this process's or has failed."""
         for other in _running:
             for side in other.sides:
                 if side.key == key and not other._leads:
@@ -270,15 +270,16 @@ class ArmGroup:
         return None
 
     def follower_opening(self) -> float:
-        """Where the gripper of this process's first follower is asked to be, 0 closed … 1 open; open without one."""
+        """Return the first follower's target opening, 0 closed … 1 open; open without a gripper or follower."""
         states = [other.newest()[0] for other in _running if not other._leads]
         opening = states[0].gripper_setpoint if states else None
         return 1.0 if opening is None else opening
 
     def pause_followers(self) -> None:
-        """Have the followers of this process brake and hold until a new target comes, not the last one once more.
+        """Have the followers of this process brake and hold until a new target comes, not the last one again.
 
-        A held leader is about to be led to a follower. LeRobot pauses then, but goes on to send its last action.
+        It is used when a held leader is about to be led to a follower: LeRobot pauses then, but still sends its last
+        action.
         """
         for other in _running:
             if not other._leads:
@@ -286,7 +287,7 @@ class ArmGroup:
 
     @staticmethod
     def resume_followers() -> None:
-        """They take any target again."""
+        """End the pause: followers accept any target."""
         for other in _running:
             other.paused = False
 
@@ -294,11 +295,11 @@ class ArmGroup:
         logger.info("%s: holds until another target comes than the last one", self.device)
         self.paused = True
         for side in self.sides:
-            with contextlib.suppress(YamError):  # one that has failed says so at its next observation
+            with contextlib.suppress(YamError):  # a failed arm raises at its next observation
                 self[side].hold()
 
     def held(self) -> np.ndarray:
-        """Set-points of all arms, (n,) in canonical order, rad; grippers 0 closed … 1 open.
+        """Return the set-points of all arms, (n,) in canonical order, rad; grippers 0 closed … 1 open.
 
         Raises:
             YamError: an arm is silent or has failed.
@@ -306,21 +307,17 @@ class ArmGroup:
         return np.array([value for state in self.newest() for value in state.setpoints])
 
     def observe(self) -> list[ArmState]:
-        """Fresh state of each arm.
-
-        Raises:
-            YamError: an arm is silent or has failed.
-        """
+        """Return a fresh state of each arm. Raises YamError: an arm is silent or has failed."""
         for side in self.sides:
             self[side].await_fresh()
         return self.newest()
 
     def newest(self) -> list[ArmState]:
-        """As `observe`, without waiting: for modes and set-points."""
+        """Return `observe` without waiting, for modes and set-points."""
         return [self[side].newest() for side in self.sides]
 
     def vector(self, action: Mapping[str, object]) -> np.ndarray:
-        """Values of a LeRobot action in canonical order and SI units, (n,).
+        """Return the values of a LeRobot action in canonical order and SI units, (n,).
 
         Raises:
             ActionError: missing or unknown keys, values that are not finite numbers, degrees instead of radians.
@@ -331,8 +328,8 @@ class ArmGroup:
         return vector
 
     def action(self, vector: np.ndarray) -> dict[str, float]:
-        """LeRobot's form of a vector in canonical order and SI units."""
+        """Return LeRobot's form of a vector in canonical order and SI units."""
         return dict(zip(self.keys, (vector * self.scale).tolist(), strict=True))
 
     def begin(self) -> None:
-        """Nothing: joints go from wherever they are."""
+        """Do nothing: joints move from any pose."""

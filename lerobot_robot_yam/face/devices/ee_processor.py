@@ -9,8 +9,8 @@
     r = log(R R_downᵀ)  ours, see `arm.tool_pose`
 
 Positions are the same numbers, m, of `site` in the frame of the arm's base; the gripper stays 0 closed … 1 open.
-`prefix` ("left_") stands before all keys of the arm; two arms take two steps. Importing this module registers the
-steps. A pipeline that was saved with them is loaded after this import.
+`prefix` ("left_") precedes all keys of the arm; two arms take two steps. Importing this module registers the steps, so
+import it before you load a pipeline that was saved with them.
 """
 
 from collections.abc import Mapping
@@ -35,13 +35,13 @@ _GRIPPER_KEYS = {"joints": "gripper.pos", "tool": "gripper.pos", "ee": "ee.gripp
 
 @dataclass
 class _ArmStep(ProcessorStep):
-    """Replaces the keys of one arm by others, and the gripper's by its other name.
+    """Base of the steps: it replaces the keys of one arm, and the gripper's key.
 
     Attributes:
         arm, gripper: profile names.
-        site: whose pose is meant, tcp_site or grasp_site.
-        prefix: in front of all keys.
-        use_degrees: joint keys are in degrees, as the robot's option of this name.
+        site: site whose pose is meant, tcp_site or grasp_site.
+        prefix: prefix of all keys.
+        use_degrees: joint keys are in degrees, as with the robot's option of this name.
     """
 
     arm: str = "yam"
@@ -57,7 +57,7 @@ class _ArmStep(ProcessorStep):
 
     def __post_init__(self) -> None:
         self._kinematics = YamKinematics(self.arm, self.gripper, self.site)
-        self._axes = {"tool": downward(self._kinematics), "ee": np.eye(3)}  # from which a pose's rotation is told
+        self._axes = {"tool": downward(self._kinematics), "ee": np.eye(3)}  # zero of a pose's rotation
         self._unit = np.pi / 180.0 if self.use_degrees else 1.0
         self._joints = tuple(f"joint_{i + 1}.pos" for i in range(len(self._kinematics.lower)))
         keys = {"joints": self._joints, "tool": _TOOL, "ee": _EE}
@@ -65,11 +65,11 @@ class _ArmStep(ProcessorStep):
         self._gripper_keys = _GRIPPER_KEYS[self.reads], _GRIPPER_KEYS[self.writes]
 
     def get_config(self) -> dict[str, Any]:
-        """The arguments that make the step anew."""
+        """Return the arguments that make the step again."""
         return asdict(self)
 
     def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
-        """Values of the keys that it writes from those of the keys that it reads."""
+        """Compute the values of the written keys from those of the read keys."""
         if self.reads == "joints":
             pose = self._kinematics.fk(values * self._unit)
         else:
@@ -77,10 +77,10 @@ class _ArmStep(ProcessorStep):
         return pose_to_vector(pose, self._axes[self.writes])
 
     def __call__(self, transition: EnvTransition) -> EnvTransition:
-        """Convert the action, the observation, or both: what has the arm's keys.
+        """Convert the action, the observation, or both: those with the arm's keys.
 
         Raises:
-            ActionError: neither has them, some are missing, or their values are no pose.
+            ActionError: neither has the keys, some are missing, or their values are no pose.
         """
         source = [self.prefix + key for key in self._source]
         changed, found = transition.copy(), False
@@ -104,7 +104,7 @@ class _ArmStep(ProcessorStep):
     def transform_features(
         self, features: dict[PipelineFeatureType, dict[str, PolicyFeature]]
     ) -> dict[PipelineFeatureType, dict[str, PolicyFeature]]:
-        """The same replacement in the description of the data."""
+        """Replace the same keys in the description of the data."""
         kinds = {
             TransitionKey.ACTION: (PipelineFeatureType.ACTION, FeatureType.ACTION),
             TransitionKey.OBSERVATION: (PipelineFeatureType.OBSERVATION, FeatureType.STATE),
@@ -151,7 +151,7 @@ class YamEEToJoints(_ArmStep):
         return self._tool.follow(vector_to_pose(values, self._axes["ee"]), q) / self._unit
 
     def reset(self) -> None:
-        """The next action has nothing to do with those before."""
+        """Begin a new path: the next action is not connected to those before."""
         self._tool.begin()
 
 

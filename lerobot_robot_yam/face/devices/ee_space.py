@@ -2,10 +2,10 @@
 
     ee_x.pos, ee_y.pos, ee_z.pos       tcp_site in the frame of the arm's base, m
     ee_rx.pos, ee_ry.pos, ee_rz.pos    rotation vector from "pointing straight down, facing forward", rad
-    gripper.pos                        as always, where there is one
+    gripper.pos                        as with joints, if there is a gripper
 
-with `left_` and `right_` in front for two arms. (`arm.tool_pose` says what the rotation vector is. The names end in
-.pos because lerobot-rollout drops others.) `EeSpace` has the `keys`, `vector`, `action` and `begin` of `ArmGroup`.
+with prefixes `left_` and `right_` for two arms. `arm.tool_pose` defines the rotation vector. The names end in .pos
+because lerobot-rollout drops others. `EeSpace` has the `keys`, `vector`, `action` and `begin` of `ArmGroup`.
 """
 
 import logging
@@ -24,12 +24,12 @@ from lerobot_robot_yam.state.modes import Mode
 
 logger = logging.getLogger(__name__)
 
-_JUMP_M = 0.1  # a pose farther than this from the one before (a radian counted as 0.1 m) begins a new path
-_SEARCHES = 12  # attempts at the first pose of a path, about 1 ms each; one or two as a rule
-_ATTEMPTS = 4  # at each further one; one as a rule
-_REACH_RAD = 0.7  # and there no joint turns farther than this: the arm never swings round to its other side
-_WORTH_SAYING_M = 1e-3
-_QUIET = 30  # poses within reach, a second's worth, before the next one out of it is worth saying again
+_JUMP_M = 0.1  # distance between two poses (a radian counts 0.1 m) that begins a new path
+_SEARCHES = 12  # most attempts at the first pose of a path, about 1 ms each; usually one or two
+_ATTEMPTS = 4  # most attempts at each further pose; usually one
+_REACH_RAD = 0.7  # largest turn of a joint there, so that the arm never swings round to its other side
+_WORTH_SAYING_M = 1e-3  # error from which a pose counts as out of reach
+_QUIET = 30  # poses within reach, about a second, after which the next warning may come
 
 
 class EeSpace:
@@ -51,15 +51,16 @@ class EeSpace:
             self.keys += [f"{side.prefix}{name}.pos" for name in names]
 
     def action(self, vector: np.ndarray) -> dict[str, float]:
-        """LeRobot's form of joints and grippers in canonical order and SI units."""
+        """Return LeRobot's form of joints and grippers in canonical order and SI units."""
         values = vector.copy()
         for side, tool in zip(self._arms.sides, self._tools, strict=True):
             values[side.slice] = tool.numbers(vector[side.slice])
         return dict(zip(self.keys, values.tolist(), strict=True))
 
     def vector(self, action: Mapping[str, object]) -> np.ndarray:
-        """Joints and grippers, in canonical order and SI units, that put the tools where a LeRobot action says, or as
-        near to it as the arms come.
+        """Return joints and grippers, in canonical order and SI units, that put the tools at the poses of an action.
+
+        For a pose out of reach they are those of the nearest pose that the arm reaches.
 
         Raises:
             ActionError: missing or unknown keys, values that are not finite numbers or no pose.
@@ -74,13 +75,13 @@ class EeSpace:
         return vector
 
     def begin(self) -> None:
-        """The next poses have nothing to do with those before: something else has moved the arms."""
+        """Begin new paths, because something else has moved the arms."""
         for tool in self._tools:
             tool.begin()
 
 
 class Tool:
-    """The tool of one arm: from joints to the six numbers and back."""
+    """Tool of one arm: converts joints to the six numbers and back."""
 
     def __init__(self, name: str, kinematics: YamKinematics):
         self._name = name
@@ -88,25 +89,24 @@ class Tool:
         self._reference = downward(kinematics)
         self._tracker = PoseTracker(kinematics, kinematics.middle)
         self._before: np.ndarray | None = None
-        self._reached = _QUIET  # so many poses since the last one out of reach
+        self._reached = _QUIET  # poses since the last one out of reach
 
     def numbers(self, q: np.ndarray) -> np.ndarray:
-        """(6,) `TOOL_NUMBERS` at joints `q` (n,) rad."""
+        """Return the (6,) `TOOL_NUMBERS` at joints `q` (n,) rad."""
         return pose_to_vector(self._kinematics.fk(q), self._reference)
 
     def begin(self) -> None:
-        """The next pose has nothing to do with those before."""
         self._before = None
 
     def joints(self, numbers: np.ndarray, setpoint: np.ndarray) -> np.ndarray:
-        """As `follow`, for `numbers` (6,) instead of a pose."""
+        """Return `follow` for `numbers` (6,) instead of a pose."""
         return self.follow(vector_to_pose(numbers, self._reference), setpoint)
 
     def follow(self, pose: np.ndarray, setpoint: np.ndarray) -> np.ndarray:
-        """Joints (n,) rad for a pose (4, 4), or for the pose nearest to it that the arm reaches.
+        """Return joints (n,) rad for a pose (4, 4), or for the nearest pose that the arm reaches.
 
-        A path begins at the arm's set-point (n,) rad and goes on from its own solutions: they say which branch it is
-        on, which an arm that lags behind does not. Only for a pose that is far from there any solution will do.
+        A path begins at the arm's set-point (n,) rad and goes on from its own solutions, which keep its branch; an arm
+        that lags behind would not. Only a pose far from the set-point may have any solution.
 
         Raises:
             ActionError: no pose.
@@ -123,7 +123,7 @@ class Tool:
         return result.q
 
     def _note(self, result: IkResult) -> None:
-        """Say so when poses begin to be out of reach."""
+        """Warn when poses begin to be out of reach."""
         if result.converged or result.error_m < _WORTH_SAYING_M:
             self._reached += 1
             return

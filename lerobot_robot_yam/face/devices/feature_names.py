@@ -7,13 +7,13 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 
 TOOL_NUMBERS = ("ee_x", "ee_y", "ee_z", "ee_rx", "ee_ry", "ee_rz")
-"""The values of an arm in place of its joints where actions are poses of its tool, see `ee_space`."""
+"""Names of an arm's values, in place of its joints, for actions that are poses of its tool, see `ee_space`."""
 
 STEPS = ("delta_x", "delta_y", "delta_z")
-"""The values of an action that asks for a step of the tool, see `rl_stack`."""
+"""Names of the values of an action that is a step of the tool, see `rl_stack`."""
 
 JOINT = re.compile(r"(.+_)?joint_\d+\.pos")
-"""A joint's position; the group is the arm's prefix, such as `left_`."""
+"""Key of a joint's position; the group is the arm's prefix, such as `left_`."""
 
 _SPACES = {
     "joint": JOINT,
@@ -23,17 +23,17 @@ _SPACES = {
 
 
 def motor_names(prefix: str, joints: int, gripper: bool) -> list[str]:
-    """`joint_1`, `joint_2` …, `gripper` behind a prefix such as `left_`."""
+    """Return `joint_1`, `joint_2` …, `gripper`, each with a prefix such as `left_`."""
     return [f"{prefix}joint_{index + 1}" for index in range(joints)] + [f"{prefix}gripper"] * gripper
 
 
 def motors_of(arms: Mapping[str, ArmConfig]) -> list[str]:
-    """Names of the motors of arms by prefix. Raises ConfigError: unknown arm or gripper."""
+    """Return the names of the motors of arms by prefix. Raises ConfigError: unknown arm or gripper."""
     return [key.removesuffix(".pos") for key in action_keys(arms, "joint")]
 
 
 def action_keys(arms: Mapping[str, ArmConfig], action_space: str) -> list[str]:
-    """Keys of an action, for arms by prefix: `left_joint_1.pos` … or, of poses ("ee"), `left_ee_x.pos` …."""
+    """Return the keys of an action for arms by prefix: `left_joint_1.pos` …, or `left_ee_x.pos` … for poses ("ee")."""
     keys = []
     for prefix, arm in arms.items():
         joints = load_arm(arm.arm).joint_count
@@ -45,6 +45,6 @@ def action_keys(arms: Mapping[str, ArmConfig], action_space: str) -> list[str]:
 
 
 def space_of(keys: Iterable[str]) -> str | None:
-    """The `action_space` that keys of an action belong to: "joint", "ee" or "delta"; None if they do not tell."""
+    """Return the `action_space` of an action's keys: "joint", "ee" or "delta"; None if they do not show it."""
     found = {space for key in keys for space, pattern in _SPACES.items() if pattern.fullmatch(key)}
     return found.pop() if len(found) == 1 else None

@@ -1,8 +1,8 @@
-"""Followers that a hand moves: between the teleoperator `yam_hand_guide` and the follower of the same process.
+"""Followers that a hand moves, by the teleoperator `yam_hand_guide` of the same process.
 
-LeRobot connects both, asks the teleoperator for an action and gives it to the follower. Here the action is where the
-hand has led the follower: from the first action on its arms float, and only their grippers obey. Any other action, as
-of a policy, ends that: the arms hold, and follow it. Without any action they hold after `command_timeout_s`.
+LeRobot connects both, reads the teleoperator's action and gives it to the follower. The action is the pose to which the
+hand has led the follower: from the first action on its arms float, and only their grippers obey. Any other action, such
+as a policy's, ends the guidance: the arms hold, and follow it. Without any action they hold after `command_timeout_s`.
 """
 
 import contextlib
@@ -21,15 +21,13 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-_announced: "list[HandGuidance]" = []  # by connected teleoperators of this process
+_announced: "list[HandGuidance]" = []  # those of this process's connected teleoperators
 
 
 class HandGuidance:
     """Guidance of one follower by one teleoperator.
 
-    Args:
-        device: LeRobot's type name, for messages.
-        keys: its action's.
+    device: LeRobot's type name, for messages. keys: the teleoperator's action keys.
     """
 
     def __init__(self, device: str, keys: Sequence[str]):
@@ -42,7 +40,7 @@ class HandGuidance:
         self._guides = self._waits = False
 
     def announce(self) -> None:
-        """The teleoperator is connected: the next follower of this process is for it.
+        """Offer the connected teleoperator to the next follower of this process.
 
         Raises:
             ConfigError: another one is connected already.
@@ -53,16 +51,16 @@ class HandGuidance:
             _announced.append(self)
 
     def withdraw(self) -> None:
-        """The teleoperator has gone: the arms hold. Idempotent."""
+        """Disconnect the teleoperator: the arms hold. Idempotent."""
         self.end()
         if self in _announced:
             _announced.remove(self)
 
     def attach(self, follower: str, arms: ArmGroup, space: "ArmGroup | EeSpace") -> None:
-        """Be the guide of a follower that is about to be energised.
+        """Guide a follower that is about to be energised.
 
         Raises:
-            ConfigError: it is not the one that the teleoperator speaks of, or that one guides another one.
+            ConfigError: its action keys are not the teleoperator's, or another follower is guided already.
         """
         if self._arms is not None and self._arms is not arms and self._arms.connected:
             raise ConfigError(f"{self._device}: guides {self._follower} already; disconnect that first")
@@ -75,15 +73,15 @@ class HandGuidance:
         self._guides, self._given = False, {}
 
     def detach(self, arms: ArmGroup) -> None:
-        """A follower goes. Idempotent."""
+        """Release a follower that disconnects. Idempotent."""
         if self._arms is arms:
             self._arms, self._guides = None, False
 
     def action(self, openings: Sequence[float | None]) -> dict[str, float]:
-        """Where the hand has led the arms, which float from the first call on.
+        """Return the pose to which the hand has led the arms, which float from the first call on.
 
         Args:
-            openings: of each arm's gripper, what it shall do, 0 closed … 1 open; None: it keeps its set-point.
+            openings: target of each arm's gripper, 0 closed … 1 open; None keeps its set-point.
 
         Raises:
             LifeCycleError: there is no follower yet, or an arm would run away.
@@ -108,12 +106,12 @@ class HandGuidance:
         return dict(self._given)
 
     def opening(self, arm: int) -> float:
-        """Set-point of the gripper of an arm by number, 0 closed … 1 open; open where there is none."""
+        """Return the set-point of the gripper of an arm by number, 0 closed … 1 open; open without one."""
         asked = None if self._arms is None else self._arms.newest()[arm].gripper_setpoint
         return 1.0 if asked is None else asked
 
     def _float(self, arms: ArmGroup) -> None:
-        """Have all arms float. One that has held meanwhile, and is pulled at, goes on holding until it is let go."""
+        """Have all arms float. An arm that holds again, and is pulled at, keeps holding until it is released."""
         first, self._guides = not self._guides, True
         waits = ""
         for side, state in zip(arms.sides, arms.newest(), strict=True):
@@ -126,7 +124,7 @@ class HandGuidance:
                     arms[side].guide(within_s=0.0)
             except YamError as error:
                 if first or not isinstance(error, LifeCycleError):
-                    self.end()  # none of a pair floats alone
+                    self.end()  # no arm of a pair floats alone
                     raise
                 waits = str(error)
         if first:
@@ -136,10 +134,10 @@ class HandGuidance:
         self._waits = bool(waits)
 
     def take(self, action: Mapping[str, Any]) -> np.ndarray | None:
-        """Pass the last action on, which moves nothing but grippers, and lets the arms float on.
+        """Pass the last action on, which moves only grippers, so that the arms float on.
 
         Returns:
-            The joints and grippers (n,) that it stands for; None if it is another action: the arms hold then.
+            Its joints and grippers (n,); None for any other action, at which the arms hold.
         """
         given, arms = self._given, self._arms
         if arms is None or not self._guides:
@@ -154,18 +152,18 @@ class HandGuidance:
         return self._target.copy()
 
     def end(self) -> None:
-        """The arms hold where they are. Idempotent."""
+        """End the guidance: the arms hold their poses. Idempotent."""
         arms, guided = self._arms, self._guides
         self._guides = False
         if arms is None or not guided:
             return
         logger.info("%s: holds, and is no longer guided by hand", self._follower)
         for side in arms.sides:
-            with contextlib.suppress(YamError):  # one that has failed or lands says so elsewhere
+            with contextlib.suppress(YamError):  # a failed or landing arm is reported elsewhere
                 if arms[side].mode() is Mode.FLOAT:
                     arms[side].hold()
 
 
 def guidance() -> HandGuidance | None:
-    """That of this process, if a hand-guide teleoperator is connected."""
+    """Return the guidance of this process's connected hand-guide teleoperator, if any."""
     return _announced[0] if _announced else None

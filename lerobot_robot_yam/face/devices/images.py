@@ -1,6 +1,6 @@
-"""The cameras of a run config: which rig they look at, one opened by itself, the newest images of all.
+"""The cameras of a run config: the rig of a rendered one, opening a single one, and the newest images of all.
 
-There is some patience with one that is late.
+Images that are somewhat late are waited for.
 """
 
 import dataclasses
@@ -24,28 +24,28 @@ from lerobot_robot_yam.system.runtime_files import rig_name
 
 logger = logging.getLogger(__name__)
 
-# A busy machine or USB bus makes images late now and then, and a recording should outlive that. To wait leaves the
-# machine to the processes that make the images; to go on with old ones, up to LeRobot's 0.5 s, would keep it busy.
+# A busy machine or USB bus makes images late now and then, which should not end a recording. Waiting leaves the
+# machine to the processes that make images; going on with old ones, up to LeRobot's 0.5 s, would keep it busy.
 _FRESH_S, _FRESH_SLOW_S = 0.2, 0.4
-_FRESH_FRAMES = 2.0  # of a slow camera
-LATE_S = 0.6  # from then on, what LeRobot takes will do
-# A camera whose image is so old is dead. It is reported within the second that docs/faults.md promises, if this
+_FRESH_FRAMES = 2.0  # the same in frames of a slow camera, up to the second limit
+LATE_S = 0.6  # wait after which LeRobot's own limit of the age counts
+# Age of the image of a dead camera, ms. It is reported within the second that docs/faults.md promises, if this
 # process gets its time; while another process has the machine, all cameras are merely slow.
 _DEAD_MS = 800
 PATIENCE_S = 3.0
 _GLANCE_S = 0.005
-_RENEWAL_S = 0.011  # longest wait for an image that is due, a third of LeRobot's usual period: less than it sleeps
+_RENEWAL_S = 0.011  # longest wait for an image that is due: a third of LeRobot's usual period, less than its sleep
 _RENEWAL_FRAMES = 1 / 3  # the same, in frames of a camera
-_POLL_S = 0.001  # between two looks for it
+_POLL_S = 0.001  # between two looks for an image that is due
 _SAMPLE = 8  # pixels between two that are compared
-_ASLEEP_S = 0.1  # between two glances, or more: somebody else had the machine, and the cameras no chance either
-_TOLD_S = 30.0  # between two warnings of late images, s: on a busy machine every observation waits
+_ASLEEP_S = 0.1  # gap between two looks that shows that other processes had the machine
+_TOLD_S = 30.0  # between two warnings of late images; on a busy machine each one waits
 _REGISTER = ("lerobot.cameras.opencv", "lerobot.cameras.realsense")  # as LeRobot's commands import them
 _SCENE_OPTIONS = {field.name for field in dataclasses.fields(Options)}
 
 
 def beside_arms(camera: Any, arms: Iterable[ArmConfig]) -> Any:
-    """A camera's config in the rig of a robot's virtual arms, unless it names another.
+    """Return a camera's config in the rig of a robot's virtual arms, unless it names another rig.
 
     The camera may be the first to start that rig. Cameras of other types stay as they are.
     """
@@ -62,16 +62,16 @@ def beside_arms(camera: Any, arms: Iterable[ArmConfig]) -> Any:
 
 
 def open_camera(name: str, options: Mapping[str, Any], arms: Iterable[ArmConfig] = ()) -> Camera:
-    """A camera that is connected; whoever opens it disconnects it.
+    """Open and connect a camera; the caller disconnects it.
 
     Args:
-        name: what messages call it.
+        name: its name in messages.
         options: as in a run config, with its type.
-        arms: of that config; a camera `yam_sim` looks at their rig.
+        arms: that config's; a camera `yam_sim` shows their rig.
 
     Raises:
-        ConfigError: LeRobot does not take these options.
-        CameraError: it cannot be opened.
+        ConfigError: LeRobot does not accept these options.
+        CameraError: the camera cannot be opened.
     """
     for module in _REGISTER:
         importlib.import_module(module)
@@ -82,19 +82,19 @@ def open_camera(name: str, options: Mapping[str, Any], arms: Iterable[ArmConfig]
     try:
         (camera,) = make_cameras_from_configs({name: config}).values()
         camera.connect()
-    except Exception as error:  # so do drivers of cameras
+    except Exception as error:  # drivers of cameras raise anything
         raise CameraError(f"camera {name} cannot be opened: {error}; does another program use it?") from error
     return camera
 
 
 class LateImages:
-    """Warns of images that were waited for: at once, and from then on at most every `_TOLD_S`."""
+    """Warns of images that were waited for: at once, then at most every `_TOLD_S`."""
 
     def __init__(self) -> None:
         self._told_s, self._untold = -math.inf, 0
 
     def tell(self, late: str) -> None:
-        """Warn, or count, what `newest_images` has said of one observation."""
+        """Warn of, or count, a message of `newest_images`."""
         self._untold += 1
         if time.monotonic() - self._told_s > _TOLD_S:
             also = f" (and {self._untold - 1} times since this was said)" if self._untold > 1 else ""
@@ -103,13 +103,13 @@ class LateImages:
 
 
 def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]) -> tuple[dict[str, Any], str]:
-    """Read every camera; where an image is older than 0.2 s (two frames, of a slow one) all are read again.
+    """Read all cameras, and again while an image is older than 0.2 s (two frames of a slow camera).
 
-    After `LATE_S`, images that are younger than their cameras take (0.5 s) will do. A camera is called dead only after
-    a watch that was awake for so long: where this process got no time for 0.1 s, it begins anew.
+    After `LATE_S` of waiting, images within LeRobot's limit (0.5 s) count as fresh. A camera is called dead only after
+    a watch of that length in which this process never lost the machine for 0.1 s.
 
     Returns:
-        Images by feature name, depth as `<name>_depth`; and for which one they had to wait, empty without a wait.
+        Images by feature name, depth as `<name>_depth`; and the message about a wait, empty without one.
 
     Raises:
         StaleStateError: a camera has no image, or its image is older than 0.8 s, or too old for `PATIENCE_S`; names it.
@@ -122,7 +122,7 @@ def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraCon
             images = _read(cameras, configs, _fresh_ms if waited_s < LATE_S else None)
             break
         except StaleStateError as error:
-            # A camera that is gone does not say that its image is too old.
+            # The cause is a TimeoutError for an old image, but not for a camera that is gone.
             if not isinstance(error.__cause__, TimeoutError) or waited_s > PATIENCE_S:
                 raise
             late = str(error.__cause__)
@@ -137,20 +137,20 @@ def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraCon
 
 
 class ImageReader:
-    """Reads the newest images of cameras again and again, each of them once where that is possible.
+    """Reads the newest images of cameras repeatedly, each of them once if possible.
 
-    A camera and a loop of one rate drift past each other. Where they meet, an image comes now just before a look, now
-    just after it, and every second one would be read twice. So an image that is due is waited for, a third of a frame.
+    A camera and a loop of one rate drift past each other. Where they meet, an image comes just before one read and just
+    after the next, and every second one would be read twice. So an image that is due is waited for, a third of a frame.
     """
 
     def __init__(self, cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]):
         self._cameras, self._configs = cameras, configs
         self._images: dict[str, Any] = {}
-        self._new_s: dict[str, float] = {}  # when each camera's image was seen first
+        self._new_s: dict[str, float] = {}  # time of the first read of each camera's image
         self._late = LateImages()
 
     def read(self) -> tuple[dict[str, Any], bool]:
-        """The images as of `newest_images`, and whether any was waited for."""
+        """Return the images of `newest_images`, and whether any was waited for."""
         images, late = newest_images(self._cameras, self._configs)
         waited = bool(late)
         if late:
@@ -162,7 +162,7 @@ class ImageReader:
             waited, now = True, time.monotonic()
             try:
                 images |= _read(due, self._configs, None)
-            except StaleStateError:  # the next call says so, if it stays away
+            except StaleStateError:  # the next call raises it, if the image stays away
                 break
             due = {name: camera for name, camera in due.items() if self._is_due(name, images, now)}
         for name in self._cameras:
@@ -172,7 +172,7 @@ class ImageReader:
         return images, waited
 
     def _is_due(self, name: str, images: Mapping[str, Any], now_s: float) -> bool:
-        """Whether a camera's image is the last one again, though its next one should come at any moment."""
+        """Return whether a camera repeats its last image, though the next one should come at any moment."""
         fps = getattr(self._configs[name], "fps", None)
         if not fps or name not in self._new_s or not self._is_repeated(name, images):
             return False

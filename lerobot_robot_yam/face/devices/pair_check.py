@@ -1,4 +1,4 @@
-"""Leader and follower before they are energised: whether it can be led from here, and their actions mean the same."""
+"""Checks of leader and follower before they are energised: it can be led from here, and their actions mean the same."""
 
 import inspect
 from collections.abc import Collection, Sequence
@@ -17,20 +17,20 @@ from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
 
 Models = Sequence[tuple[ArmProfile, GripperProfile]]
-"""The arm and the end effector that actions speak of, for each arm in canonical order."""
+"""Profiles of arm and end effector to which actions refer, for each arm in canonical order."""
 
 _INTERFACES = Path("/sys/class/net")
 
 
 @dataclass(frozen=True)
 class Spoken:
-    """How a device speaks.
+    """Meaning of a device's actions.
 
     Attributes:
         device: its name, for messages.
         action_keys: keys of its actions.
         use_degrees: its angles are degrees.
-        models: what they are the joints of.
+        models: profiles of the arms whose joints or tools are meant.
     """
 
     device: str
@@ -40,7 +40,7 @@ class Spoken:
 
 
 def check_pair(one: Spoken, other: Spoken) -> None:
-    """Refuse two devices whose actions differ in space, keys, unit or arm. Raises ConfigError: says in which."""
+    """Refuse two devices whose actions differ in space, keys, unit or arm. Raises ConfigError: names the difference."""
     both = f"{one.device} and {other.device}"
     spaces = {space_of(spoken.action_keys) for spoken in (one, other)}
     if "delta" in spaces and under_a_command(inspect.currentframe()):
@@ -59,7 +59,7 @@ def check_pair(one: Spoken, other: Spoken) -> None:
         same = np.array_equal(arm.joint_limits_rad, other_arm.joint_limits_rad)
         if spaces & {"ee", "delta"}:
             same = (arm.name, gripper.name) == (other_arm.name, other_gripper.name)
-        if not same:  # what is recorded would not be what is done
+        if not same:  # recorded actions would not be the executed ones
             raise ConfigError(
                 f"{both}: one speaks of {arm.name} with {gripper.name}, the other of {other_arm.name} with "
                 f"{other_gripper.name}; set follower_arm and ee_gripper of the leader's arm to what the follower is"
@@ -71,11 +71,11 @@ def check_followers(leaders: Sequence[ArmConfig], driven: Collection[str]) -> No
 
     Args:
         leaders: configs of the leaders' arms.
-        driven: keys of the channels whose arms this process drives.
+        driven: channel keys of the arms that this process drives.
 
     Raises:
-        ConfigError: the command's robot has other channels; or there is no such CAN interface.
-        ChannelInUseError: another process drives it.
+        ConfigError: the command's robot has other channels, or there is no such CAN interface.
+        ChannelInUseError: another process drives the follower.
     """
     robot = channels_of("robot")
     holders = sessions(runtime_dir())

@@ -1,6 +1,6 @@
-"""Devices whose arms are another computer's: their options, and what concerns files of that computer.
+"""Devices whose arms are another computer's: their options, and the calls that need files of that computer.
 
-LeRobot loads this module at its start, which must not wait for what is imported later.
+LeRobot loads this module at its start, so slow imports come later.
 """
 
 import dataclasses
@@ -28,7 +28,7 @@ class RemoteOptions:
     )
 
     def ask_host(self, group: str, prefixes: tuple[str, ...]) -> None:
-        """Find out what arms they are: LeRobot asks for the keys of actions before it connects.
+        """Request the kinds of the arms from the host: LeRobot needs the action's keys before it connects.
 
         Raises:
             RefusedConfigError: the host does not answer, or has other arms.
@@ -47,11 +47,11 @@ class RemoteOptions:
 
     @property
     def hosted(self) -> "HostedDevice":
-        """What the host has told."""
+        """The host's description of the device."""
         return self._hosted
 
     def runs(self) -> "Isolation":
-        """On the host."""
+        """Return the isolation that runs the control loop on the host."""
         return self._hosted.runner()
 
 
@@ -67,5 +67,5 @@ class RemoteDevice:
 
     @check_if_not_connected
     def calibrate(self) -> None:
-        """Refused. Raises ConfigError: the files are the host's."""
+        """Refuse. Raises ConfigError: the files are the host's."""
         raise ConfigError("calibrate the arms on their own computer: lerobot-calibrate with the rig's file there")

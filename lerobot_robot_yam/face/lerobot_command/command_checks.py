@@ -1,20 +1,20 @@
 """Checks of what a LeRobot command names, before anything is opened or energised.
 
-- Whether it is there: the data set, the episode, the cameras of a policy, a channel of its own for each arm.
-- Whether its numbers mean what the robot's mean. No stock loop tells the robot what it is about to replay, resume or
-  roll out, so the command's options say it (`given_options`).
+- Existence: the data set, the episode, the cameras of a policy, and a separate channel for each arm.
+- Meaning of its numbers: they have to be the robot's. No stock loop tells the robot what it is about to replay, resume
+  or roll out, so this comes from the command's options (`given_options`).
 
 Joints or tool poses: both are six numbers for an arm with six joints, so that nothing else would notice.
 
-- The names of the values tell, wherever they are kept.
-- Statistics tell some joints: no tool of these arms gets 1.5 m away from its base, and joints get beyond 1.5 rad.
+- Names of the values decide, wherever they are kept.
+- Statistics show some joints: no tool of these arms gets 1.5 m away from its base, and joints get beyond 1.5 rad.
 
 Degrees or radians:
 
 - A data set names its robot: ours is called `bi_yam_follower_degrees` there while it gives degrees. So does a
   checkpoint whose data set is still on this computer.
-- Statistics tell: no joint of these arms gets a whole turn away from zero. Larger numbers are degrees; without any,
-  the recording is in radians (or of an arm that never left zero by 6°).
+- Statistics decide otherwise: no joint of these arms gets a whole turn away from zero. Larger numbers are degrees;
+  without any, the recording is in radians (or of an arm that never left zero by 6°).
 """
 
 import difflib
@@ -45,8 +45,8 @@ logger = logging.getLogger(__name__)
 
 _HUB_S = 5.0  # longest wait for the hub's answer
 _PARQUET_END = b"PAR1"
-_FILLED = "empty_camera"  # LeRobot's names of images that policies get as zeros
-_FILLING = ("pi0", "pi05", "pi0_fast", "smolvla", "xvla", "evo1")  # LeRobot's types that do so with any that is missing
+_FILLED = "empty_camera"  # prefix of images that LeRobot fills with zeros
+_FILLING = ("pi0", "pi05", "pi0_fast", "smolvla", "xvla", "evo1")  # types that fill any missing image
 _SERVER_SPACES = {"joint_position": "joint", "cartesian_position": "ee"}  # RoboArena's words
 _NAMES = {"joint": "joint positions", "ee": "tool poses"}
 _OTHER_ROBOT = "Set the robot's type, and each arm's gripper, to those of the recording"
@@ -65,9 +65,9 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
         cameras: names of the robot's images.
 
     Raises:
-        ConfigError: an arm's channel is given twice; there is no such data set or episode, or one where a new one is
-            to be; the policy sees cameras that the robot lacks; it is of other values, of tool poses instead of joints
-            (or the reverse), or in the other unit.
+        ConfigError: two arms share a channel; the data set or episode does not exist, or is in the way of a new one;
+            the policy sees cameras that the robot lacks; the numbers have other names, are tool poses instead of
+            joints (or the reverse), or are in the other unit.
     """
     space, options = space_of(keys), given_options()
     command = Path(*sys.argv[:1]).stem.replace("_", "-")
@@ -82,8 +82,8 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
         data = of_dataset(repo_id, options.get("dataset.root"))
         _check_names(device, keys, data, in_order=resumes)
         recordings.append(data)
-    path = parser.get_path_arg("policy") or options.get("pretrained_name_or_path")  # the latter: async inference
-    if path and command != "lerobot-train":  # a training's evaluations roll out what has been learnt since
+    path = parser.get_path_arg("policy") or options.get("pretrained_name_or_path")  # the latter is async inference's
+    if path and command != "lerobot-train":  # a training evaluates newer weights
         learnt = of_checkpoint(path, options.get("policy.pretrained_revision"))
         saved = learnt.config
         if not any(name.startswith("rename_map") for name in options) and command != "lerobot-eval":
@@ -103,7 +103,6 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
 
 
 def _check_channels() -> None:
-    """Refuse a channel that two arms of the command have."""
     found: dict[str, str] = {}
     for device in ("robot", "teleop"):
         for option, channel in channels_of(device).items():
@@ -115,9 +114,9 @@ def _check_channels() -> None:
 
 
 def _check_data_set(options: Mapping[str, str], opens: bool, new: bool) -> None:
-    """Refuse a folder (`dataset.root`) that does not hold what the command opens, or is in the way of a new one."""
+    """Refuse a `dataset.root` without the data set that the command opens, or in the way of a new one."""
     if not options.get("dataset.root"):
-        return  # in LeRobot's own directory, or to be fetched
+        return  # LeRobot's own directory, or the hub
     root = Path(options["dataset.root"])
     episodes = episodes_in(root)
     if opens and episodes is None and not _on_hub(options.get("dataset.repo_id", "")):
@@ -129,7 +128,7 @@ def _check_data_set(options: Mapping[str, str], opens: bool, new: bool) -> None:
     if opens and episodes and _is_torn(root):
         raise ConfigError(f"the data set in {root} was not closed, and does not load; `yam-repair-dataset {root}`")
     episode = options.get("dataset.episode", "")
-    if episodes and episode.isdecimal() and int(episode) >= episodes:  # LeRobot refuses what is no number
+    if episodes and episode.isdecimal() and int(episode) >= episodes:  # LeRobot refuses other text
         raise ConfigError(f"{root} has no episode {episode}, but 0 to {episodes - 1}")
     if new and root.exists():
         holds = f"holds {episodes} episodes; add --resume=true to record more, or choose another dataset.root"
@@ -141,7 +140,7 @@ def _check_data_set(options: Mapping[str, str], opens: bool, new: bool) -> None:
 
 
 def _is_torn(root: Path) -> bool:
-    """Whether a recording was killed: LeRobot would look for the data set on the Hub, without a word of that."""
+    """Return whether the recording was killed: LeRobot would look for it on the Hub, without an explanation."""
     episodes = list(root.glob("meta/episodes/**/*.parquet"))
     tables = [*episodes, *root.glob("data/**/*.parquet")]
     return not episodes or not all(_is_closed(path) for path in tables)
@@ -154,14 +153,13 @@ def _is_closed(table: Path) -> bool:
 
 
 def _clean(root: Path) -> str:
-    """How to get rid of a data set without an episode."""
+    """Return how to get rid of a data set without an episode."""
     if is_empty(root):
         return f"remove it (rm -r {root}) and record"
     return f"there are rows or images of one all the same: `yam-repair-dataset {root}`"
 
 
 def _on_hub(repo_id: str) -> bool:
-    """Whether LeRobot could fetch it."""
     from huggingface_hub import HfApi
 
     try:
@@ -172,7 +170,7 @@ def _on_hub(repo_id: str) -> bool:
 
 
 def _check_cameras(policy: Recording, cameras: Collection[str]) -> None:
-    """Refuse a policy that sees cameras which the robot lacks. Some policies take zeros for all but one."""
+    """Refuse a policy that sees cameras which the robot lacks. Some policies accept zeros for all but one."""
     config = policy.config
     names = [name.removeprefix(f"{OBS_IMAGES}.") for name in config.get("input_features") or {} if OBS_IMAGES in name]
     wanted = [name for name in names if not name.startswith(_FILLED)]
@@ -189,7 +187,7 @@ def _check_cameras(policy: Recording, cameras: Collection[str]) -> None:
 def _check_server(
     device: str, keys: Sequence[str], use_degrees: bool, saved: Mapping[str, Any], options: Mapping[str, str]
 ) -> None:
-    """The same for what the options of a yam_openpi policy, or its saved config, say of its server."""
+    """Check space and unit in the options of a yam_openpi policy, or in its saved config."""
     from lerobot_robot_yam.face.openpi.configuration_openpi import YamOpenpiConfig
 
     space = options.get("policy.action_space") or saved.get("action_space") or YamOpenpiConfig.action_space
@@ -202,7 +200,7 @@ def _check_server(
 
 
 def _check_names(device: str, keys: Sequence[str], data: Recording, in_order: bool) -> None:
-    """Refuse a data set, or what has learnt from one, whose actions have other names than this robot's."""
+    """Refuse a data set or checkpoint whose actions have other names than this robot's."""
     held = list(data.names)
     if not held or held == list(keys) or (not in_order and set(held) == set(keys)):
         return
@@ -217,7 +215,7 @@ def _check_names(device: str, keys: Sequence[str], data: Recording, in_order: bo
 
 
 def _check_space(device: str, keys: Sequence[str], recording: Recording) -> None:
-    """Refuse joints where the robot takes poses, and poses where it takes joints; warn of what does not tell."""
+    """Refuse joints for a robot of poses, and poses for one of joints; warn if the recording does not tell."""
     ours, found = space_of(keys), space_of(recording.names)
     if found is None and ours == "ee":
         largest = recording.largest(np.array([key.endswith(_METRES) for key in keys]))
@@ -230,7 +228,7 @@ def _check_space(device: str, keys: Sequence[str], recording: Recording) -> None
 
 
 def _refuse_other_space(device: str, keys: Sequence[str], what: str, found: str | None) -> None:
-    """Refuse `what`, whose actions are `found` ("joint" or "ee"; None if it does not tell), if the robot's are not."""
+    """Refuse `what`, whose actions are `found` ("joint" or "ee"; None if unknown), unless the robot's are the same."""
     ours = space_of(keys)
     if found is not None and ours is not None and found != ours:
         raise ConfigError(
@@ -240,7 +238,7 @@ def _refuse_other_space(device: str, keys: Sequence[str], what: str, found: str 
 
 
 def _check_unit(device: str, use_degrees: bool, what: str, found: str | None) -> None:
-    """Refuse what is in the other unit; warn of what does not tell."""
+    """Refuse the other unit; warn if the unit is unknown."""
     unit = DEGREES if use_degrees else RADIANS
     if found is None:
         logger.warning("%s: %s does not tell its unit; this robot is in %s", device, what, unit)

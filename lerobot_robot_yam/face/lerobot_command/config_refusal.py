@@ -1,6 +1,6 @@
-"""What is wrong with a LeRobot config of arms, said while LeRobot's parser still reads it: in one line.
+"""Checks of a LeRobot config of arms, while LeRobot's parser still reads it, with one-line errors.
 
-Of an error in a device's constructor, LeRobot makes a line of 2,000 characters that ends with the cause.
+From an error in a device's constructor, LeRobot would make a line of 2,000 characters that ends with the cause.
 """
 
 import dataclasses
@@ -34,14 +34,14 @@ class RefusedConfigError(ConfigError, DecodingError):
 
 
 def arm_config(options: ArmConfig | PassiveOptions, name: str) -> ArmConfig:
-    """The arm layer's part of a LeRobot config that extends `ArmConfig`, checked.
+    """Return the arm layer's part of a LeRobot config that extends `ArmConfig`, checked.
 
     Args:
         options: the LeRobot config of one arm.
-        name: what messages call the arm, unless the user has named it.
+        name: the arm's name in messages, unless the user has named it.
 
     Raises:
-        ConfigError: names the arm, the field, and what it takes.
+        ConfigError: names the arm, the field, and its allowed values.
     """
     lead = options.lead_config() if isinstance(options, LeadOptions) else None
     names = [field.name for field in dataclasses.fields(ArmConfig)]
@@ -60,10 +60,10 @@ def refuse(device: str, options: Any, role: str, check: Callable[[Mapping[str, R
         device: LeRobot's type name.
         options: the config, which has `arms()`.
         role: "follower" or "leader".
-        check: more checks, given the arms by prefix.
+        check: further checks, called with the arms by prefix.
 
     Raises:
-        RefusedConfigError: the first thing that is wrong.
+        RefusedConfigError: the first mistake.
     """
     try:
         check_switches(device, options)
@@ -79,7 +79,7 @@ def refuse(device: str, options: Any, role: str, check: Callable[[Mapping[str, R
 
 
 def rig_device[C](registry: type[C], section: str, given: Mapping[str, Any]) -> C:
-    """The config of the device that a run config names by the rig's file.
+    """Return the config of the device that a run config names by the rig's file.
 
     Args:
         registry: LeRobot's base class of such configs.
@@ -108,9 +108,9 @@ def check_options(section: str, device: Mapping[str, Any], where: str) -> None:
         where: place of the device, for messages.
 
     Raises:
-        ConfigError: names the option, and one that is like it.
+        ConfigError: names the option, and a similar one.
     """
-    from lerobot.robots.config import RobotConfig  # loaded before this module by LeRobot's commands only
+    from lerobot.robots.config import RobotConfig  # already loaded in LeRobot's commands only
     from lerobot.teleoperators.config import TeleoperatorConfig
 
     registry: Any = RobotConfig if section == "robot" else TeleoperatorConfig

@@ -1,7 +1,7 @@
-"""The options of the LeRobot command in this process: its command line, and the file of `--config_path` below it.
+"""The options of the LeRobot command in this process: its command line, over the file of `--config_path`.
 
-The configs of devices are checked while LeRobot still parses, so there is no parsed command yet to look at. Its own
-parser reads the same words for us, of which only the options that are checked count.
+The configs of devices are checked while LeRobot still parses, so there is no parsed command yet. LeRobot's own parser
+reads the same words again, and keeps only the options that are checked.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from lerobot.configs import parser
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.rig_file import ARMS_OF_TWO, device_of
 
-# All that draccus raises: some errors of YAML, of files and of values in wrong places come through as they are.
+# All that draccus raises, which includes errors of YAML, of files and of misplaced values.
 _NOT_PARSED = (argparse.ArgumentError, DraccusException, yaml.YAMLError, OSError, TypeError, ValueError)
 
 
@@ -41,7 +41,7 @@ class _PolicyOptions:
 
 @dataclass
 class _Options:
-    """The options that are checked, of whatever command: the parser passes over all others."""
+    """The options that are checked, of any command: the parser ignores all others."""
 
     dataset: _DatasetOptions = field(default_factory=_DatasetOptions)
     policy: _PolicyOptions = field(default_factory=_PolicyOptions)
@@ -52,13 +52,13 @@ class _Options:
 
 @draccus.decode.register(_Options)
 def _as_text(given: Mapping[str, Any], _: Sequence[str]) -> dict[str, str]:
-    """Values by full name, such as `dataset.root`. Decoding would refuse the other options of a config file."""
+    """Return values by full name, such as `dataset.root`, as decoding would refuse other options of a config file."""
     known = {name: given[name] for name in _Options.__dataclass_fields__ if name in given}
     return {name: str(value) for name, value in flatten(known).items() if value is not None}
 
 
 def given_options() -> dict[str, str]:
-    """The options that are checked, by full name such as `dataset.root`; empty where LeRobot will refuse them."""
+    """Return the checked options, by full name such as `dataset.root`; empty if LeRobot will refuse the command."""
     try:
         known = ArgumentParser(_Options, _config_file(), prog="", add_help=False, exit_on_error=False)
         return known.parse_known_args(parser.filter_arg("config_path", sys.argv[1:]))[0]
@@ -67,12 +67,12 @@ def given_options() -> dict[str, str]:
 
 
 def channels_of(device: str) -> dict[str, str]:
-    """Channels of the arms of a device ("robot", "teleop"), by the option that gives them."""
+    """Return the channels of the arms of a device ("robot", "teleop"), by the option that gives them."""
     path = _config_file()
     try:
         file = yaml.safe_load(Path(path).read_text()) if path is not None else {}
         told = device_of(device, file.get(device) or {})
-    except (yaml.YAMLError, OSError, AttributeError, TypeError, ConfigError):  # LeRobot's parser says what is wrong
+    except (yaml.YAMLError, OSError, AttributeError, TypeError, ConfigError):  # LeRobot's parser reports it
         told = {}
     found = {}
     for name in ("", *ARMS_OF_TWO):
@@ -85,6 +85,6 @@ def channels_of(device: str) -> dict[str, str]:
 
 
 def _config_file() -> str | None:
-    """The command's config file; None without one, or where it is a repository of the hub."""
+    """Return the command's config file; None without one, or for a repository of the hub."""
     path = parser.parse_arg("config_path")
     return path if path is not None and Path(path).is_file() else None

@@ -1,7 +1,7 @@
-"""The LeRobot command that runs in this process: its options, its data set, its flags, and what it does at the moment.
+"""The LeRobot command that runs in this process: its options, its data set, its flags, and its present phase.
 
-LeRobot tells none of this to a robot. It is read from the stack, where LeRobot's own functions keep it; nothing of
-LeRobot is replaced. Under any other program there is nothing to find.
+LeRobot passes none of this to a robot. So it is read from the stack, where LeRobot's own functions keep it, and nothing
+of LeRobot is replaced. Under any other program nothing is found.
 """
 
 import importlib.util
@@ -19,7 +19,7 @@ from typing import Any
 
 RECORD, EVALUATION = "lerobot-record", "lerobot-eval"
 STOP, LEAVE_LOOP, AGAIN = "stop_recording", "exit_early", "rerecord_episode"  # LeRobot's flags, which its keys set
-_KEY_S = 0.2  # longest time from a look at a command to its answer at the next frame, s
+_KEY_S = 0.2  # longest time until a key takes effect, at the command's next frame, s
 
 
 def _lerobot() -> Path:
@@ -36,7 +36,7 @@ _SCRIPTS = {
 
 
 class Meaning(StrEnum):
-    """What a button, or a page, asks a command for. See docs/buttons.md."""
+    """Thing that a button, or a page, requests of a command. See docs/buttons.md."""
 
     NEXT = "next"  # end the episode, or the reset
     RERECORD = "rerecord"  # drop the episode and record it again
@@ -56,9 +56,7 @@ _EPISODE_KEYS = {Meaning.NEXT: "right", Meaning.RERECORD: "left"}
 
 
 class Phase(Enum):
-    """What a LeRobot command does."""
-
-    BETWEEN = "between two phases"  # it connects, saves, ends
+    BETWEEN = "between two phases"  # while it connects, saves or ends
     RECORDING = "recording"
     RESETTING = "resetting"
     AUTONOMOUS = "autonomous"  # the policy drives
@@ -71,18 +69,18 @@ _EPISODE_LOOPS = {"_policy_loop": Phase.RECORDING, "_reset_loop": Phase.RESETTIN
 
 @dataclass(frozen=True)
 class Situation:
-    """What a LeRobot command does at one moment.
+    """State of a LeRobot command at one moment.
 
     Attributes:
-        command: what messages call it, empty without one.
-        phase: what it does.
-        keys: the key of each thing that it can be asked for by key, as LeRobot's listeners call it.
+        command: its name in messages, empty without one.
+        phase: its phase.
+        keys: meaning → key for it, as LeRobot's listeners call it.
         dataset: LeRobot's data set that it writes, once there is one.
-        turn: when the present run of its loop began, on `time.perf_counter`; 0 outside of the loop.
+        turn: start of the present run of its loop, on `time.perf_counter`; 0 outside of the loop.
         left_s: seconds until the phase ends by itself.
-        flags: LeRobot's own, which its keys set; empty unless the command records episode by episode.
+        flags: LeRobot's flags, which its keys set; empty unless the command records episode by episode.
         config: LeRobot's options of the command.
-        do: does what LeRobot's listener does at one of these keys.
+        do: function that acts as LeRobot's listener does for a key.
     """
 
     command: str = ""
@@ -97,19 +95,19 @@ class Situation:
 
     @property
     def drops(self) -> bool:
-        """The episode that was recorded last is dropped, not saved, when the reset ends."""
+        """Whether the last recorded episode is dropped, not saved, when the reset ends."""
         return bool(self.flags.get(AGAIN))
 
     @property
     def frames(self) -> int:
-        """Frames of the episode that is not saved yet."""
+        """Number of frames of the episode that is not saved yet."""
         writer = self.dataset.writer if self.dataset is not None else None
         buffer = writer.episode_buffer if writer is not None else None
-        return int(buffer.get("size", 1)) if buffer is not None else 0  # LeRobot takes the count away while it saves
+        return int(buffer.get("size", 1)) if buffer is not None else 0  # no count while LeRobot saves
 
     @property
     def ends_by_itself(self) -> bool:
-        """It ends so soon that a key would end what comes next, perhaps an episode that has no frame yet."""
+        """Whether the phase ends so soon that a key would end the next one, perhaps an episode without a frame."""
         return self.left_s < _KEY_S
 
     def stop(self) -> None:
@@ -122,19 +120,18 @@ class Situation:
 
 
 def callers(frame: FrameType | None) -> Iterator[FrameType]:
-    """A frame, and those that have called down to it."""
     while frame is not None:
         yield frame
         frame = frame.f_back
 
 
 def under_a_command(frame: FrameType | None) -> bool:
-    """Whether a LeRobot command, not a program of the user's, has called down to `frame`."""
+    """Return whether a LeRobot command, not a program of the user's, has called down to `frame`."""
     return any(caller.f_code.co_filename.startswith(_COMMANDS) for caller in callers(frame))
 
 
 def command_of(frame: FrameType | None) -> tuple[str, Any] | None:
-    """Name and options of the recording, rollout or evaluation that has called down to `frame`; None: of no such."""
+    """Return name and options of the recording, rollout or evaluation that has called down to `frame`, if any."""
     for caller in callers(frame):
         name = _SCRIPTS.get(caller.f_code.co_filename)
         if name is not None and "cfg" in caller.f_locals:
@@ -143,24 +140,24 @@ def command_of(frame: FrameType | None) -> tuple[str, Any] | None:
 
 
 def hears_keys(frame: FrameType | None) -> bool:
-    """Whether a command that listens to keys has called down to `frame`."""
+    """Return whether a command that listens to keys has called down to `frame`."""
     found = command_of(frame)
     return found is not None and found[0] != EVALUATION
 
 
 def _main_frame() -> FrameType | None:
-    """Where the main thread is, in which commands run."""
+    """Return the frame of the main thread, in which commands run."""
     return sys._current_frames().get(threading.main_thread().ident or 0)
 
 
 def look() -> Situation:
-    """What the command does now. Any thread may ask."""
+    """Return the command's present situation. Any thread may call it."""
     frame = _main_frame()
     return recording(frame) or _rollout(frame)
 
 
 def recording(frame: FrameType | None) -> Situation | None:
-    """What the `lerobot-record` does that has called down to `frame`; None before its data set is open."""
+    """Return the situation of the `lerobot-record` that called down to `frame`; None before its data set is open."""
     phase, turn, left_s = Phase.BETWEEN, 0.0, math.inf
     for caller in callers(frame):
         if _SCRIPTS.get(caller.f_code.co_filename) != RECORD:
@@ -174,14 +171,14 @@ def recording(frame: FrameType | None) -> Situation | None:
             dataset, config = values.get("dataset"), values.get("cfg")
             if dataset is None or config is None:
                 return None
-            flags = values.get("events") or {}  # before it has connected it does not listen
+            flags = values.get("events") or {}  # no listener before it has connected
             keys = _EPISODE_KEYS if flags else {}
             return Situation(RECORD, phase, keys, dataset, turn, left_s, flags, config, _by_flags(flags))
     return None
 
 
 def _by_flags(flags: dict[str, Any]) -> Callable[[str], None]:
-    """What the listener of a command that records episode by episode does at a key."""
+    """Return the key handler of a command that records episode by episode."""
     from lerobot.utils.keyboard_input import apply_recording_control
 
     return lambda key: apply_recording_control(key, flags)
@@ -193,7 +190,7 @@ def _rollout(frame: FrameType | None) -> Situation:
         if not caller.f_code.co_filename.startswith(_STRATEGIES):
             continue
         name, values = caller.f_code.co_name, caller.f_locals
-        turn = turn or values.get("start_time", 0.0)  # of strategies without episodes
+        turn = turn or values.get("start_time", 0.0)  # for strategies without episodes
         if name in _EPISODE_LOOPS:
             turn = values.get("start_t", 0.0)
             phase = _EPISODE_LOOPS[name] if turn else Phase.BETWEEN
@@ -228,7 +225,7 @@ def _strategy(strategy: Any, ctx: Any, phase: Phase, turn: float, left_s: float)
 
 
 def evaluation_values() -> dict[str, Any]:
-    """LeRobot's own variables of the evaluation in this process, and of its rollout that runs."""
+    """Return LeRobot's own variables of the evaluation in this process, and of its present rollout."""
     found: dict[str, Any] = {}
     for caller in callers(_main_frame()):
         if _SCRIPTS.get(caller.f_code.co_filename) == EVALUATION:

@@ -1,10 +1,10 @@
-"""The server of openpi's protocol: connections, one question at a time, and an error to whoever sends anything else.
+"""The server of openpi's protocol: connections, one request at a time, and an error for any other message.
 
 As openpi's own (`src/openpi/serving/websocket_policy_server.py`), it greets with its metadata, answers each message
-with one, and after a failure sends a text and closes. It also takes RoboArena's `endpoint`: `infer` or `reset`.
+with one, and after a failure sends a text and closes. It also accepts RoboArena's `endpoint`: `infer` or `reset`.
 
-Messages are decoded without pickle. They, their queue and the number of clients are bounded. The policy is not touched
-by a message that it cannot answer.
+Messages are decoded without pickle. Their size, their queue and the number of clients are bounded. A message that the
+policy cannot answer does not reach the policy.
 """
 
 import contextlib
@@ -40,35 +40,35 @@ except ImportError as error:
 
 logger = logging.getLogger(__name__)
 _wire_logger = logging.getLogger(f"{__name__}.wire")
-_wire_logger.setLevel(logging.CRITICAL)  # below that, websockets tells whole requests, and tracebacks of port scans
+_wire_logger.setLevel(logging.CRITICAL)  # below, websockets logs whole requests and port scans
 
-_MOST_BYTES = 32 * 2**20  # of a message: five pictures of 1920 x 1080 pixels
-_MOST_WORDS = 2000  # characters of an error, which can quote what a client sends
+_MOST_BYTES = 32 * 2**20  # largest message: five pictures of 1920 x 1080 pixels
+_MOST_WORDS = 2000  # most characters of an error, which can quote a client's message
 _MOST_CLIENTS = 8
-_CLOSE_TIMEOUT_S = 1.0  # for the goodbye of a client that may be stuck
-_SEND_TIMEOUT = struct.pack("ll", 5, 0)  # s, us: for a client that asks and does not read
+_CLOSE_TIMEOUT_S = 1.0  # wait for the closing handshake of a client that may be stuck
+_SEND_TIMEOUT = struct.pack("ll", 5, 0)  # s, us; ends a send to a client that does not read
 
 
 class ChunkServer:
-    """Serves a policy. Ready for clients as soon as it is made; `serve_forever` lets them in.
+    """Server of a policy. Clients can connect as soon as it is made; `serve_forever` accepts them.
 
     Args:
-        policy: what answers. Several clients can ask it; whoever did not ask last begins a new episode.
-        host, port: where to listen; port 0 takes a free one.
-        api_key: turns clients away that do not send it, as openpi's do (`Authorization: Api-Key …`).
+        policy: the policy. Several clients can use it; one that was not the last to ask begins a new episode.
+        host, port: address to listen at; port 0 chooses a free one.
+        api_key: refuses clients that do not send it, as openpi's do (`Authorization: Api-Key …`).
 
     Attributes:
-        port: where it listens.
+        port: the port in use.
 
     Raises:
-        ConfigError: nobody can listen there.
+        ConfigError: the address cannot be used.
     """
 
     def __init__(self, policy: ServedPolicy, host: str = "127.0.0.1", port: int = 8000, api_key: str | None = None):
         self._policy, self._api_key = policy, api_key
         self._greeting = encode_message(policy.metadata)
         self._asking = threading.Lock()
-        self._asked_by: Any = None  # the connection whose episode the policy is in
+        self._asked_by: Any = None  # connection of the policy's present episode
         self._guard = threading.Lock()
         self._open: dict[ServerConnection, threading.Thread] = {}
         self._ending = False
@@ -77,8 +77,8 @@ class ChunkServer:
                 self._serve,
                 host,
                 port,
-                origins=[None],  # no web page of a browser on this computer
-                compression=None,  # as openpi's: images would cost milliseconds
+                origins=[None],  # refuses web pages of a browser on this computer
+                compression=None,  # as openpi's; compressing images takes milliseconds
                 process_request=self._turn_away,
                 max_size=_MOST_BYTES,
                 max_queue=1,
@@ -90,11 +90,11 @@ class ChunkServer:
         self.port: int = self._server.socket.getsockname()[1]
 
     def serve_forever(self) -> None:
-        """Let clients in until `close` is called from another thread, or this one is interrupted."""
+        """Accept clients until `close` is called from another thread, or this one is interrupted."""
         self._server.serve_forever()
 
     def close(self) -> None:
-        """Send all clients away, and let nobody in. Waits for an answer that is being computed. Idempotent."""
+        """Disconnect all clients and accept no more. Waits for an answer that is being computed. Idempotent."""
         with self._guard:
             if self._ending:
                 return
@@ -143,7 +143,7 @@ class ChunkServer:
             logger.info(told, name, answers, time.monotonic() - begun_s, each_ms)
 
     def _answer(self, connection: ServerConnection, name: str, data: bytes | str) -> tuple[bytes | str, bool]:
-        """What to send to a client, and whether it is an error."""
+        """Return the answer to a client, and whether it is an error."""
         try:
             return self._answered(connection, data), False
         except ObservationError as error:
@@ -170,7 +170,7 @@ class ChunkServer:
 
     @contextlib.contextmanager
     def _episode_of(self, connection: ServerConnection, anew: bool) -> Iterator[None]:
-        """The policy in an episode of this connection; after a failure there is none."""
+        """Keep the policy in an episode of this connection; a failure ends the episode."""
         asked_by, self._asked_by = self._asked_by, None
         if anew or asked_by != connection.id:
             self._policy.reset()
@@ -183,7 +183,7 @@ def _message(data: bytes | str) -> dict[Any, Any]:
         raise ObservationError("a message of openpi's protocol is a dictionary, not text")
     try:
         message = decode_message(data)
-    except Exception as error:  # NumPy has many for a type or a shape that it cannot make
+    except Exception as error:  # NumPy raises many kinds for impossible types and shapes
         raise ObservationError(f"this is no message of openpi's protocol: {error}") from error
     if not isinstance(message, dict):
         raise ObservationError(f"a message of openpi's protocol is a dictionary, not {type(message).__name__}")

@@ -67,20 +67,14 @@ class YamOpenpiConfig(PreTrainedConfig):
 
     @property
     def url(self) -> str:
-        """The server's websocket URL."""
         return self.host if self.host.startswith(("ws://", "wss://")) else f"ws://{self.host}:{self.port}"
 
     @property
     def server(self) -> str:
-        """The name of the server in messages."""
         return f"openpi server {self.url.partition('://')[2].rpartition('@')[2]}"
 
     def api_key(self) -> str | None:
-        """The key from the environment.
-
-        Raises:
-            ConfigError: the variable is not set.
-        """
+        """Read the API key from the environment. Raises ConfigError: the variable is not set."""
         if self.api_key_env is None:
             return None
         key = os.environ.get(self.api_key_env)

@@ -1,11 +1,11 @@
-"""Messages of openpi's websocket protocol: their bytes, the observation that is sent, and checks of what comes back.
+"""Messages of openpi's websocket protocol: their bytes, the observation for the server, and checks of its answers.
 
-Nothing that the server says of itself, and none of its actions, reaches an arm unchecked.
+No metadata and no action of the server reaches an arm unchecked.
 
 Messages are msgpack, with NumPy arrays and scalars as marked dictionaries: an array is
 `{b"__ndarray__": True, b"data": bytes, b"dtype": "<f4", b"shape": [50, 14]}`, a scalar
 `{b"__npgeneric__": True, b"data": value, b"dtype": "|b1"}`. Source: openpi-client 0.1.2, `msgpack_numpy.py`. The
-package msgpack-numpy has other keys, and falls back to pickle; openpi-client itself wants NumPy 1, LeRobot NumPy 2.
+package msgpack-numpy has other keys, and falls back to pickle; openpi-client itself needs NumPy 1, LeRobot NumPy 2.
 """
 
 import math
@@ -26,19 +26,19 @@ except ImportError as error:
     raise ConfigError(f"openpi's protocol needs websockets and msgpack ({error}); {install_extra('openpi')}") from error
 
 PROMPT_KEY = "prompt"
-ENDPOINT_KEY, INFER, RESET = "endpoint", "infer", "reset"  # RoboArena's `policy_server.py`: what a message asks for
-ENDPOINTS_KEY = "endpoints"  # in a greeting: which of them the server knows
-IMAGE_KEYS = "image_keys"  # in a greeting: names of the images that the server has to see
+ENDPOINT_KEY, INFER, RESET = "endpoint", "infer", "reset"  # kinds of requests, from RoboArena's `policy_server.py`
+ENDPOINTS_KEY = "endpoints"  # in a greeting: kinds of requests that the server knows
+IMAGE_KEYS = "image_keys"  # in a greeting: names of the images that the server needs
 STATEFUL_KEY = "stateful"  # in a greeting: whether an answer depends on earlier observations of its connection
 RESET_DONE = "reset successful"  # RoboArena's answer, as text
 _PREFIX = "observation."
-_PLAIN_KINDS = "biufSU"  # truth values, integers, floats, text: nothing that is a pointer or runs code
-# No joint of these arms turns further than 3.2 rad either way, so a larger number is an angle in degrees.
+_PLAIN_KINDS = "biufSU"  # truth values, integers, floats, text: no pointers, no code
+# No joint of these arms turns further than 3.2 rad either way, so larger numbers are degrees.
 _LARGEST_RAD = 2.0 * math.pi
 
 
 def observation_name(key: str) -> str:
-    """LeRobot's name of what travels under a key.
+    """Return LeRobot's name of the value under a key of a message.
 
     `observation.state` is also called `observation/state` (DROID, LIBERO) and `state` (ALOHA), and
     `observation.images.top` in a dictionary `images` is called `top`: its key is `images/top`.
@@ -48,20 +48,12 @@ def observation_name(key: str) -> str:
 
 
 def encode_message(message: Any) -> bytes:
-    """Bytes of a message: dictionaries, lists, text, numbers, arrays.
-
-    Raises:
-        TypeError: it contains something else.
-    """
+    """Encode a message of dictionaries, lists, text, numbers and arrays. Raises TypeError: another type in it."""
     return msgpack.packb(message, default=_pack)
 
 
 def decode_message(data: bytes) -> Any:
-    """The message that these bytes say. Arrays are read-only.
-
-    Raises:
-        ValueError: they are not msgpack, or contain an invalid array.
-    """
+    """Decode a message, with read-only arrays. Raises ValueError: no msgpack, or an invalid array."""
     try:
         return msgpack.unpackb(data, object_hook=_unpack)
     except (KeyError, TypeError, msgpack.exceptions.UnpackException) as error:
@@ -97,16 +89,16 @@ def _check_kind(dtype: np.dtype) -> None:
 
 
 def server_observation(config: YamOpenpiConfig, batch: dict[str, Any], row: int) -> dict[str, Any]:
-    """The message to the server for one row of a batch.
+    """Build the message to the server for one row of a batch.
 
     Args:
         config: names and forms that the server expects.
         batch: LeRobot's, from the policy's preprocessor: `observation.state` (B, n), `observation.images.<camera>`
             (B, 3, H, W) from 0 to 1, `task`: B texts or one.
-        row: which of the B.
+        row: index of the row, 0 … B − 1.
 
     Returns:
-        State float32 (n,), images uint8 (height, width, 3) or (3, height, width), prompt where there is one.
+        State float32 (n,), images uint8 (height, width, 3) or (3, height, width), prompt if there is one.
 
     Raises:
         ConfigError: the robot has no such camera.
@@ -119,7 +111,7 @@ def server_observation(config: YamOpenpiConfig, batch: dict[str, Any], row: int)
         observation[config.image_group] = images
     task = batch.get("task") or ""
     prompt = config.prompt or (task if isinstance(task, str) else task[row])
-    if prompt:  # without one, the server takes the default prompt that it was started with
+    if prompt:  # without one, the server uses its default prompt
         observation[PROMPT_KEY] = prompt
     return observation
 
@@ -133,7 +125,7 @@ def _image(config: YamOpenpiConfig, batch: dict[str, Any], camera: str, row: int
             f"{', '.join(cameras) or 'no cameras'}"
         )
     tensor = batch[name][row]
-    if tensor.is_floating_point():  # rounded, it is exactly what the camera gave
+    if tensor.is_floating_point():  # rounded, these are exactly the camera's values
         tensor = (tensor * 255.0).round().clamp(0, 255).to(torch.uint8)
     image = tensor.permute(1, 2, 0).cpu().numpy()
     if config.image_size is not None:
@@ -142,9 +134,9 @@ def _image(config: YamOpenpiConfig, batch: dict[str, Any], camera: str, row: int
 
 
 def resize_with_pad(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    """The largest copy of the image that fits, in the middle of a black one of this size.
+    """Return the largest copy of the image that fits, in the middle of a black one of this size.
 
-    Bilinear, whole pixels rounded down: to the pixel what `openpi_client.image_tools.resize_with_pad` (0.1.2) makes,
+    Bilinear, whole pixels rounded down: equal to the pixel to `openpi_client.image_tools.resize_with_pad` (0.1.2),
     which openpi uses in training too.
 
     Args:
@@ -165,13 +157,13 @@ def resize_with_pad(image: np.ndarray, height: int, width: int) -> np.ndarray:
 
 
 def check_metadata(config: YamOpenpiConfig, metadata: dict[str, Any]) -> None:
-    """Compare what the server says of itself with the config. Keys that it does not mention are not checked.
+    """Compare the server's metadata with the config. Keys that the metadata lack are not checked.
 
     `angle_unit`, `action_dim` and `action_horizon` are for one's own `policy_metadata` in openpi's TrainConfig;
-    `action_space` and `image_resolution` (height, width) are RoboArena's, `image_keys` is of `yam-policy-server`.
+    `action_space` and `image_resolution` (height, width) are RoboArena's, `image_keys` is `yam-policy-server`'s.
 
     Raises:
-        ConfigError: they contradict each other.
+        ConfigError: metadata and config contradict each other.
     """
     space = metadata.get("action_space", config.action_space)
     if space not in get_args(ActionSpace):
@@ -204,10 +196,10 @@ def check_metadata(config: YamOpenpiConfig, metadata: dict[str, Any]) -> None:
 
 
 def check_state(config: YamOpenpiConfig, state: np.ndarray) -> None:
-    """Refuse to send positions (n,) that are not in the server's unit, as far as that can be seen.
+    """Refuse positions (n,) that are visibly not in the server's unit.
 
     Raises:
-        ConfigError: the robot speaks degrees, the server radians.
+        ConfigError: the robot uses degrees, the server radians.
     """
     if config.angle_unit == "rad" and np.abs(state).max(initial=0.0) > _LARGEST_RAD:
         raise ConfigError(
@@ -217,15 +209,15 @@ def check_state(config: YamOpenpiConfig, state: np.ndarray) -> None:
 
 
 def action_chunk(config: YamOpenpiConfig, answer: dict[str, Any], width: int) -> np.ndarray:
-    """The actions of an answer, float32 (steps, width).
+    """Return the actions of an answer, float32 (steps, width).
 
     Args:
-        config: which key they have, and how many of them are needed.
+        config: key of the actions, and how many are needed.
         answer: the server's.
         width: values of one action.
 
     Raises:
-        ActionError: they are missing, of a wrong type or shape, not finite, or no angles in rad.
+        ActionError: the actions are missing, of a wrong type or shape, not finite, or no angles in rad.
     """
     actions = answer.get(config.action_key)
     if not isinstance(actions, np.ndarray):
@@ -248,7 +240,7 @@ def action_chunk(config: YamOpenpiConfig, answer: dict[str, Any], width: int) ->
         raise ActionError(
             f"{whose} are {len(actions)} steps, fewer than --policy.n_action_steps={config.n_action_steps}"
         )
-    with np.errstate(over="ignore"):  # too large for a float is infinite, and said below
+    with np.errstate(over="ignore"):  # an overflow is infinite, and refused below
         actions = actions.astype(np.float32)
     if not np.isfinite(actions).all():
         step, value = np.argwhere(~np.isfinite(actions))[0]

@@ -1,4 +1,4 @@
-"""A LeRobot policy without weights: it asks an openpi server for chunks of actions and hands them out one by one."""
+"""A LeRobot policy without weights: it requests chunks of actions from an openpi server and returns them one by one."""
 
 import weakref
 from collections import deque
@@ -24,10 +24,10 @@ from lerobot_robot_yam.face.openpi.server_connection import ServerConnection
 
 
 class YamOpenpiPolicy(PreTrainedPolicy):
-    """Actions from a server.
+    """Policy whose actions come from a server.
 
-    The connection is made at once, so that a wrong address or a server for another robot is known before an arm is
-    energised. Whatever goes wrong later raises, and no action comes out: the arms hold.
+    It connects when it is made, so that a wrong address or a server for another robot is refused before an arm is
+    energised. Any later failure raises, and no action comes out: the arms hold.
 
     Raises:
         ConfigError: a field, or the server's metadata, do not fit.
@@ -46,34 +46,34 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         self._queue: deque[torch.Tensor] = deque()
         self._rtc: RTCProcessor | None = None
         self._episode, self._asked = 0, False
-        self._begun = 0  # the episode that the server is in
-        self._outdated = False  # LeRobot's engine for real-time chunking asks first with what it saw before a reset
+        self._begun = 0  # the server's episode
+        self._outdated = False  # after a reset, real-time chunking first sends an old observation
 
     @classmethod
     def from_pretrained(
         cls, pretrained_name_or_path: str | Path | None, *, config: PreTrainedConfig | None = None, **options: Any
     ) -> Self:
-        """The policy of this config, or of the one in that directory. There are no weights to load."""
+        """Make the policy of this config, or of the one in that directory. There are no weights to load."""
         if config is None:
             config = PreTrainedConfig.from_pretrained(pretrained_name_or_path, **options)
         return cls(config).eval()
 
     def _save_pretrained(self, save_directory: Path, *_: Any, **__: Any) -> None:
-        """The config alone. LeRobot 0.6.2 would save not even that of a policy without weights."""
+        """Save the config alone. LeRobot 0.6.2 would save nothing of a policy without weights."""
         self.config._save_pretrained(save_directory)
 
     def close(self) -> None:
-        """Hang up. Idempotent."""
+        """Disconnect. Idempotent."""
         self._hang_up()
 
     def reset(self) -> None:
-        """Forget the rest of the chunk; the next action comes from a new one."""
+        """Drop the rest of the chunk; the next action comes from a new one."""
         self._queue.clear()
         self._outdated = self._rtc is not None and self._asked
         self._episode += 1
 
     def select_action(self, batch: dict[str, Any], **_: Any) -> torch.Tensor:
-        """The next action, (B, n); asks the server when the last chunk is used up.
+        """Return the next action, (B, n), from a new chunk when the last one is used up.
 
         Raises:
             YamError: as `predict_action_chunk`.
@@ -90,17 +90,17 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         prev_chunk_left_over: torch.Tensor | None = None,
         **_: Any,
     ) -> torch.Tensor:
-        """A new chunk of actions, (B, steps, n).
+        """Request a new chunk of actions, (B, steps, n).
 
         Args:
-            batch: see `server_observation`. Each row is a separate question.
+            batch: see `server_observation`. Each row is a separate request.
             inference_delay: steps of the running chunk that will be executed before this one can be.
             prev_chunk_left_over: the running chunk's actions from now on, (k, n), padded with zeros.
 
         Raises:
-            PolicyServerError: the server failed, is gone, or does not answer in time; with real-time chunking also
-                where the question, or the answer, is of the episode before. LeRobot asks again then.
-            ActionError: its actions cannot be used.
+            PolicyServerError: the server failed, is gone, or does not answer in time; with real-time chunking also for
+                a request or an answer of the episode before, after which LeRobot requests again.
+            ActionError: the actions cannot be used.
             ConfigError: the robot does not observe something that the server expects.
         """
         if OBS_STATE not in batch:
@@ -137,21 +137,21 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         return torch.from_numpy(action_chunk(self.config, self._server.infer(observation), width))
 
     def supports_rtc(self) -> bool:
-        """True: `--inference.type=rtc` asks for the next chunk while this one runs."""
+        """Return True: `--inference.type=rtc` requests the next chunk while this one runs."""
         return True
 
     def init_rtc_processor(self) -> None:
-        """Called by lerobot-rollout once it has put `rtc_config` into the config."""
+        """Make the processor; lerobot-rollout calls this once `rtc_config` is in the config."""
         self._rtc = RTCProcessor(self.config.rtc_config)
 
     def _cross_fade(self, chunk: torch.Tensor, delay: int, running: torch.Tensor) -> torch.Tensor:
-        """The chunk, with the running one in it as far as it goes on, and a soft passage between them.
+        """Return the chunk, mixed with the running one as far as that goes on.
 
-        openpi's protocol has no field for the running chunk, so that the server cannot be guided by it as in real-time
+        openpi's protocol has no field for the running chunk, so the server cannot be guided by it as in real-time
         chunking proper; its weights over time (`RTCConfig.prefix_attention_schedule`) serve to mix the actions.
         """
         assert self._rtc is not None
-        steps = running.any(dim=1).nonzero()  # all but the padding; a step of zeros at its end is taken for padding too
+        steps = running.any(dim=1).nonzero()  # without the padding, nor steps of zeros before it
         length = min(int(steps.max()) + 1 if len(steps) else 0, chunk.shape[1])
         weights = self._rtc.get_prefix_weights(delay, length, chunk.shape[1])[:length, None]
         mixed = chunk.clone()

@@ -19,7 +19,7 @@ def make_yam_openpi_pre_post_processors(
 ) -> tuple[
     PolicyProcessorPipeline[dict[str, Any], dict[str, Any]], PolicyProcessorPipeline[PolicyAction, PolicyAction]
 ]:
-    """The pipelines that LeRobot runs before and after the policy. The statistics are not used."""
+    """Make the pipelines that LeRobot runs before and after the policy. The statistics are not used."""
     return make_policy_processor_pipelines(
         input_steps=[
             RenameObservationsProcessorStep(rename_map={}),

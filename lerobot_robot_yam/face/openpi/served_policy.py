@@ -1,9 +1,9 @@
-"""A LeRobot checkpoint that answers an observation with a chunk of actions: those that `lerobot-rollout` would execute.
+"""A LeRobot checkpoint that answers an observation with a chunk: the actions that `lerobot-rollout` would execute.
 
-LeRobot's engine `sync` (`lerobot/rollout/inference/sync.py`) asks `select_action` once per step. A policy that sees
-only the present ignores all observations of a chunk but the first. Its whole chunk is therefore taken from one
-observation here, action by action, each through the postprocessor. A policy that remembers earlier observations, or
-mixes its chunks, has to see every step: it answers with one action at a time.
+LeRobot's engine `sync` (`lerobot/rollout/inference/sync.py`) calls `select_action` once per step. A policy that sees
+only the present ignores all observations of a chunk but the first. So its whole chunk is computed from one observation
+here, action by action, each through the postprocessor. A policy that remembers earlier observations, or mixes its
+chunks, needs each step: it answers with one action at a time.
 """
 
 import contextlib
@@ -38,7 +38,7 @@ from lerobot_robot_yam.face.openpi.messages import (
 
 logger = logging.getLogger(__name__)
 
-_STAND_IN = f"{OBS_IMAGES}.empty_camera"  # images that pi0 and SmolVLA make themselves (`empty_cameras`)
+_STAND_IN = f"{OBS_IMAGES}.empty_camera"  # prefix of images that pi0 and SmolVLA make themselves (`empty_cameras`)
 _UNITS = {"radians": "rad", "degrees": "deg"}
 _SPACES = {"joint": "joint_position", "ee": "cartesian_position"}  # RoboArena's words
 
@@ -48,9 +48,9 @@ class ObservationForm:
     """Names and shapes of an observation.
 
     Attributes:
-        state: name and number of values of the state; None: the policy sees none.
+        state: name and number of values of the state; None for a policy without one.
         images: (channels, height, width) of each image, by its name.
-        any_image_size: images of other heights and widths are taken, too.
+        any_image_size: accept images of other heights and widths.
     """
 
     state: tuple[str, int] | None
@@ -61,11 +61,11 @@ class ObservationForm:
     def of_policy(
         cls, config: PreTrainedConfig, rename_map: Mapping[str, str], any_image_size: bool = False
     ) -> "ObservationForm":
-        """The form that a policy needs.
+        """Return the form that a policy needs.
 
         Args:
             config: the policy's.
-            rename_map: LeRobot's: names that clients use, and what they are for the policy.
+            rename_map: LeRobot's: client's name → policy's name.
             any_image_size: see the attribute.
         """
         sent_as = {theirs: ours for ours, theirs in rename_map.items()}
@@ -79,7 +79,7 @@ class ObservationForm:
         return cls(n_state, images, any_image_size)
 
     def frame(self, message: Mapping[Any, Any]) -> dict[str, np.ndarray]:
-        """The part of a message that the policy sees, as `lerobot-rollout` would hand it on.
+        """Return the part of a message that the policy sees, as `lerobot-rollout` would pass it on.
 
         Args:
             message: arrays by their keys (`observation_name`); a dictionary in it groups some of them.
@@ -88,7 +88,7 @@ class ObservationForm:
             State (n,) float32; images (height, width, channels) uint8. All are copies.
 
         Raises:
-            ObservationError: something is missing, of a wrong type or shape, or not finite.
+            ObservationError: a value is missing, of a wrong type or shape, or not finite.
         """
         sent: dict[str, Any] = {}
         for key, value in message.items():
@@ -108,7 +108,7 @@ class ObservationForm:
 
     def _image(self, name: str, image: np.ndarray) -> np.ndarray:
         channels, *size = self.images[name]
-        if image.ndim == 3 and image.shape[0] == channels != image.shape[2]:  # as openpi's policies for ALOHA want it
+        if image.ndim == 3 and image.shape[0] == channels != image.shape[2]:  # the order of openpi's policies for ALOHA
             image = image.transpose(1, 2, 0)
         if image.ndim != 3 or image.shape[2] != channels or image.dtype != np.uint8 or image.size == 0:
             raise ObservationError(
@@ -130,7 +130,7 @@ def _state(name: str, count: int, value: Any) -> np.ndarray:
             f"{name} is {state.dtype} of the shape {state.shape}; this policy has to see {count} floating-point "
             "numbers. Is the robot the one that it was trained on?"
         )
-    with np.errstate(over="ignore"):  # too large for a float is infinite, and said below
+    with np.errstate(over="ignore"):  # an overflow is infinite, and refused below
         state = state.astype(np.float32)
     if not np.isfinite(state).all():
         raise ObservationError(f"{name} is not finite: {state.tolist()}")
@@ -149,12 +149,12 @@ class ServedPolicy:
     Args:
         path: directory of the checkpoint, or its repository on the hub.
         overrides: LeRobot's options for the policy's config, such as `--n_action_steps=10`.
-        rename_map: LeRobot's: names that clients use, and what they are for the policy.
+        rename_map: LeRobot's: client's name → policy's name.
         task: for clients that send no prompt.
         any_image_size: for policies that resize images themselves.
 
     Attributes:
-        metadata: what a client is told at once.
+        metadata: the greeting of clients.
         n_actions: actions of an answer.
 
     Raises:
@@ -187,19 +187,18 @@ class ServedPolicy:
         }
 
     def question(self, message: Mapping[Any, Any]) -> tuple[dict[str, np.ndarray], str]:
-        """Observation and task of a client's message. The policy is not touched.
+        """Return observation and task of a client's message. The policy is not touched.
 
         Raises:
-            ObservationError: it is not what the policy has to see (`ObservationForm`).
+            ObservationError: the message lacks what the policy needs (`ObservationForm`).
         """
         prompt = message.get(PROMPT_KEY)
         return self.form.frame(message), prompt if isinstance(prompt, str) and prompt else self._task
 
     def actions(self, frame: Mapping[str, np.ndarray], task: str) -> np.ndarray:
-        """The next actions, (n_actions, n) float32, in the units of the training data.
+        """Compute the next actions, (n_actions, n) float32, in the units of the training data.
 
-        Args:
-            frame, task: from `question`.
+        frame, task: from `question`.
         """
         autocast = torch.autocast(self._device.type) if self._autocast else contextlib.nullcontext()
         with torch.inference_mode(), autocast:
@@ -208,13 +207,12 @@ class ServedPolicy:
         return torch.cat(steps).float().cpu().numpy()
 
     def reset(self) -> None:
-        """Begin a new episode."""
         for part in (self._policy, self._before, self._after):
             part.reset()
 
 
 def _loaded(path: str, overrides: list[str], rename_map: dict[str, str]) -> tuple[PreTrainedConfig, Any, Any, Any]:
-    """Config, policy, preprocessor and postprocessor of a checkpoint, as LeRobot's `rollout/context.py` loads them."""
+    """Load config, policy, preprocessor and postprocessor of a checkpoint, as LeRobot's `rollout/context.py` does."""
     register_third_party_plugins()
     revision = parser.parse_arg("pretrained_revision", overrides)
     try:
@@ -223,7 +221,7 @@ def _loaded(path: str, overrides: list[str], rename_map: dict[str, str]) -> tupl
             raise ConfigError("it is an adapter (PEFT); merge it into its base model first")
         config.pretrained_path = path
         if hasattr(config, "compile_model") and parser.parse_arg("compile_model", overrides) is None:
-            config.compile_model = False  # whatever it was in training
+            config.compile_model = False  # also if it was True in training
         policy = get_policy_class(config.type).from_pretrained(path, config=config, revision=revision)
         before, after = make_pre_post_processors(
             config,
@@ -234,7 +232,7 @@ def _loaded(path: str, overrides: list[str], rename_map: dict[str, str]) -> tupl
                 "rename_observations_processor": {"rename_map": rename_map},
             },
         )
-    except Exception as error:  # each policy type has its own
+    except Exception as error:  # each policy type raises its own
         where = "" if Path(path).is_dir() else ", which is no directory here, from the hub"
         raise ConfigError(f"the checkpoint {path} cannot be loaded{where}: {_cause(error)}") from error
     policy.to(config.device).eval()
@@ -243,17 +241,17 @@ def _loaded(path: str, overrides: list[str], rename_map: dict[str, str]) -> tupl
 
 
 def _cause(error: BaseException) -> BaseException:
-    """Where an error came from: LeRobot's parser hides what a config says of its values."""
+    """Return the first cause of an error: LeRobot's parser hides a config's messages about its values."""
     return error if error.__cause__ is None else _cause(error.__cause__)
 
 
 def _remembers(config: PreTrainedConfig) -> bool:
-    """Whether actions depend on earlier observations: by a history, or by ACT's temporal ensembling."""
+    """Return whether actions depend on earlier observations: by a history, or by ACT's temporal ensembling."""
     return config.n_obs_steps > 1 or getattr(config, "temporal_ensemble_coeff", None) is not None
 
 
 def _chunk_length(config: PreTrainedConfig) -> int:
-    """How many actions `select_action` hands out before it computes again."""
+    """Return the number of actions that `select_action` returns before it computes again."""
     for name in ("n_action_steps", "action_chunk_size"):  # the latter is VQ-BeT's
         if hasattr(config, name):
             return getattr(config, name)
@@ -261,7 +259,7 @@ def _chunk_length(config: PreTrainedConfig) -> int:
 
 
 def _metadata(path: str, revision: str | None, config: PreTrainedConfig, form: ObservationForm) -> dict[str, Any]:
-    """What a client can compare with its own settings (`check_metadata`), as far as the checkpoint tells."""
+    """Return what a client can compare with its settings (`check_metadata`), as far as the checkpoint tells."""
     learnt = of_checkpoint(path, revision)
     n = config.action_feature.shape[0]
     metadata: dict[str, Any] = {
@@ -274,7 +272,7 @@ def _metadata(path: str, revision: str | None, config: PreTrainedConfig, form: O
     sizes = {shape[1:] for shape in form.images.values()}
     if len(sizes) == 1 and not form.any_image_size:
         metadata["image_resolution"] = list(sizes.pop())
-    unit = unit_of(learnt, np.ones(n, dtype=bool))  # grippers, too: 0 to 1 is less than any angle that tells
+    unit = unit_of(learnt, np.ones(n, dtype=bool))  # grippers, too: 0 to 1 is below the angles that decide
     space = space_of(learnt.names)
     if space in _SPACES:
         metadata["action_space"] = _SPACES[space]

@@ -1,8 +1,8 @@
-"""One connection to an openpi server: its greeting, then a question and an answer at a time.
+"""One connection to an openpi server: its greeting, then a request and an answer at a time.
 
-The server (openpi, `src/openpi/serving/websocket_policy_server.py`) greets with its metadata, answers every message
-with one, and sends a traceback as text, then closes, when it fails. Where the metadata name it among their `endpoints`,
-it takes resets as RoboArena's servers do.
+The server (openpi, `src/openpi/serving/websocket_policy_server.py`) greets with its metadata, answers each message
+with one, and when it fails, sends a traceback as text and closes. A server whose metadata name `reset` among their
+`endpoints` also resets, as RoboArena's servers do.
 """
 
 import contextlib
@@ -38,26 +38,26 @@ except ImportError as error:
 logger = logging.getLogger(__name__)
 
 _RETRY_S = 0.25
-_CLOSE_TIMEOUT_S = 1.0  # for the goodbye of a server that may be stuck
+_CLOSE_TIMEOUT_S = 1.0  # wait for the closing handshake of a server that may be stuck
 _UNAUTHORISED = (401, 403)
-_MOST_BYTES = 16 * 2**20  # of an answer: a chunk of 1000 actions for two arms has 0.1 MiB
+_MOST_BYTES = 16 * 2**20  # largest answer; a chunk of 1000 actions for two arms has 0.1 MiB
 
 
 class ServerConnection:
-    """A server that is asked for actions. Not for use by several threads at once.
+    """Connection to a server of actions. Not for use by several threads at once.
 
-    Any failure closes the connection, so that a late answer is never taken for the next one; the next question opens
-    it again.
+    Any failure closes the connection, so that a late answer never passes for the next one; the next request opens it
+    again.
 
     Args:
-        config: where the server is, and how long it is waited for.
-        check: called with the metadata of every greeting; raises where they do not fit.
+        config: address of the server, and time-outs.
+        check: called with the metadata of each greeting; raises if they do not fit.
 
     Attributes:
-        metadata: what the last greeting said.
+        metadata: those of the last greeting.
 
     Raises:
-        ConfigError: there is no API key where the config says.
+        ConfigError: the config names an API key that is not set.
     """
 
     def __init__(self, config: YamOpenpiConfig, check: Callable[[dict[str, Any]], None]):
@@ -66,15 +66,15 @@ class ServerConnection:
         key = config.api_key()
         self._headers = {"Authorization": f"Api-Key {key}"} if key else None
         self._next_timeout_s = config.first_response_timeout_s
-        self._overdue = False  # it is there, but has not answered in time: waiting longer would not help
+        self._overdue = False  # the running server was too slow once: a longer wait would not help
         self._stack = contextlib.ExitStack()
         self._connection: Connection | None = None
 
     def open(self) -> None:
-        """Connect, waiting for a server that is still starting.
+        """Connect, and wait for a server that is still starting.
 
         Raises:
-            PolicyServerError: it does not come up, greet, or let us in.
+            PolicyServerError: the server does not come up, greet, or accept the connection.
             ConfigError: the URL is invalid, or the metadata do not fit.
         """
         deadline = time.monotonic() + self._config.connect_timeout_s
@@ -88,10 +88,10 @@ class ServerConnection:
             time.sleep(_RETRY_S)
 
     def infer(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """The server's answer to an observation.
+        """Return the server's answer to an observation.
 
         Raises:
-            PolicyServerError: it failed, is gone, or does not answer in time.
+            PolicyServerError: the server failed, is gone, or does not answer in time.
         """
         if self._connection is None:
             self._open()
@@ -107,13 +107,13 @@ class ServerConnection:
         return message
 
     def reset(self) -> None:
-        """Begin a new episode there: what the server remembers of the one before does not count any more.
+        """Begin a new episode at the server, which then ignores what it remembers of the one before.
 
-        Nothing is sent to a server that does not name this in its greeting, nor without a connection: what a server
-        remembers is of one connection.
+        Nothing is sent to a server whose greeting lacks this endpoint, nor without a connection, as a server's memory
+        belongs to one connection.
 
         Raises:
-            PolicyServerError: it failed, is gone, or does not answer in time.
+            PolicyServerError: the server failed, is gone, or does not answer in time.
         """
         if self._connection is None or RESET not in self.metadata.get(ENDPOINTS_KEY, []):
             return
@@ -123,7 +123,6 @@ class ServerConnection:
                 raise PolicyServerError(f"the {self._name} could not begin a new episode: {answer[:500]!r}")
 
     def close(self) -> None:
-        """Hang up. Idempotent."""
         self._connection = None
         self._stack.close()
 
@@ -133,14 +132,14 @@ class ServerConnection:
                 connect(
                     self._config.url,
                     additional_headers=self._headers,
-                    compression=None,  # as openpi's client: images would cost milliseconds
+                    compression=None,  # as openpi's client; compressing images takes milliseconds
                     max_size=_MOST_BYTES,
                     open_timeout=self._config.connect_timeout_s,
                     close_timeout=_CLOSE_TIMEOUT_S,
                     ping_interval=None,  # the server cannot answer pings while it computes; `_exchange` has a time-out
                 )
             )
-        except (InvalidURI, ValueError) as error:  # ValueError: urllib raises it for an invalid host
+        except (InvalidURI, ValueError) as error:  # ValueError: urllib's for an invalid host
             raise ConfigError(f"--policy.host and --policy.port make no websocket URL: {error}") from error
         except InvalidStatus as error:
             status = error.response.status_code
@@ -200,7 +199,7 @@ class ServerConnection:
             timer.join()
 
     def _check_size(self, error: Exception) -> None:
-        """Raise another error if we closed the connection, because a message was too large."""
+        """Raise PolicyServerError if this side closed the connection because a message was too large."""
         ours = error.sent if isinstance(error, ConnectionClosed) else None
         if ours is not None and ours.code == CloseCode.MESSAGE_TOO_BIG:
             raise PolicyServerError(

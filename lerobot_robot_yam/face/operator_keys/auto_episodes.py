@@ -1,10 +1,10 @@
 """Episodes that begin when the leaders are lifted, and end when they are home. Pure: no clock, no keyboard.
 
-`lerobot-record` records from its start on, and anew as soon as an episode is saved. So an episode that has not begun
-with a lift is sent back at once with the re-record key: LeRobot then waits in its reset phase, and drops that
-beginning. The lift ends the reset, and no save delays the recording that begins. Home ends the episode, and then the
-reset behind it, so that the episode is saved at once. An episode that an emergency stop cuts off is dropped: behind the
-stop the leaders are led home, which is no end that anybody wanted.
+`lerobot-record` records from its start on, and again as soon as an episode is saved. So an episode that has not begun
+with a lift gets the re-record key at once: LeRobot then waits in its reset phase, and drops that beginning. The lift
+ends the reset, and no save delays the recording. Home ends the episode, and then the reset after it, so that the
+episode is saved at once. An episode that an emergency stop cuts off is dropped: after the stop the leaders are led
+home, which is no end that anybody wanted.
 
 The episodes of lerobot-rollout are the policy's: there the leaders begin and end none.
 """
@@ -16,39 +16,39 @@ from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import ArmState
 
 LIFTED = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
-_LEAST_FRAMES = 5  # of an episode: a key that came late has ended a shorter one
+_LEAST_FRAMES = 5  # of an episode; a shorter one was ended by a late key
 _HOME = (Gate.HOMING, Gate.IDLE)
 
 
 def all_lifted(gates: Sequence[Gate]) -> bool | None:
-    """Whether all leaders are lifted, or all home; None: neither."""
+    """Return True if all leaders are lifted, False if all are home, else None."""
     if all(gate in LIFTED for gate in gates):
         return True
     return False if all(gate in _HOME for gate in gates) else None
 
 
 def led_by_hand(leaders: Sequence[ArmState]) -> bool:
-    """Whether a person moves all of them: none is stopped, or has failed."""
+    """Return whether a person moves all leaders: none is stopped, or has failed."""
     return all(leader.mode is Mode.FLOAT for leader in leaders)
 
 
 class AutoEpisodes:
-    """From what the leaders do, and what the command does, to the next key."""
+    """State machine from leaders and command to the next key."""
 
     def __init__(self) -> None:
         self._turn = 0.0
         self._armed = False  # the leaders were home since the last episode began
-        self._starts = self._begun = False  # a lift ends this turn; one has ended the turn before
-        self._was_lifted = False  # in this turn
-        self._cut_off = False  # the episode of this turn
+        self._starts = self._begun = False  # whether a lift ends this turn, and ended the one before
+        self._was_lifted = False  # in this turn, which is a run of the loop
+        self._cut_off = False  # whether an arm stopped or failed in this turn
 
     def key(self, lifted: bool | None, by_hand: bool, now: Situation) -> str | None:
-        """The key to press now, if any; the same again until the command has answered.
+        """Return the key to press now, if any; the same again until the command has reacted.
 
         Args:
-            lifted: of all leaders, see `all_lifted`.
+            lifted: state of all leaders, see `all_lifted`.
             by_hand: see `led_by_hand`.
-            now: what the command does.
+            now: the command's situation.
         """
         if now.command != RECORD or not now.keys or now.phase not in (Phase.RECORDING, Phase.RESETTING):
             return None
@@ -72,4 +72,4 @@ class AutoEpisodes:
         self._starts = now.drops and self._armed and lifted is True
         if now.ends_by_itself or not (self._starts or not now.drops):
             return None
-        return now.keys[Meaning.NEXT]  # an episode is saved now, not when the next one begins
+        return now.keys[Meaning.NEXT]  # saves the episode now, not before the next one

@@ -1,4 +1,4 @@
-"""Buttons of teaching handles: the option `buttons`, which says what each means, and presses of them."""
+"""Buttons of teaching handles: the option `buttons` with their meanings, and presses of them."""
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,7 +8,7 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
 from lerobot_robot_yam.state.records import ArmState
 
-BUTTONS = ("top", "bottom")  # of a handle, as its report has them
+BUTTONS = ("top", "bottom")  # in the order of a handle's report
 
 
 _SETS: dict[str, dict[int, dict[Meaning, str]]] = {  # by name and number of arms
@@ -35,12 +35,12 @@ SETS = tuple(_SETS)
 
 
 def button_meanings(given: Any, prefixes: Sequence[str], taken: Mapping[str, str]) -> dict[str, Meaning]:
-    """The meaning of each button that has one.
+    """Return the meaning of each button that has one.
 
     Args:
         given: the option `buttons`: one of `SETS`, or meaning → button or list of buttons.
         prefixes: prefix of each arm with a handle: "" for a single arm, "left_", "right_".
-        taken: buttons that another option uses, and its name.
+        taken: button → name of the option that uses it.
 
     Raises:
         ConfigError: a meaning or button that does not exist, or a button with two meanings.
@@ -86,23 +86,23 @@ def _known(word: Any, what: str, known: Iterable[str]) -> str:
 
 
 class RisingEdges:
-    """Finds when buttons are pressed: they were up, and are down. The control loop has taken bounces out before.
+    """Detector of presses: a button was up, and is down. The control loop has already removed bounces.
 
     A button that is down at first, or when its handle is heard again, has to be up before.
     """
 
     def __init__(self) -> None:
-        self._up: set[str] = set()  # at the last look
+        self._up: set[str] = set()  # buttons that were up at the last call
 
     def pressed(self, buttons: Mapping[str, bool | None]) -> list[str]:
-        """The buttons that were pressed since the last look. None: its handle is silent, nobody knows."""
+        """Return the buttons pressed since the last call. None in place of a state: its handle is silent."""
         edges = [name for name, down in buttons.items() if down and name in self._up]
         self._up = {name for name, down in buttons.items() if down is False}
         return edges
 
 
 def buttons_of(states: Mapping[str, ArmState]) -> dict[str, bool | None]:
-    """Whether each button, such as left_bottom, is down, of arms by prefix; None: its handle is silent."""
+    """Return whether each button, such as left_bottom, is down, from states by prefix; None: its handle is silent."""
     return {
         f"{prefix}{name}": None if state.trigger is None else down
         for prefix, state in states.items()

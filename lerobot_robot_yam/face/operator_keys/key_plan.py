@@ -1,6 +1,6 @@
-"""What a button does to a LeRobot command, and the same in words. Pure: no clock, no keyboard.
+"""Effect of a button on a LeRobot command, and its description in words. Pure: no clock, no keyboard.
 
-A key of LeRobot's brings the command closer to what the button means; only a stop sets flags (`StopRequest`).
+A key of LeRobot's brings the command closer to the button's meaning; only a stop sets flags (`StopRequest`).
 """
 
 from lerobot_robot_yam.face.lerobot_command.running_command import (
@@ -13,7 +13,7 @@ from lerobot_robot_yam.face.lerobot_command.running_command import (
     Situation,
 )
 
-_STEPS = {  # from → to: what to press first
+_STEPS = {  # (from, to) → meaning of the first key
     (Phase.AUTONOMOUS, Phase.PAUSED): Meaning.PAUSE,
     (Phase.AUTONOMOUS, Phase.CORRECTING): Meaning.PAUSE,
     (Phase.PAUSED, Phase.AUTONOMOUS): Meaning.PAUSE,
@@ -24,7 +24,7 @@ _STEPS = {  # from → to: what to press first
 
 
 def wanted(meaning: Meaning, now: Situation) -> Phase | None:
-    """The phase that a button asks for, where keys lead from phase to phase; None: a single key does it."""
+    """Return the phase that a button leads to by keys from phase to phase; None if a single key does it."""
     if Meaning.CORRECT not in now.keys:
         return None
     if meaning is Meaning.PAUSE:
@@ -39,16 +39,16 @@ def wanted(meaning: Meaning, now: Situation) -> Phase | None:
 
 
 def step(goal: Phase, now: Situation) -> str | None:
-    """The key that leads one step towards a phase; None: it is reached, or no key leads there from here."""
+    """Return the key of one step towards a phase; None: it is reached, or no key leads there from here."""
     meaning = _STEPS.get((now.phase, goal))
     return None if meaning is None else now.keys.get(meaning)
 
 
 def single_key(meaning: Meaning, now: Situation) -> str | None:
-    """The key of a button that asks for no phase; None: the command has none for it, or not now.
+    """Return the key of a button that leads to no phase; None if the command has none for it, or not now.
 
-    Some are refused although LeRobot would take them: between two phases they would end an episode that has no frame
-    yet, which ends the whole recording with an error. So would a key that ends a phase, if it came after its end.
+    Some are refused although LeRobot accepts them: between two phases they would end an episode without a frame, which
+    ends the whole recording with an error. So would a key that ends a phase, if it came after its end.
     """
     key = now.keys.get(Meaning.NEXT if meaning in LABELS else meaning)
     if Meaning.NEXT not in now.keys:
@@ -62,12 +62,12 @@ def single_key(meaning: Meaning, now: Situation) -> str | None:
 
 
 def frames_to_label(now: Situation, automatic: bool) -> int | None:
-    """Frames of the episode that a label is for, 0: it is saved already; None: a label would be for a wrong one.
+    """Return the frames of the episode to label, 0 if it is saved already; None if a label would be for a wrong one.
 
     Args:
-        now: what the command does.
-        automatic: episodes end by themselves. Then what is dropped was never an episode, and the label is for the one
-            before. Else somebody means the episode that he has just dropped.
+        now: the command's situation.
+        automatic: episodes end by themselves. Then a dropped recording was never an episode, and the label is for the
+            one before. Otherwise a person means the episode that was just dropped.
     """
     if now.drops:
         return 0 if automatic else None
@@ -75,24 +75,23 @@ def frames_to_label(now: Situation, automatic: bool) -> int | None:
 
 
 def rescue(now: Situation) -> str | None:
-    """The key that is needed whatever was pressed: an episode without a frame is not saved, but recorded again."""
+    """Return the key that is needed whatever was pressed: an episode without a frame is recorded again, not saved."""
     empty = now.phase is Phase.RESETTING and now.dataset is not None and not now.frames and not now.drops
     return now.keys.get(Meaning.RERECORD) if empty else None
 
 
 class StopRequest:
-    """One press of a button that stops a command which records episode by episode. Its flags are set.
+    """One press of a button that stops a command which records episode by episode. Sets LeRobot's flags.
 
-    LeRobot's stop key sets two flags at once: stop, and leave the loop. A key is on its way for a moment. One that
-    arrives when the next episode has begun ends it before its first frame, and LeRobot, which then saves it, ends with
-    an error. So the button sets the same flags itself, one after the other:
+    LeRobot's stop key sets two flags at once: stop, and leave the loop. A key takes a moment. One that arrives when the
+    next episode has begun ends it before its first frame; LeRobot then saves it, and fails. So the button sets the same
+    flags itself, one after the other:
 
         stop       at once: no further episode begins, unless it has begun already
-        re-record  when the recorded episode has begun since, or the one to be saved has no frame: nobody wants it
-        leave      in a loop that was seen while the flags above were set: behind it comes no episode
+        re-record  when an episode has begun since, or the one to be saved has no frame: nobody wants it
+        leave      in a loop that was seen with the flags above set: no episode follows it
 
-    Args:
-        now: the situation in which the button is pressed.
+    now: the situation in which the button is pressed.
     """
 
     def __init__(self, now: Situation):
@@ -100,7 +99,7 @@ class StopRequest:
         now.flags[STOP] = True
 
     def advance(self, now: Situation) -> bool:
-        """Look at the command anew; whether nothing is left to do."""
+        """Set the flags that are due; return whether nothing is left to do."""
         if now.phase not in (Phase.RECORDING, Phase.RESETTING):
             return not now.command
         if now.turn != self._turn if now.phase is Phase.RECORDING else not now.frames:
@@ -110,7 +109,7 @@ class StopRequest:
 
 
 def refusal(meaning: Meaning, button: str, now: Situation) -> str:
-    """Why a button that is no label does nothing now."""
+    """Explain why a button that is no label does nothing now."""
     what = f"button {button} ({meaning})"
     if not now.command:
         return f"{what}: LeRobot does not listen to keys now"
@@ -144,10 +143,10 @@ _DROPPED = {
 
 
 def offers(now: Situation, first: int, automatic: bool) -> dict[str, str]:
-    """Say in words what each meaning would do now; a meaning that does nothing is left out.
+    """Describe in words what each meaning would do now; a meaning without an effect is left out.
 
     Args:
-        now: what the command does.
+        now: the command's situation.
         first: episodes of the data set before this session.
         automatic: episodes end by themselves.
     """

@@ -1,4 +1,4 @@
-"""A thread that does what LeRobot's keys do when a handle's button is pressed, or when a page asks for it."""
+"""A thread that acts as LeRobot's keys do when a handle's button is pressed, or when a page requests it."""
 
 import contextlib
 import logging
@@ -21,20 +21,20 @@ from lerobot_robot_yam.state.records import ArmState
 
 logger = logging.getLogger(__name__)
 
-_PERIOD_S = 0.005  # of the look at the handles
-_ASKED_PERIOD_S = 0.05  # and at what was asked for, where there are none
-_LOOK_S = 0.02  # of the look at the command, while there is a reason to
-_SELDOM_S = 0.5  # and while there is none: its data set may be new
-_AGAIN_S = 2.0  # a key that nobody has asked for by a button, and that has no answer for so long, is pressed again
+_PERIOD_S = 0.005  # between two reads of the handles
+_ASKED_PERIOD_S = 0.05  # between two reads of requests, without handles
+_LOOK_S = 0.02  # between two looks at the command while a key may be due
+_SELDOM_S = 0.5  # otherwise, for a new data set
+_AGAIN_S = 2.0  # wait for an effect before an automatic key is pressed again
 _END_S = 1.0  # longest wait for the end of the thread, s
 _GOAL_S = 60.0  # LeRobot aligns leaders for 2 s, and saves for as long as it takes
 
 
 class OperatorKeys:
-    """Keys that one leader device presses, from its connect to its disconnect; a follower has them for requests alone.
+    """Keys that one leader device presses, from its connect to its disconnect; a follower's serve requests alone.
 
     Args:
-        meanings: of buttons, such as left_bottom; empty: none has any.
+        meanings: button, such as left_bottom → its meaning.
         auto: episodes begin when all leaders are lifted and end when they are home.
         by_request: there are no handles, only requests.
     """
@@ -46,7 +46,6 @@ class OperatorKeys:
         self._forget()
 
     def _forget(self) -> None:
-        """A session begins: what an earlier one has left does not count."""
         self._edges, self._book, self._asked = RisingEdges(), OutcomeBook(), SimpleQueue[Press]()
         self._auto = AutoEpisodes() if self._automatic else None
         self._goal: Phase | None = None
@@ -55,11 +54,11 @@ class OperatorKeys:
         self._last: tuple[str, Phase, float] | None = None
 
     def start(self, frame: FrameType | None, read: Callable[[], Mapping[str, ArmState]]) -> None:
-        """Begin. Does nothing without buttons, or under a command that hears no keys.
+        """Start the thread. Does nothing without buttons, or under a command that hears no keys.
 
         Args:
             frame: the caller's.
-            read: the newest state of each arm by its prefix.
+            read: returns the newest state of each arm by its prefix.
         """
         if not (self._meanings or self._automatic or self._by_request):
             return
@@ -68,18 +67,18 @@ class OperatorKeys:
                 logger.info("buttons of handles press keys of lerobot-record and lerobot-rollout only")
             return
         self._forget()
-        self._ends = threading.Event()  # its own, for the case that an earlier thread hangs
-        requests.join(self, first=not self._by_request)  # those of a leader know whether episodes are automatic
+        self._ends = threading.Event()  # a new one, in case an earlier thread hangs
+        requests.join(self, first=not self._by_request)  # a leader knows whether episodes are automatic
         self._thread = threading.Thread(target=self._run, args=(read, self._ends), name="operator keys", daemon=True)
         self._thread.start()
 
     def end(self) -> None:
-        """Press no key any more. Waits for nothing."""
+        """Press no more keys, without waiting."""
         self._ends.set()
         requests.leave(self)
 
     def stop(self) -> None:
-        """End, and write the last labels. Idempotent."""
+        """End the thread, and write the last labels. Idempotent."""
         self.end()
         thread, self._thread = self._thread, None
         if thread is not None:
@@ -90,7 +89,7 @@ class OperatorKeys:
         while not ends.wait(_ASKED_PERIOD_S if self._by_request else _PERIOD_S):
             try:
                 self._tick(time.monotonic(), read())
-            except YamError as error:  # the arms are off, or their loop is gone, which others say
+            except YamError as error:  # arms off or loop gone, which is reported elsewhere
                 logger.debug("no buttons: %s", error)
             except Exception:
                 if ends.is_set():  # the arms are let go meanwhile
@@ -125,11 +124,9 @@ class OperatorKeys:
         self._book.look()
 
     def ask(self, press: Press) -> None:
-        """As if a button had been pressed. Any thread may ask."""
         self._asked.put(press)
 
     def offers(self, now: Situation, first: int) -> dict[str, str]:
-        """Say in words what can be asked for now, see `Doer`."""
         return key_plan.offers(now, first, self._automatic)
 
     def _answer(self, press: Press, now: Situation, now_s: float) -> None:
@@ -160,7 +157,7 @@ class OperatorKeys:
         logger.info("button %s: %s", button, meaning)
 
     def _approach(self, goal: Phase, now: Situation, now_s: float) -> None:
-        """Press what leads to the goal next, once for each phase on the way."""
+        """Press the next key towards the goal, once for each phase on the way."""
         key = key_plan.step(goal, now)
         if key is not None and now_s < self._goal_until_s:
             self._press(key, now, now_s, again=False)
@@ -170,7 +167,7 @@ class OperatorKeys:
         self._goal = None
 
     def _press(self, key: str, now: Situation, now_s: float, again: bool | None = None) -> None:
-        """Press a key; with `again` not while it waits for its answer: a second would be for the phase behind it."""
+        """Press a key; with `again`, not while a press waits for its effect: a second would hit the next phase."""
         this = key, now.phase, now.turn
         if again is not None and this == self._last and (not again or now_s - self._pressed_s < _AGAIN_S):
             return

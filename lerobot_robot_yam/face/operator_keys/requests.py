@@ -1,4 +1,4 @@
-"""What a page asks of the LeRobot command in this process, and who can do it."""
+"""Requests of a page to the LeRobot command in this process, and the objects that carry them out."""
 
 from typing import NamedTuple, Protocol
 
@@ -6,12 +6,12 @@ from lerobot_robot_yam.face.lerobot_command.running_command import Meaning, Situ
 
 
 class Press(NamedTuple):
-    """A press of a button, or a request as if it were one.
+    """A press of a button, or a request in its place.
 
     Attributes:
-        by: the button, or who asks.
-        meaning: what it asks for.
-        turn: the run of the command's loop that it is for; None: whichever.
+        by: the button, or the page's name.
+        meaning: the requested thing.
+        turn: the run of the command's loop that it is for; None for any.
     """
 
     by: str
@@ -20,31 +20,31 @@ class Press(NamedTuple):
 
 
 class Doer(Protocol):
-    """Who can do what is asked for."""
+    """Object that carries out requests."""
 
     def ask(self, press: Press) -> None:
-        """As if a button had been pressed. Any thread may ask."""
+        """Carry out a press. Any thread may call it."""
 
     def offers(self, now: Situation, first: int) -> dict[str, str]:
-        """Say in words what each meaning would do now; `first`: episodes before this session."""
+        """Describe in words what each meaning would do now; first: episodes before this session."""
 
 
 _doers: list[Doer] = []
 
 
 def join(doer: Doer, first: bool) -> None:
-    """Be asked from now on; `first`: before all others."""
+    """Register a doer; first: before all others."""
     _doers.insert(0 if first else len(_doers), doer)
 
 
 def leave(doer: Doer) -> None:
-    """Be asked no more. Idempotent."""
+    """Remove a doer. Idempotent."""
     if doer in _doers:
         _doers.remove(doer)
 
 
 def ask(press: Press) -> bool:
-    """Have something done; False: the command can be asked for nothing."""
+    """Pass a press to the first doer; return False without one."""
     for doer in _doers:
         doer.ask(press)
         return True
@@ -52,5 +52,4 @@ def ask(press: Press) -> bool:
 
 
 def offers(now: Situation, first: int) -> dict[str, str]:
-    """What can be asked for now, see `Doer.offers`."""
     return next((doer.offers(now, first) for doer in _doers), {})

@@ -1,4 +1,4 @@
-"""Whether, and for how long, the disk holds what is recorded: a full one loses an episode that was already done."""
+"""Room on the disk for a recording: a full disk loses even an episode that is finished."""
 
 import contextlib
 import logging
@@ -14,12 +14,12 @@ logger = logging.getLogger(__name__)
 _ROW = 1_000  # bytes of a frame's numbers, uncompressed
 _VIDEO_PIXEL = 0.03  # bytes, as LeRobot encodes by default: 0.01 to 0.03 of a scene with moving arms
 _IMAGE_PIXEL = 1.5  # bytes of a PNG; a video that is encoded after its episode is images before
-LEFT_FREE = 100_000_000  # bytes; other programs need some, and so does the end of a data set
-_SPARE = 1.5  # episodes differ
-_LONG_S = 120.0  # who sets a longer time ends episodes by key
-_AT_LEAST_S = 10.0  # that have to fit at the start
+LEFT_FREE = 100_000_000  # bytes kept free for other programs and for closing the data set
+_SPARE = 1.5  # factor on the largest episode, as episodes differ
+_LONG_S = 120.0  # longest episode that is planned for; longer limits mean that a key ends episodes
+_AT_LEAST_S = 10.0  # recording that has to fit at the start
 _STILLS = "images"  # LeRobot's folder of images that are not encoded yet
-_WINDOW_S = 300.0  # of recording, whose rate counts
+_WINDOW_S = 300.0  # span of recording over which the rate is computed
 _LEAST_S = 5.0
 _WARNED_S = 600.0
 
@@ -31,7 +31,7 @@ class DiskGuard:
         root: folder of the data set.
         features: LeRobot's, of the data set.
         options: LeRobot's options of the data set: episodes, seconds, video.
-        fps: frames per second that the data set says.
+        fps: the data set's frames per second.
     """
 
     def __init__(self, root: Path, features: dict[str, dict[str, Any]], options: Any, fps: int):
@@ -44,19 +44,19 @@ class DiskGuard:
         self._before, self._largest = self._used(), 0
 
     def _used(self) -> int:
-        """What the data set holds, without images that an encoder is about to remove."""
+        """Return the bytes of the data set, without images that an encoder is about to remove."""
         used = 0
         for path in self._root.rglob("*"):
-            with contextlib.suppress(OSError):  # gone meanwhile
+            with contextlib.suppress(OSError):  # removed meanwhile
                 used += path.stat().st_size if _STILLS not in path.parts and path.is_file() else 0
         return used
 
     def free_bytes(self) -> int:
-        """What this user may still write there."""
+        """Return the bytes that this user may still write there."""
         return shutil.disk_usage(self._root).free
 
     def check(self, episodes: int) -> None:
-        """At the start: what `episodes` need, against what is free.
+        """Compare the need of `episodes` with the free space, at the start, and warn.
 
         Raises:
             ConfigError: there is no room for some seconds.
@@ -78,7 +78,7 @@ class DiskGuard:
             )
 
     def saved(self, frames: int) -> None:
-        """An episode of so many frames has been saved: from now on its size counts, not an estimate."""
+        """Note a saved episode of that many frames, whose size replaces the estimate."""
         used = self._used()
         self._largest, self._before = max(self._largest, used - self._before), used
         self._frames = max(self._frames if self._frames < _LONG_S * self._fps else 0, frames)
@@ -95,18 +95,18 @@ def _text(count: float) -> str:
 
 
 class DiskLeft:
-    """For how long the disk lasts, at the rate at which it fills.
+    """Recording time that the disk lasts, at the rate at which it fills.
 
-    Bytes count from the beginnings of recordings on: in between LeRobot encodes images, and removes them.
+    Bytes count from the beginnings of recordings on, as LeRobot encodes and removes images in between.
     """
 
     def __init__(self) -> None:
-        self._begun = deque[tuple[float, int]]()  # of each recording: seconds recorded until then, free bytes
+        self._begun = deque[tuple[float, int]]()  # per recording: seconds recorded before it, free bytes
         self._recorded_s = self._looked_s = 0.0
         self._records = False
 
     def left_s(self, now_s: float, free: int, recording: bool) -> float | None:
-        """Seconds of recording until only `LEFT_FREE` is free; None: it does not fill, or not yet.
+        """Return the seconds of recording until only `LEFT_FREE` is free; None if unknown yet, or not filling.
 
         Args:
             now_s: monotonic; ascends from call to call.
@@ -127,7 +127,7 @@ class DiskLeft:
 
 
 def disk_warning(left_s: float | None, free: int) -> str:
-    """What a person should know; empty: there is room."""
+    """Return the warning for a person; empty while there is room."""
     if free < LEFT_FREE:
         return "the disk is full: the recording ends"
     if left_s is not None and left_s < _WARNED_S:

@@ -1,6 +1,6 @@
-"""Watches a `lerobot-record` from its robot: a line and a row of figures for each episode, and the disk.
+"""Watcher of a `lerobot-record` from its robot: a line and a row of figures for each episode, and the disk.
 
-Nothing that goes wrong in here ends a recording.
+No error in here ends a recording.
 """
 
 import json
@@ -25,28 +25,26 @@ from lerobot_robot_yam.state.records import ArmState, Limited
 logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.5  # between two looks at the disk, and two status lines
-_LATE = 1.5  # of a frame's time
-_SAMPLE = 16  # compared first: every sixteenth row and column
-_SLOW = 0.95  # of the frames per second that the data set says
+_LATE = 1.5  # periods after which a frame counts as late
+_SAMPLE = 16  # step of the rows and columns that are compared first
+_SLOW = 0.95  # share of the data set's frames per second below which an episode is slow
 _CLEAR = "\r\x1b[K"
 
 
 @dataclass
 class EpisodeFigures:
-    """How an episode was recorded: the times of its frames, and what else a training would not see in them.
-
-    Filled while the episode is recorded.
+    """Figures of one episode that a training would not see in its frames, filled while it is recorded.
 
     Attributes:
         index: number of the episode.
-        fps: frames per second that the data set says.
+        fps: the data set's frames per second.
         begun: date and time, ISO 8601 with the time zone.
-        times_s: of each frame, monotonic.
-        images: the newest of each camera.
-        repeated: frames whose image of a camera was the one of the frame before.
-        lost: replies that motors of all arms have not given since the episode began.
-        held_back: frames in which an arm hurried behind its target at the speed limit.
-        changed: actions that were not sent as they were given.
+        times_s: monotonic time of each frame.
+        images: newest image of each camera.
+        repeated: camera → frames whose image was that of the frame before.
+        lost: replies of all arms' motors that were lost in the episode.
+        held_back: frames in which the speed limit kept an arm behind its target.
+        changed: actions that limits have changed before they were sent.
     """
 
     index: int
@@ -60,7 +58,6 @@ class EpisodeFigures:
     changed: int = 0
 
     def add_frame(self, now_s: float, images: Mapping[str, Any], held_back: bool) -> None:
-        """One observation of the episode."""
         self.times_s.append(now_s)
         self.repeated.update(name for name, image in images.items() if _same(self.images.get(name), image))
         self.images = dict(images)
@@ -68,26 +65,25 @@ class EpisodeFigures:
 
     @property
     def frames(self) -> int:
-        """How many observations there were."""
         return len(self.times_s)
 
     @property
     def achieved_fps(self) -> float:
-        """Frames per second as they really came; that of the data set where there are not two."""
+        """Real frames per second; the data set's for less than two frames."""
         return (self.frames - 1) / (self.times_s[-1] - self.times_s[0]) if self.frames > 1 else float(self.fps)
 
     @property
     def late_frames(self) -> int:
-        """How many came more than half a period late."""
+        """Number of frames that came more than half a period late."""
         return int((np.diff(self.times_s) > _LATE / self.fps).sum())
 
     @property
     def slow(self) -> bool:
-        """It is stamped faster than it was: whoever plays or learns it sees a world that hurries."""
+        """Whether the stamps are faster than the recording was, so that a training sees a world that hurries."""
         return self.achieved_fps < _SLOW * self.fps
 
     def summary(self) -> str:
-        """One line: what a person wants to know before the next episode."""
+        """Return one line for a person, before the next episode."""
         rate = f" at {self.achieved_fps:.1f} of {self.fps} fps" if self.frames > 1 else ""
         found = [f"{self.frames} frame{'s' * (self.frames != 1)}{rate}"]
         if self.late_frames:
@@ -102,7 +98,7 @@ class EpisodeFigures:
         return f"episode {self.index}: {', '.join(found)}"
 
     def row(self) -> dict[str, Any]:
-        """For the side-car: times in s since the first frame."""
+        """Return the row for the side-car, with times in s since the first frame."""
         times = np.array(self.times_s) - (self.times_s[0] if self.times_s else 0.0)
         return {
             "episode_index": self.index,
@@ -120,40 +116,38 @@ class EpisodeFigures:
 
 
 def _same(before: Any, image: Any) -> bool:
-    """Whether two images are equal. A sample decides where they are not, in microseconds."""
+    """Return whether two images are equal; a sample of pixels finds most differences, in microseconds."""
     if before is None or before.shape != image.shape:
         return False
     return np.array_equal(before[::_SAMPLE, ::_SAMPLE], image[::_SAMPLE, ::_SAMPLE]) and np.array_equal(before, image)
 
 
 class StatusLine(logging.Filter):
-    """One line at the bottom of a terminal that says how the recording goes; lines of the log push it down.
+    """One line at the bottom of a terminal with the progress of the recording; lines of the log push it down.
 
-    Shown only where there is a terminal. Lets every record of the log pass, after the line is cleared.
+    Shown only on a terminal. Passes all records of the log, after the line is cleared.
 
-    Args:
-        stream: where the log goes, too.
+    stream: the log's own stream.
     """
 
     def __init__(self, stream: TextIO | None = None):
         super().__init__()
         self._stream = stream or sys.stderr
-        self._on = self._stream is not None and self._stream.isatty()  # a program may run without any
+        self._on = self._stream is not None and self._stream.isatty()  # None in a program without one
         self._shown = False
 
     def begin(self) -> None:
-        """Watch the log from now on."""
         for handler in logging.getLogger().handlers if self._on else ():
             handler.addFilter(self)
 
     def show(self, text: str) -> None:
-        """Replace what is shown. The cursor goes back: what others print replaces it, too."""
+        """Replace the line. The cursor goes back, so that other output replaces the line, too."""
         if self._on:
             self._write(f"{_CLEAR}{text}\r")
             self._shown = self._on
 
     def _write(self, text: str) -> None:
-        """Never fails: a terminal may be gone while arms have to land, and a signal may strike in the middle."""
+        """Write without ever failing: a terminal may be gone while arms have to land, and a signal may interrupt."""
         try:
             self._stream.write(text)
             self._stream.flush()
@@ -166,25 +160,21 @@ class StatusLine(logging.Filter):
         return True
 
     def clear(self) -> None:
-        """Show nothing."""
         if self._shown:
             self._shown = False
             self._write(_CLEAR)
 
     def end(self) -> None:
-        """Clear the line, and leave the log alone."""
+        """Clear the line, and detach from the log."""
         self.clear()
         for handler in logging.getLogger().handlers:
             handler.removeFilter(self)
 
 
 class EpisodeLog:
-    """Log of the episodes that one robot records. Does nothing under other commands.
+    """Log of the episodes of one robot, from its connect to its disconnect. Does nothing under other commands.
 
-    It lives from the robot's connect to its disconnect.
-
-    Args:
-        frame: the robot's, before its arms are energised.
+    frame: the robot's, before its arms are energised.
 
     Raises:
         ConfigError: the disk is full.
@@ -192,7 +182,7 @@ class EpisodeLog:
 
     def __init__(self, frame: FrameType | None) -> None:
         self._figures: EpisodeFigures | None = None
-        self._told = False  # of the present episode
+        self._told = False  # whether the present episode's line is logged
         self._first = self._lost_before = 0
         self._looked_s = self._loop_began_s = 0.0
         self._status = StatusLine()
@@ -207,17 +197,17 @@ class EpisodeLog:
         self._status.begin()
 
     def observed(self, frame: FrameType | None, states: Sequence[ArmState], images: Mapping[str, Any]) -> None:
-        """One observation, which LeRobot records if an episode is on."""
+        """Count an observation, which LeRobot records in an episode."""
         if self._command is not None:
             self._carefully(lambda: self._observed(recording(frame), states, images))
 
     def sent(self, changed: bool) -> None:
-        """An action was sent; changed: not as it was given."""
+        """Count a sent action; changed: limits have changed it."""
         if self._figures is not None and self._command is not None and self._command.phase is Phase.RECORDING:
             self._figures.changed += changed
 
     def end(self) -> None:
-        """The data set is closed, or was never filled. Idempotent."""
+        """Finish when the data set is closed, or was never filled. Idempotent."""
         if self._command is not None:
             self._carefully(self._finish)
         self._command = None
@@ -245,7 +235,7 @@ class EpisodeLog:
             self._look(command, now_s - self._loop_began_s)
 
     def _look(self, command: Situation, elapsed_s: float) -> None:
-        """The status line; and the end of an episode that would fill the disk."""
+        """Update the status line, and end an episode that would fill the disk."""
         options, free = command.config.dataset, self._guard.free_bytes()
         if command.phase is Phase.RECORDING and free < LEFT_FREE:
             logger.warning("the disk of %s is almost full: the recording ends now", command.dataset.root)
@@ -258,10 +248,10 @@ class EpisodeLog:
         self._status.show(f"{what}: {max(left_s, 0.0):.0f} s left, {rate}{free / 1e9:.0f} GB free")
 
     def _turn(self, command: Situation, states: Sequence[ArmState]) -> None:
-        """LeRobot has left its loop and entered it anew."""
+        """Handle a new run of LeRobot's loop."""
         self._loop_began_s = time.monotonic()
         self._tell()
-        if command.phase is not Phase.RECORDING:  # it resets; the episode before is not saved yet
+        if command.phase is not Phase.RECORDING:  # a reset, after which the recorded episode is saved
             return
         self._keep()
         index = command.dataset.num_episodes

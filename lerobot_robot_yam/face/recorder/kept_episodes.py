@@ -1,6 +1,6 @@
-"""Which episodes of a recording are kept: a finished one is saved whatever ends the command, and the last lines say it.
+"""Keeps the finished episodes of a recording, whatever ends the command, and reports them in its last lines.
 
-LeRobot saves an episode behind the reset that follows it. A signal or an error meanwhile would cost the episode.
+LeRobot saves an episode after the reset that follows it. A signal or an error meanwhile would lose the episode.
 """
 
 import atexit
@@ -20,7 +20,7 @@ from lerobot_robot_yam.face.datasets.layout import is_empty
 from lerobot_robot_yam.face.lerobot_command.running_command import LEAVE_LOOP, STOP, Phase, Situation, recording
 from lerobot_robot_yam.face.recorder.outcomes import DISCARD
 
-if TYPE_CHECKING:  # the command has loaded it, other commands need not
+if TYPE_CHECKING:  # loaded by the command, and not needed by others
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 logger = logging.getLogger(__name__)
@@ -31,15 +31,15 @@ _told_of: "LeRobotDataset | None" = None
 
 
 def tell_what_is_kept(frame: FrameType | None) -> None:
-    """Have the last lines of a recording say which episodes are kept. Idempotent.
+    """Report the kept episodes in the last lines of a recording. Idempotent.
 
-    A data set that this command has made and that holds nothing is removed: it would refuse the same command.
+    An empty data set that this command has made is removed, as it would refuse the same command.
     """
     global _told_of
     command = recording(frame)
     if command is not None and command.dataset is not _told_of:
-        # Here, not at exit: a module that is loaded then makes Python forget that an interrupt ends the process, and
-        # its exit status would be 1 (see `system.signals`).
+        # Here, not at exit: if a module is loaded then, Python forgets that an interrupt ends the process, and
+        # the exit status would be 1 (see `system.signals`).
         import lerobot_robot_yam.face.datasets.check.row_checks  # noqa: F401
 
         _told_of = command.dataset
@@ -65,7 +65,7 @@ def _say_kept(dataset: "LeRobotDataset", root: Path, before: int, resumes: bool)
 
 
 def _wrong(root: Path, first: int) -> Iterator[tuple[int, str]]:
-    """Number of each episode from `first` on whose figures say that it harms a training, and what it is."""
+    """Yield number and message of each episode from `first` on whose figures say that it harms a training."""
     from lerobot_robot_yam.face.datasets.check.flags import KINDS
     from lerobot_robot_yam.face.datasets.check.row_checks import real_times
 
@@ -76,35 +76,35 @@ def _wrong(root: Path, first: int) -> Iterator[tuple[int, str]]:
 
 
 def drop_command(quoted_path: str, episodes: Iterable[int]) -> str:
-    """What writes a copy of a data set without some episodes."""
+    """Return the command that copies a data set without some episodes."""
     labels = " ".join(f"{episode}={DISCARD}" for episode in episodes)
     return f"yam-label {quoted_path} --set {labels} --apply"
 
 
 def read_figures(root: Path) -> dict[int, dict[str, Any]]:
-    """Rows of a data set's side-car by episode; the newest of an episode counts."""
+    """Read a data set's side-car: episode → its newest row."""
     found: dict[int, dict[str, Any]] = {}
     path = root / SIDE_CAR
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []:
         try:
             row = json.loads(line)
             found[row["episode_index"]] = row
-        except (ValueError, TypeError, KeyError):  # half a line, which a power cut has left
+        except (ValueError, TypeError, KeyError):  # half a line after a power cut
             continue
     return found
 
 
 class _SaveThenStop:
-    """In the place of the stop flag: LeRobot reads it before it resets, and again when it has saved."""
+    """Value of LeRobot's stop flag, which is read before a reset, and again after the save."""
 
     def __init__(self, now: Situation, why: str):
         self._now, self._why = now, why
 
     def __bool__(self) -> bool:
-        """True while a finished episode is to be saved.
+        """Return True while a finished episode is to be saved.
 
         Raises:
-            KeyboardInterrupt: it is saved; the command ends as by Ctrl-C.
+            KeyboardInterrupt: the episode is saved; the command ends as by Ctrl-C.
         """
         if self._now.frames:
             return True
@@ -112,17 +112,17 @@ class _SaveThenStop:
 
 
 def stop_after_saving(frame: FrameType | None, why: str) -> bool:
-    """Have a signal wait until the episode is saved that is finished, but not saved yet.
+    """Delay the effect of a signal until the finished episode is saved.
 
     Args:
-        frame: where the signal has struck.
-        why: what the KeyboardInterrupt says that follows.
+        frame: frame that the signal has interrupted.
+        why: text of the KeyboardInterrupt that follows.
 
     Returns:
         Whether there is such an episode, or one is being saved. If not, nothing was done.
     """
     now = recording(frame)
-    ends_already = sys.exception() is not None  # LeRobot closes the data set: it saves no more
+    ends_already = sys.exception() is not None  # LeRobot closes the data set, and saves no more
     if now is None or now.phase is Phase.RECORDING or ends_already or not now.frames:
         return False
     now.flags[STOP], now.flags[LEAVE_LOOP] = _SaveThenStop(now, why), True
@@ -132,7 +132,7 @@ def stop_after_saving(frame: FrameType | None, why: str) -> bool:
 
 
 def saves_finished_episode[**P, R](method: Callable[P, R]) -> Callable[P, R]:
-    """Decorator of what LeRobot's loop calls: an error while the scene is reset does not cost the episode before."""
+    """Decorate a method that LeRobot's loop calls: its error during a reset does not lose the episode before."""
 
     @functools.wraps(method)
     def careful(*arguments: P.args, **options: P.kwargs) -> R:

@@ -25,13 +25,13 @@ SUCCESS, FAILURE, DISCARD = KINDS = ("success", "failure", "discard")
 
 @dataclass(frozen=True)
 class Outcome:
-    """How an episode ended.
+    """End of an episode.
 
     Attributes:
         episode_index: number of the episode in the data set.
-        outcome: one of `KINDS`; None takes an earlier one back.
-        by: the button that said so, or the command.
-        at: when, ISO 8601.
+        outcome: one of `KINDS`; None cancels an earlier one.
+        by: source of the label: a button, or the command.
+        at: time of the label, ISO 8601.
     """
 
     episode_index: int
@@ -41,16 +41,16 @@ class Outcome:
 
 
 def now(episode: int, outcome: str | None, by: str) -> Outcome:
-    """An outcome that is told at this moment."""
+    """Return an outcome with the present time."""
     return Outcome(episode, outcome, by, datetime.now().astimezone().isoformat(timespec="milliseconds"))
 
 
 def append(root: Path, outcomes: Sequence[Outcome]) -> None:
-    """Write outcomes behind those that are there. Raises OSError: they cannot be written."""
+    """Append outcomes to the file. Raises OSError: it cannot be written."""
     path = root / OUTCOMES
     text = "".join(f"{json.dumps(asdict(outcome))}\n" for outcome in outcomes)
     if path.exists() and not path.read_bytes().endswith(b"\n") and path.stat().st_size:
-        text = "\n" + text  # a power cut has left half a line
+        text = "\n" + text  # after half a line, which a power cut has left
     descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
     try:
         os.write(descriptor, text.encode())
@@ -59,11 +59,7 @@ def append(root: Path, outcomes: Sequence[Outcome]) -> None:
 
 
 def read(root: Path) -> dict[int, Outcome]:
-    """The outcome of each episode that has one.
-
-    Raises:
-        ConfigError: a line that is no outcome; names it.
-    """
+    """Read the outcome of each episode that has one. Raises ConfigError: names the line that is no outcome."""
     path = root / OUTCOMES
     found: dict[int, Outcome] = {}
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []
@@ -96,7 +92,7 @@ class OutcomeBook:
     def __init__(self) -> None:
         self._dataset: Any = None
         self._first = 0  # episode of this session
-        self._buffer: Any = None  # LeRobot's, of the episode with the pending label
+        self._buffer: Any = None  # LeRobot's buffer of the episode with the pending label
         self._pending: Outcome | None = None
 
     @property
@@ -105,13 +101,13 @@ class OutcomeBook:
         return self._pending is not None
 
     def open(self, dataset: Any) -> None:
-        """From now on labels are for this data set; the episodes that it has are an earlier session's."""
+        """Label episodes of this data set from now on; the episodes that it has are an earlier session's."""
         if dataset is not None and dataset is not self._dataset:
             self._dataset, self._first, self._pending = dataset, dataset.num_episodes, None
             self._take_back_lost()
 
     def _take_back_lost(self) -> None:
-        """An episode that was labelled and then lost has left its label, which the next one would inherit."""
+        """Cancel labels of episodes that were lost afterwards; the next episodes would inherit them."""
         root = Path(self._dataset.root)
         try:
             lost = [episode for episode in read(root) if episode >= self._first]
@@ -125,17 +121,17 @@ class OutcomeBook:
 
         Args:
             outcome: one of `KINDS`.
-            frames: how many the episode has that is not saved yet.
+            frames: number of frames of the episode that is not saved yet.
             by: the button.
 
         Returns:
-            False: there is no such episode.
+            False if there is no such episode.
         """
         if self._dataset is None:
             return False
         buffer, count = _buffer(self._dataset), self._dataset.num_episodes
         if frames and buffer is not None:
-            # Its own number, not the count: LeRobot counts it before it has encoded videos and taken a new buffer.
+            # The buffer's number, not the count: LeRobot counts an episode before it encodes and changes the buffer.
             index = int(np.ravel(buffer["episode_index"])[0])
             self._buffer, self._pending = buffer, now(index, outcome, by)
         elif count > self._first:
@@ -145,11 +141,11 @@ class OutcomeBook:
         return True
 
     def look(self) -> None:
-        """Write the pending label if LeRobot has saved its episode; drop it if LeRobot has dropped that."""
+        """Write the pending label if LeRobot has saved its episode; drop it if LeRobot has dropped the episode."""
         pending = self._pending
         if pending is None:
             return
-        buffer = _buffer(self._dataset)  # before the count: LeRobot counts first, then takes a new buffer
+        buffer = _buffer(self._dataset)  # read before the count: LeRobot counts first, then changes the buffer
         if self._dataset.num_episodes > pending.episode_index:
             self._pending = self._buffer = None
             self._write(pending)
@@ -157,7 +153,7 @@ class OutcomeBook:
             self._drop()
 
     def close(self) -> None:
-        """The data set is closed."""
+        """Write or drop the pending label when the data set is closed."""
         self.look()
         if self._pending is not None:
             self._drop()

@@ -1,6 +1,6 @@
-"""Some frames that nobody keeps, before the first episode: it begins with cameras, encoders and arms at work.
+"""A rehearsal of some frames before the first episode, so that cameras, encoders and arms are at work when it begins.
 
-The first frames of a recording cost most: encoders open and load their last modules, and all processes find their pace.
+The first frames of a recording take longest: encoders open and load modules, and all processes find their pace.
 """
 
 import logging
@@ -15,14 +15,14 @@ from lerobot.utils.constants import OBS_IMAGES
 
 from lerobot_robot_yam.face.lerobot_command.running_command import Situation, recording
 
-if TYPE_CHECKING:  # the command has loaded it, other commands need not
+if TYPE_CHECKING:  # loaded by the command, and not needed by others
     from lerobot.datasets.video_utils import StreamingVideoEncoder
 
 logger = logging.getLogger(__name__)
 
-_PUNCTUAL = 10  # frames in a row that came in time: all is at work
-_LATE = 1.5  # of a frame's time
-_LONGEST_S = 3.0  # wait for punctual frames, s: a machine that is too slow then is so in the episode, too
+_PUNCTUAL = 10  # frames in time in a row that end the rehearsal
+_LATE = 1.5  # periods after which a frame counts as late
+_LONGEST_S = 3.0  # longest rehearsal, s; a machine too slow by then stays so
 
 
 def rehearse(frame: FrameType | None, step: Callable[[], Mapping[str, Any]]) -> None:
@@ -30,7 +30,7 @@ def rehearse(frame: FrameType | None, step: Callable[[], Mapping[str, Any]]) -> 
 
     Args:
         frame: that of the robot's `connect`.
-        step: observes and moves the robot once; returns the images by name. Its errors are passed on.
+        step: observes and moves the robot once, and returns the images by name. Its errors are passed on.
     """
     command = recording(frame)
     if command is None:
@@ -50,7 +50,7 @@ def rehearse(frame: FrameType | None, step: Callable[[], Mapping[str, Any]]) -> 
 
 
 def _run(period_s: float, step: Callable[[], Mapping[str, Any]], encoder: Any, videos: Collection[str]) -> bool:
-    """Whether frames came in time in the end."""
+    """Return whether frames came in time in the end."""
     begin_s = before_s = time.perf_counter()
     punctual = 0
     while before_s - begin_s < _LONGEST_S:
@@ -67,7 +67,7 @@ def _run(period_s: float, step: Callable[[], Mapping[str, Any]], encoder: Any, v
 
 
 def _encoder(command: Situation, directory: Path) -> "StreamingVideoEncoder | None":
-    """One as the recording's own, at work; None where it encodes afterwards."""
+    """Start an encoder like the recording's own; None if the recording encodes afterwards."""
     options, meta = command.config.dataset, command.dataset.meta
     if not options.streaming_encoding or not meta.video_keys:
         return None

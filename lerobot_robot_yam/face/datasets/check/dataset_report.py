@@ -24,8 +24,6 @@ from lerobot_robot_yam.face.datasets.layout import Progress, frame_count, is_dep
 
 @dataclass
 class EpisodeReport:
-    """What was found in one episode."""
-
     number: int
     frames: int
     task: str
@@ -34,7 +32,7 @@ class EpisodeReport:
 
 @dataclass
 class DatasetReport:
-    """What was found in a data set: in its files (flags), and in each episode."""
+    """Flags of a data set's files, and of each episode."""
 
     root: Path
     fps: float
@@ -43,16 +41,13 @@ class DatasetReport:
 
     @property
     def flagged(self) -> list[EpisodeReport]:
-        """Episodes with flags."""
         return [episode for episode in self.episodes if episode.flags]
 
     @property
     def healthy(self) -> bool:
-        """No flag at all."""
         return not self.flags and not self.flagged
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
         episodes = [
             {
                 "episode": episode.number,
@@ -72,11 +67,11 @@ class DatasetReport:
 def check_dataset(
     root: Path, *, every_s: float | None = 1.0, arm: str | None = None, progress: Progress = iter
 ) -> DatasetReport:
-    """Check a data set; it is only read.
+    """Check a data set, which is only read.
 
     Args:
-        every_s: one picture of so many seconds is looked at; 0: all of them; None: no pictures.
-        arm: profile with the joint limits; None: the widest of all arms.
+        every_s: seconds between the pictures to check; 0 for all, None for no pictures.
+        arm: profile with the joint limits; None for the widest of all arms.
         progress: wraps the loop over episodes.
 
     Raises:
@@ -96,9 +91,9 @@ def check_into(
     arm: str | None = None,
     progress: Progress = iter,
 ) -> None:
-    """As `check_dataset`, of a data set that is open; the report grows episode by episode.
+    """Check an open data set as `check_dataset` does; the report grows episode by episode.
 
-    Swaps of cameras are told last: they show when all episodes are known.
+    Swapped cameras come last, as they show only when all episodes are known.
     """
     report.flags += [*data.flags, *_set_flags(data)]
     views: dict[int, Mapping[str, np.ndarray]] = {}
@@ -135,7 +130,7 @@ def _set_flags(data: OpenedDataset) -> Iterator[Flag]:
 
 
 def _trusted(flags: list[Flag]) -> bool:
-    """Whether states mean motion."""
+    """Return whether states show real motion."""
     return not {Kind.NOT_FINITE, Kind.UNITS, Kind.FRAMES} & {flag.kind for flag in flags}
 
 
@@ -162,7 +157,7 @@ def _motion_flags(
         flags += motion_checks.grippers(ACTION, episode.rows[ACTION], value_names(data.features[ACTION]))
     wrong = list(motion_checks.units(arms, data.unit != 1.0))
     if wrong:
-        return flags + wrong  # all that follows would be wrong too
+        return flags + wrong  # the further checks need the right unit
     for arm in arms:
         flags += motion_checks.jumps(arm, data.fps)
         flags += motion_checks.limits(arm, motion_checks.joint_limits(profile, arm.state.shape[1]))
@@ -178,7 +173,7 @@ def _video_flags(
     frame_counts: dict[Path, int],
     pictures: dict[str, Thumbnails],
 ) -> Iterator[Flag]:
-    """Decode a camera's pictures of an episode into `pictures`."""
+    """Decode a camera's pictures of an episode into `pictures`, and flag its video."""
     clip = data.clip(episode, camera)
     if clip is None or not clip[0].is_file():
         yield Flag(Kind.VIDEO_MISSING, f"{camera}: no video" + ("" if clip is None else f" {clip[0].name}"))

@@ -1,4 +1,4 @@
-"""The kinds of defects that the check of a data set knows: one table, which docs/dataset-check.md shows too."""
+"""Kinds of defects that the check of a data set knows: one table, which docs/dataset-check.md shows too."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -50,9 +50,9 @@ class Flag:
     """One defect.
 
     Attributes:
-        kind: which.
-        text: what was found, with numbers.
-        frames: the first and the last frame of the episode that show it, where there are some.
+        kind: its kind.
+        text: the finding, with numbers.
+        frames: first and last frame of the episode that show it, None if no frames do.
     """
 
     kind: Kind
@@ -60,7 +60,6 @@ class Flag:
     frames: tuple[int, int] | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
         return {"kind": str(self.kind), "text": self.text, "frames": list(self.frames) if self.frames else None}
 
 
@@ -121,4 +120,4 @@ KINDS: dict[Kind, tuple[str, str]] = {
     Kind.CAMERAS_ALIKE: ("two cameras show the same", _CABLES),
     Kind.CAMERAS_SWAPPED: ("two cameras show what the other one shows in most episodes", _CABLES),
 }
-"""What each kind means, and what to do about it."""
+"""Kind → its meaning, and the remedy."""

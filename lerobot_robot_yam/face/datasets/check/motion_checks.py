@@ -1,4 +1,4 @@
-"""Checks of the actions and measured states of an episode. Angles are in rad, whatever the data set has."""
+"""Checks of an episode's actions and measured states. Angles are in rad, also for a data set in degrees."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,16 +12,16 @@ from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
 from lerobot_robot_yam.face.datasets.layout import value_names
 from lerobot_robot_yam.face.devices.feature_names import JOINT
 
-JUMP_RAD_S = 5.0  # no hand leads faster for a whole frame
-JUMP_RAD = (0.3, 0.45)  # in one frame, however few or many there are in a second
+JUMP_RAD_S = 5.0  # speed over a whole frame that no hand reaches
+JUMP_RAD = (0.3, 0.45)  # bounds of a jump in one frame, at any frame rate
 LIMIT_SLACK_RAD = 0.1
 OPENING = (-0.05, 1.05)
 STILL_S = 0.5
-LAG_S = 0.25  # in which a healthy arm has not answered yet
+LAG_S = 0.25  # delay of a healthy arm
 ACTION_MOVES_RAD, STATE_LEAVES_RAD = 0.1, 0.2
 FAR_RAD = 0.35
 AWAY_RAD, THERE_RAD = 0.3, 0.15
-LARGEST_RAD = 6.4  # no joint turns that far; in degrees that is nothing
+LARGEST_RAD = 6.4  # beyond any joint's range in rad, but a small angle in degrees
 MOVES_RAD = 0.3
 
 
@@ -29,10 +29,7 @@ MOVES_RAD = 0.3
 class ArmMotion:
     """The joints of one arm in an episode.
 
-    Attributes:
-        prefix: begins the names of its joints, such as `left_`.
-        action: (n, joints) rad.
-        state: (n, joints) rad.
+    prefix: begins the names of its joints, such as `left_`. action, state: (n, joints) rad.
     """
 
     prefix: str
@@ -40,7 +37,7 @@ class ArmMotion:
     state: np.ndarray
 
     def says(self, text: str) -> str:
-        """A text that names the arm where there are two."""
+        """Return a text with the arm's name if there are two arms."""
         return f"{self.prefix.rstrip('_')}: {text}" if self.prefix else text
 
 
@@ -51,7 +48,7 @@ def arms_of(
     state_feature: Mapping[str, Any],
     unit: float,
 ) -> list[ArmMotion]:
-    """The arms whose joints are named as ours, in both action and state.
+    """Return the arms whose joints are named as ours, in both action and state.
 
     Args:
         action, state: (n, values) as recorded.
@@ -70,7 +67,7 @@ def arms_of(
 
 
 def joint_limits(arm: str | None, joints: int) -> np.ndarray | None:
-    """(joints, 2) rad: those of a profile, or without a name the widest of all arms with so many joints.
+    """Return a profile's limits (joints, 2) rad, or without a name the widest of all arms with so many joints.
 
     Raises:
         ConfigError: unknown arm.
@@ -83,18 +80,18 @@ def joint_limits(arm: str | None, joints: int) -> np.ndarray | None:
 
 
 def runs(mask: np.ndarray, shortest: float) -> list[tuple[int, int]]:
-    """(first, last + 1) of each stretch of true that has at least so many entries."""
+    """Return (first, last + 1) of each stretch of true with at least `shortest` entries."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= shortest]
 
 
 def _still(values: np.ndarray) -> np.ndarray:
-    """(n - 1,) whether a row of values (n, k) is the next one too, to the last bit."""
+    """Return (n - 1,) whether a row of values (n, k) equals the next one, to the last bit."""
     return np.asarray((np.diff(values, axis=0) == 0).all(axis=1))
 
 
 def finite(feature: str, values: np.ndarray) -> Iterator[Flag]:
-    """NaN or infinity in values (n, k)."""
+    """Flag NaN or infinity in values (n, k)."""
     bad = ~np.isfinite(values).all(axis=1)
     if bad.any():
         at = np.flatnonzero(bad)
@@ -102,7 +99,7 @@ def finite(feature: str, values: np.ndarray) -> Iterator[Flag]:
 
 
 def units(arms: Sequence[ArmMotion], degrees: bool) -> Iterator[Flag]:
-    """Whether numbers are in the unit that the data set's robot names. degrees: it names degrees."""
+    """Flag numbers in another unit than the robot's name says. degrees: it says degrees."""
     for arm in arms:
         both = np.concatenate([arm.action, arm.state], axis=1)
         largest = np.abs(both).max(axis=1)
@@ -117,7 +114,7 @@ def units(arms: Sequence[ArmMotion], degrees: bool) -> Iterator[Flag]:
 
 
 def jumps(arm: ArmMotion, fps: float) -> Iterator[Flag]:
-    """Joints that are elsewhere in the next frame."""
+    """Flag joints that jump from one frame to the next."""
     limit = float(np.clip(JUMP_RAD_S / fps, *JUMP_RAD))
     for kind, what, q in ((Kind.ACTION_JUMP, "the action", arm.action), (Kind.STATE_JUMP, "the arm", arm.state)):
         steps = np.abs(np.diff(q, axis=0))
@@ -129,7 +126,7 @@ def jumps(arm: ArmMotion, fps: float) -> Iterator[Flag]:
 
 
 def limits(arm: ArmMotion, limits_rad: np.ndarray | None) -> Iterator[Flag]:
-    """Measured joints beyond (joints, 2) limits."""
+    """Flag measured joints beyond (joints, 2) limits."""
     if limits_rad is None or len(limits_rad) != arm.state.shape[1]:
         return
     beyond = np.maximum(limits_rad[:, 0] - arm.state, arm.state - limits_rad[:, 1])
@@ -140,7 +137,7 @@ def limits(arm: ArmMotion, limits_rad: np.ndarray | None) -> Iterator[Flag]:
 
 
 def grippers(feature: str, values: np.ndarray, names: Sequence[str]) -> Iterator[Flag]:
-    """Openings, of values (n, k) with these names."""
+    """Flag openings out of range, in values (n, k) with these names."""
     for column in [i for i, name in enumerate(names) if name.endswith("gripper.pos")]:
         low, high = float(values[:, column].min()), float(values[:, column].max())
         if low < OPENING[0] or high > OPENING[1]:
@@ -148,13 +145,13 @@ def grippers(feature: str, values: np.ndarray, names: Sequence[str]) -> Iterator
 
 
 def constant(action: np.ndarray, fps: float) -> Iterator[Flag]:
-    """An action (n, k) that never changes."""
+    """Flag an action (n, k) that never changes."""
     if len(action) >= STILL_S * fps and not np.ptp(action, axis=0).any():
         yield Flag(Kind.ACTION_CONSTANT, f"it is the same in all {len(action)} frames")
 
 
 def frozen(arm: ArmMotion, fps: float) -> Iterator[Flag]:
-    """Stretches in which one of action and state stands still to the last bit, and the other does not."""
+    """Flag stretches in which one of action and state stands still to the last bit while the other moves."""
     least, lag = max(STILL_S * fps, 3), round(LAG_S * fps)
     for start, stop in runs(_still(arm.state), least):
         moved = float(np.ptp(arm.action[start : stop + 1 - lag], axis=0).max())
@@ -172,7 +169,7 @@ def frozen(arm: ArmMotion, fps: float) -> Iterator[Flag]:
 
 
 def apart(arms: Sequence[ArmMotion], fps: float) -> Iterator[Flag]:
-    """State and action that do not belong together: arms swapped, joints far apart, an approach at the start."""
+    """Flag states far from their actions: arms swapped, joints far apart, an approach at the start."""
     if len(arms) == 2 and arms[0].action.shape == arms[1].action.shape:
         own = sum(float(np.abs(arm.action - arm.state).mean()) for arm in arms) / 2
         crossed = sum(float(np.abs(a.action - b.state).mean()) for a, b in (arms, arms[::-1])) / 2

@@ -1,6 +1,6 @@
-"""A data set opened for the check: the rows of each episode as arrays, and what is wrong with the files.
+"""A data set opened for the check: the rows of each episode as arrays, and flags for unreadable files.
 
-It reads no pictures, and does not need LeRobot: 200 episodes of 1,000 frames open in well under a second.
+No pictures and no LeRobot are loaded: 200 episodes of 1,000 frames open in well under a second.
 """
 
 import json
@@ -42,7 +42,6 @@ class RecordedEpisode:
 
     @property
     def length(self) -> int:
-        """Number of rows."""
         return len(self.rows.get("frame_index", ()))
 
 
@@ -54,9 +53,9 @@ class OpenedDataset:
         root: its directory.
         info: `meta/info.json`.
         tasks: texts by `task_index`.
-        statistics: `meta/stats.json`, empty where it cannot be read.
+        statistics: `meta/stats.json`, empty if it cannot be read.
         episodes: by number.
-        flags: of files.
+        flags: flags of its files.
     """
 
     root: Path
@@ -68,17 +67,16 @@ class OpenedDataset:
 
     @property
     def fps(self) -> float:
-        """Frames per second that it says."""
+        """Frames per second by `meta/info.json`."""
         return float(self.info["fps"])
 
     @property
     def features(self) -> dict[str, Any]:
-        """LeRobot's features by name."""
         return self.info["features"]
 
     @property
     def unit(self) -> float:
-        """rad per recorded number of a joint."""
+        """Radians per recorded number of a joint."""
         degrees = str(self.info.get("robot_type") or "").endswith(DEGREES_SUFFIX)
         return math.radians(1.0) if degrees else 1.0
 
@@ -88,7 +86,7 @@ class OpenedDataset:
         return [key for key, feature in self.features.items() if feature["dtype"] == "video"]
 
     def clip(self, episode: RecordedEpisode, camera: str) -> tuple[Path, float] | None:
-        """The video file of an episode's pictures and where they begin in it (s); None if the metadata do not say."""
+        """Return the video file of an episode and its begin in it (s); None if the metadata lack them."""
         chunk, file, start_s = (episode.metadata.get(name) for name in clip_columns(camera)[:3])
         if chunk is None or file is None or start_s is None:
             return None
@@ -165,7 +163,7 @@ def _is_wanted(name: str) -> bool:
 
 
 def _rows(data: OpenedDataset) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
-    """Columns of each episode, in the order of the files, by number."""
+    """Yield the columns of each episode, by number, in the order of the files."""
     names = [*_ALWAYS, *(name for name in (ACTION, STATE) if name in data.features)]
     tables: list[dict[str, np.ndarray]] = []
     for path in sorted((data.root / "data").rglob("*.parquet")):

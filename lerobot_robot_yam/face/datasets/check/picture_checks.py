@@ -1,4 +1,4 @@
-"""Checks of the pictures of an episode, as thumbnails. Levels are 0 black … 255 white."""
+"""Checks of an episode's pictures, as thumbnails. Levels are 0 black … 255 white."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
@@ -9,12 +9,12 @@ from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
 from lerobot_robot_yam.face.datasets.check.motion_checks import STILL_S, ArmMotion
 from lerobot_robot_yam.face.datasets.dataset_pictures import Thumbnails
 
-SAME_LEVELS = 4  # in any pixel: what coding makes of the same picture
-REPEATED_LEVELS = 2  # less: from one frame to the next little moves
-MOVES_RAD = 0.2  # of a joint, that a camera has to show
+SAME_LEVELS = 4  # largest difference of a pixel by which coding changes the same picture
+REPEATED_LEVELS = 2  # the same between neighbouring frames, in which little moves
+MOVES_RAD = 0.2  # motion of a joint that a camera has to show
 MOVES_IN_A_FRAME_RAD = 0.03
 REPEATED_SHARE, FEWEST_MOVING = 0.3, 10
-BLACK_LEVEL = 16  # the brightest pixels
+BLACK_LEVEL = 16  # limit of the brightest pixels of a black picture
 WHITE_LEVEL, WHITE_SHARE = 250, 0.6
 ALIKE_LEVELS, CONTRAST_LEVELS = 2.0, 4.0
 SWAPPED_LEVELS = 8.0
@@ -22,13 +22,13 @@ FEWEST_EPISODES = 3
 
 
 def seen_arms(camera: str, arms: Sequence[ArmMotion]) -> list[ArmMotion]:
-    """The arms whose motion a camera has to show: where its name has a side, the one on that side."""
+    """Return the arms that a camera has to show: the one on the side in its name, else all."""
     sides = [arm for arm in arms if arm.prefix and arm.prefix.rstrip("_") in camera.rpartition(".")[2].split("_")]
     return sides if len(sides) == 1 else list(arms)
 
 
 def exposure(camera: str, thumbnails: Thumbnails) -> Iterator[Flag]:
-    """Black or white pictures."""
+    """Flag black or white pictures."""
     images = thumbnails.images
     black = np.percentile(images, 99, axis=(1, 2)) < BLACK_LEVEL
     if black.any():
@@ -42,7 +42,7 @@ def exposure(camera: str, thumbnails: Thumbnails) -> Iterator[Flag]:
 
 
 def repeated(camera: str, thumbnails: Thumbnails, arms: Sequence[ArmMotion], fps: float) -> Iterator[Flag]:
-    """Pictures that stay the same while arms move."""
+    """Flag pictures that stay the same while arms move."""
     frames, images = thumbnails.frames, thumbnails.images.astype(np.int16)
     joints = [arm.state for arm in seen_arms(camera, arms)]
     if len(frames) < 2 or not joints:
@@ -64,7 +64,7 @@ def repeated(camera: str, thumbnails: Thumbnails, arms: Sequence[ArmMotion], fps
 
 
 def _stills(images: np.ndarray) -> Iterator[tuple[int, int]]:
-    """(first, last) of each stretch of pictures that are the same as its first one."""
+    """Yield (first, last) of each stretch of pictures equal to its first one."""
     start = 0
     for place in range(1, len(images) + 1):
         if place == len(images) or np.abs(images[place] - images[start]).max() > SAME_LEVELS:
@@ -73,7 +73,7 @@ def _stills(images: np.ndarray) -> Iterator[tuple[int, int]]:
 
 
 def alike(pictures: Mapping[str, Thumbnails]) -> Iterator[Flag]:
-    """Two cameras with the same pictures."""
+    """Flag two cameras with the same pictures."""
     for (one, first), (other, second) in combinations(pictures.items(), 2):
         _, left, right = np.intersect1d(first.frames, second.frames, return_indices=True)
         if not len(left):
@@ -84,10 +84,9 @@ def alike(pictures: Mapping[str, Thumbnails]) -> Iterator[Flag]:
 
 
 def swapped(views: Mapping[int, Mapping[str, np.ndarray]]) -> Iterator[tuple[int, Flag]]:
-    """Episodes in which two cameras show what the other one shows in most episodes.
+    """Flag episodes in which two cameras show each other's usual view; yield (number, flag).
 
-    Args:
-        views: mean picture (HEIGHT, WIDTH) of each camera, by episode.
+    views: mean picture (HEIGHT, WIDTH) of each camera, by episode.
     """
     for one, other in combinations(sorted({camera for view in views.values() for camera in view}), 2):
         both = {number: (view[one], view[other]) for number, view in views.items() if {one, other} <= view.keys()}

@@ -9,16 +9,16 @@ from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
 from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, OpenedDataset, RecordedEpisode
 
 SHORT_S = 0.5
-PAUSE_S = 0.5  # between two frames
+PAUSE_S = 0.5  # longest delay between two frames
 LATE_PERIODS, LATE_SHARE = 1.5, 0.05
 RATE_TOLERANCE = 0.05
 REPEATED_SHARE = 0.3
-OFF_GRID_FRAMES = 0.5  # a stamp that lies nearer to another frame
-STATISTICS_TOLERANCE = 1e-3  # of the range of a value
+OFF_GRID_FRAMES = 0.5  # distance of a stamp from its frame, beyond which another frame is nearer
+STATISTICS_TOLERANCE = 1e-3  # share of the range of a value
 
 
 def check_rows(data: OpenedDataset, episode: RecordedEpisode) -> Iterator[Flag]:
-    """Everything in here, for one episode."""
+    """Run all checks of this module on one episode."""
     if not episode.length:
         yield Flag(Kind.NO_ROWS, "its rows are not on disk")
         return
@@ -51,7 +51,7 @@ def _lengths(episode: RecordedEpisode) -> Iterator[Flag]:
 
 
 def frame_numbers(frame_index: np.ndarray) -> Iterator[Flag]:
-    """`frame_index` (n,) has to be 0, 1, 2 …."""
+    """Flag `frame_index` (n,) other than 0, 1, 2 …."""
     missing = np.setdiff1d(np.arange(int(frame_index.max()) + 1), frame_index)
     doubled = len(frame_index) - len(np.unique(frame_index))
     if len(missing) or doubled:
@@ -69,7 +69,7 @@ def _task(data: OpenedDataset, episode: RecordedEpisode) -> Iterator[Flag]:
 
 
 def stamps(timestamp: np.ndarray, frame_index: np.ndarray, fps: float) -> Iterator[Flag]:
-    """Time stamps (n,) in s have to grow, and to be frame_index / fps."""
+    """Flag time stamps (n,) in s that do not grow, or are not frame_index / fps."""
     steps = np.diff(timestamp)
     if not np.isfinite(timestamp).all() or (steps <= 0).any():
         at = int(np.argmax(~(steps > 0)))
@@ -86,7 +86,7 @@ def stamps(timestamp: np.ndarray, frame_index: np.ndarray, fps: float) -> Iterat
 
 
 def real_times(figures: Mapping[str, Any], fps: float) -> Iterator[Flag]:
-    """What our recorder has measured: the real time of each frame, and repeated images."""
+    """Flag real times of frames, and repeated images, from our recorder's figures."""
     times = np.asarray(figures.get("times_s", ()), float)
     if len(times) < 2:
         return
@@ -104,9 +104,9 @@ def real_times(figures: Mapping[str, Any], fps: float) -> Iterator[Flag]:
 
 
 def statistics(feature: str, said: Mapping[str, Any], values: np.ndarray) -> Iterator[Flag]:
-    """Minimum, maximum and mean (k,) that LeRobot has written, against the values (n, k)."""
+    """Flag LeRobot's minimum, maximum or mean (k,) that are not those of the values (n, k)."""
     if not np.isfinite(values).all():
-        return  # which has a flag of its own
+        return  # `finite` flags them
     low, high = values.min(axis=0), values.max(axis=0)
     slack = STATISTICS_TOLERANCE * (high - low) + 1e-5 * (1.0 + np.abs(high))
     for name, real in (("min", low), ("max", high), ("mean", values.mean(axis=0, dtype=np.float64))):

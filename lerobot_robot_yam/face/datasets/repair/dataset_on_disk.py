@@ -1,4 +1,4 @@
-"""A LeRobot data set (format v3) as it lies on disk, in words and numbers."""
+"""Description of a LeRobot data set (format v3) as it lies on disk, in words and numbers."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +15,7 @@ from lerobot_robot_yam.face.datasets.repair.parquet_salvage import salvage
 
 @dataclass
 class Clip:
-    """An episode's place in a camera's videos, as LeRobot's metadata give it."""
+    """An episode's place in a camera's videos, by LeRobot's metadata."""
 
     chunk: int
     file: int
@@ -24,7 +24,7 @@ class Clip:
 
 @dataclass
 class Episode:
-    """One episode; `lost` says why it cannot be recovered, and is empty if it can."""
+    """One episode; `lost` is the reason why it cannot be recovered, empty if it can."""
 
     number: int  # as recorded
     path: Path  # data file, relative to the data set
@@ -38,32 +38,31 @@ class Episode:
 
 @dataclass
 class Findings:
-    """A data set's directory: its episodes in their order, and what is wrong in words."""
+    """Episodes of a data set's directory in their order, and its problems in words."""
 
     root: Path
     info: DatasetInfo
     tasks: list[str]
-    stats: dict[str, dict[str, np.ndarray]]  # of all episodes together; empty where they cannot be read
+    stats: dict[str, dict[str, np.ndarray]]  # for all episodes together; empty if they cannot be read
     episodes: list[Episode] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     leftovers: list[str] = field(default_factory=list)  # files that no program reads, in words
 
     @property
     def kept(self) -> list[Episode]:
-        """The episodes that can be recovered."""
         return [episode for episode in self.episodes if not episode.lost]
 
     def keys(self, dtype: str) -> list[str]:
-        """Names of the features of a type: "video", "image"."""
+        """Return the names of the features of a type: "video", "image"."""
         return [key for key, feature in self.info.features.items() if feature["dtype"] == dtype]
 
     def video(self, key: str, clip: Clip) -> Path:
-        """Path of a clip's file, relative to the data set."""
+        """Return the path of a clip's file, relative to the data set."""
         assert self.info.video_path is not None
         return Path(self.info.video_path.format(video_key=key, chunk_index=clip.chunk, file_index=clip.file))
 
     def read_data(self, path: Path, columns: list[str] | None = None) -> tuple[pa.Table, bool]:
-        """Rows of a data file, and whether it is whole; of another, the complete row groups (one per episode)."""
+        """Read a data file, and whether it is whole; of a torn one, the complete row groups (one per episode)."""
         try:
             return pq.ParquetFile(self.root / path).read(columns=columns), True
         except (pa.ArrowException, OSError):
@@ -72,7 +71,6 @@ class Findings:
             return pa.concat_tables(tables or [example.select(columns or example.column_names).slice(0, 0)]), False
 
     def _example(self) -> pa.Table:
-        """One row as LeRobot writes it."""
         features = get_hf_features_from_features(self.info.features)
         row = {}
         for key in features:

@@ -1,9 +1,9 @@
-"""The inspection of a LeRobot data set (format v3) on disk, in whatever state its recording left it.
+"""Inspection of a LeRobot data set (format v3) on disk, in whatever state its recording left it.
 
 LeRobot's writer keeps one data file and one file of episode metadata open for a whole session and writes their footers
-at its end; metadata of up to ten episodes lies only in memory. So after a kill -9 nothing loads, not even the episodes
-that were saved. Their rows and videos are on disk all the same: rows are read page by page (`parquet_salvage`), and
-where an episode lies in its cameras' videos follows from the lengths, since episodes are appended in their order.
+at its end; metadata of up to ten episodes are only in memory. So after a kill -9 nothing loads, not even the saved
+episodes. Their rows and videos are on disk all the same: rows are read page by page (`parquet_salvage`), and the places
+of episodes in their cameras' videos follow from the lengths, since episodes are appended in their order.
 """
 
 from collections.abc import Iterator
@@ -33,14 +33,14 @@ from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import Clip, Episode
 
 _INTERRUPTED = "{}: rows of an episode {} whose saving was interrupted"
 _TOLERANCE_S = 1e-4  # LeRobot's own, between a frame and its time in the video
-_BATCH = 16  # frames asked for at once: LeRobot's decoder keeps all that lie between the first and the last
+_BATCH = 16  # frames decoded at once, as LeRobot's decoder keeps all between the first and the last
 
 
 def inspect(root: Path, progress: Progress = iter) -> Findings:
-    """Look at a data set, change nothing. `progress` wraps the loop that decodes videos.
+    """Inspect a data set without changing it. progress: wraps the loop that decodes videos.
 
     Raises:
-        DatasetError: a file that says how to read the data is missing.
+        DatasetError: a file that describes the format of the data is missing.
     """
     try:
         name = "meta/info.json"
@@ -89,7 +89,7 @@ def _stats(root: Path) -> dict[str, dict[str, np.ndarray]]:
 
 
 def _metadata(findings: Findings) -> dict[int, dict[str, Any]]:
-    """LeRobot's rows about the episodes, where they can be read, by number."""
+    """Return LeRobot's readable rows about the episodes, by number."""
     rows: dict[int, dict[str, Any]] = {}
     for path in sorted((findings.root / "meta" / "episodes").glob("*/*.parquet")):
         try:
@@ -103,7 +103,6 @@ def _metadata(findings: Findings) -> dict[int, dict[str, Any]]:
 
 
 def _episodes(findings: Findings, path: Path, rows: dict[int, dict[str, Any]]) -> Iterator[Episode]:
-    """The episodes of a data file."""
     names = ["episode_index", "frame_index", "index", "task_index"]
     table, whole = findings.read_data(path, names)
     numbers, frames, indices, tasks = (table.column(name).to_numpy() for name in names)
@@ -111,7 +110,7 @@ def _episodes(findings: Findings, path: Path, rows: dict[int, dict[str, Any]]) -
     spans = [(start, stop) for start, stop in pairwise(cuts) if stop > start]
     if not whole:
         findings.problems.append(f"{path}: has no footer, its writer was killed; {len(spans)} episodes are complete")
-    again = {int(numbers[start]) for start, _ in spans}.difference(rows)  # LeRobot gives the number to the next one
+    again = {int(numbers[start]) for start, _ in spans}.difference(rows)  # LeRobot reuses such a number
     for episode in [episode for episode in findings.episodes if episode.number in again]:
         findings.problems.append(_INTERRUPTED.format(episode.path, episode.number))
         findings.episodes.remove(episode)
@@ -146,7 +145,7 @@ def _data_path(findings: Findings, row: dict[str, Any]) -> Path:
 
 
 def _place(findings: Findings, key: str) -> None:
-    """Find the clips of the episodes without metadata in those video files that no metadata mention."""
+    """Find the clips of episodes without metadata, in the video files that no metadata mention."""
     taken = {findings.video(key, episode.videos[key]) for episode in findings.episodes if key in episode.videos}
     waiting = [episode for episode in findings.episodes if key not in episode.videos and episode.length]
     for path in sorted((findings.root / "videos" / key).glob("*/*.mp4")):
@@ -171,7 +170,7 @@ def _place(findings: Findings, key: str) -> None:
 
 
 def _check(findings: Findings, episode: Episode) -> None:
-    """Decode the first and the last frame of each video; where LeRobot's statistics are lost, make them.
+    """Decode the first and the last frame of each video; compute statistics that are lost.
 
     Raises:
         DatasetError: a video cannot be decoded.
@@ -197,14 +196,14 @@ def _check(findings: Findings, episode: Episode) -> None:
         scale = 1.0 if is_depth(features[key]) else 255.0
         raw = get_feature_stats(images, axis=(0, 2, 3), keepdims=True)
         stats[key] = {name: np.squeeze(value / scale, axis=0) for name, value in raw.items() if name != "count"}
-        # LeRobot weighs episodes by this: in pixels where it encoded while recording, else in pictures it looked at.
+        # LeRobot weighs episodes by this count: pixels if it encoded while recording, else pictures that it sampled.
         in_pixels = key in findings.stats and findings.stats[key]["count"][0] > findings.info.total_frames
         stats[key]["count"] = np.array([episode.length * images[0, 0].size if in_pixels else len(images)])
     episode.stats = stats
 
 
 def _frames(findings: Findings, key: str, clip: Clip, indices: list[int]) -> np.ndarray:
-    """Frames of an episode (n, channels, height, width), made smaller as LeRobot does for its statistics.
+    """Return frames of an episode (n, channels, height, width), reduced as in LeRobot's statistics.
 
     Raises:
         DatasetError: they cannot be decoded.
@@ -214,7 +213,7 @@ def _frames(findings: Findings, key: str, clip: Clip, indices: list[int]) -> np.
     found = []
     for first in range(0, len(indices), _BATCH):
         exact = np.array(indices[first : first + _BATCH]) / findings.info.fps
-        times = [clip.start_s + time for time in exact.astype(np.float32).tolist()]  # as LeRobot stores and asks them
+        times = [clip.start_s + time for time in exact.astype(np.float32).tolist()]  # float32, as in LeRobot
         try:
             frames = decode_video_frames(path, times, _TOLERANCE_S, "pyav", return_uint8=True, is_depth=depth)
         except (av.FFmpegError, OSError, ValueError, RuntimeError, IndexError) as error:

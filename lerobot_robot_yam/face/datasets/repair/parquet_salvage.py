@@ -1,11 +1,11 @@
 """Row groups of a parquet file whose writer was killed before it wrote the footer.
 
-A parquet file says where its columns lie only in its footer, which is written last; without it no reader opens the
-file. What was written before is complete all the same: each column of a row group is one run of pages, and each page
-begins with a header that tells its length and number of values. So the pages are counted off, in the order of the
-columns, and a footer is made that fits them: the schema and the form of each column's entry come from a one-row file
-that the same writer produced. Format: github.com/apache/parquet-format, README.md and parquet.thrift (headers and
-footer are structures of Thrift's compact protocol).
+A parquet file lists the places of its columns only in its footer, which is written last; without it no reader opens the
+file. Everything before it is complete all the same: each column of a row group is one run of pages, and each page
+begins with a header with its length and number of values. So the pages are counted, in the order of the columns, and a
+fitting footer is made: the schema and the form of each column's entry come from a one-row file of the same writer.
+Format: github.com/apache/parquet-format, README.md and parquet.thrift (headers and footer are structures of Thrift's
+compact protocol).
 """
 
 import io
@@ -28,7 +28,7 @@ Struct = dict[int, tuple[int, Any]]
 
 
 class _Reader:
-    """Thrift's compact protocol, from `at` on. Raises IndexError at the data's end, ValueError on what it is not."""
+    """Decoder of Thrift's compact protocol. Raises IndexError at the data's end, ValueError on anything else."""
 
     def __init__(self, data: bytes, at: int = 0):
         self.data, self.at = data, at
@@ -54,7 +54,7 @@ class _Reader:
         return self.data[self.at - size : self.at]
 
     def value(self, kind: int) -> Any:
-        if kind in (_TRUE, _FALSE):  # a field's value is its type
+        if kind in (_TRUE, _FALSE):  # the type is the value
             return kind
         if kind == _BYTE:
             return self.take(1)
@@ -68,7 +68,7 @@ class _Reader:
             head = self.take(1)[0]
             size = head >> 4 if head < 0xF0 else self.varint()
             inner = head & 0xF
-            if inner in (_TRUE, _FALSE):  # a byte each
+            if inner in (_TRUE, _FALSE):  # in lists, a byte each
                 return inner, [self.take(1)[0] for _ in range(size)]
             return inner, [self.value(inner) for _ in range(size)]
         if kind == _STRUCT:
@@ -94,7 +94,7 @@ def _varint(value: int) -> bytes:
 
 
 def _encode(kind: int, value: Any) -> bytes:
-    """The inverse of `_Reader.value`."""
+    """Encode what `_Reader.value` decodes."""
     if kind in (_TRUE, _FALSE):
         return b""
     if kind in (_BYTE, _DOUBLE):
@@ -127,7 +127,7 @@ class _Page:
 
 
 def _page(data: bytes, at: int) -> _Page:
-    """The page that begins at `at`. Raises IndexError, KeyError or ValueError where none does, or not all of one."""
+    """Return the page that begins at `at`. Raises IndexError, KeyError or ValueError: no page, or an incomplete one."""
     reader = _Reader(data, at)
     header = reader.struct()
     kind = header[1][1]
@@ -140,9 +140,9 @@ def _page(data: bytes, at: int) -> _Page:
 
 
 def _chunk(data: bytes, at: int, values: int | None) -> list[_Page]:
-    """The pages of one column from `at` on: `values` values, or None: all up to the next column's dictionary.
+    """Return the pages of one column from `at` on: `values` values, or None for all up to the next dictionary.
 
-    Raises as `_page` does where they are not all there.
+    Raises the errors of `_page` if pages are missing.
     """
     pages: list[_Page] = []
     found = 0
@@ -150,7 +150,7 @@ def _chunk(data: bytes, at: int, values: int | None) -> list[_Page]:
         try:
             page = _page(data, pages[-1].end if pages else at)
         except (IndexError, KeyError, TypeError):
-            if values is None and found:  # a table's only column
+            if values is None and found:  # the end of a table's only column
                 break
             raise
         if page.dictionary and pages:
@@ -163,7 +163,7 @@ def _chunk(data: bytes, at: int, values: int | None) -> list[_Page]:
 
 
 def _row_group(data: bytes, at: int, template: Struct, per_row: list[int]) -> tuple[Struct, int]:
-    """The entry of the row group that begins at `at`, and where it ends; raises as `_page` does."""
+    """Return the entry of the row group that begins at `at`, and its end; raises as `_page` does."""
     start = at
     columns: list[Struct] = []
     rows: int | None = None
@@ -191,19 +191,18 @@ def _row_group(data: bytes, at: int, template: Struct, per_row: list[int]) -> tu
 
 
 def _footer(data: bytes) -> Struct:
-    """The footer of a whole parquet file."""
     (size,) = struct.unpack("<I", data[-8:-4])
     return _Reader(data, len(data) - 8 - size).struct()
 
 
 def salvage(path: Path, example: pa.Table, columns: list[str] | None = None) -> list[pa.Table]:
-    """The row groups that a killed `pyarrow.parquet.ParquetWriter` has written completely.
+    """Return the row groups that a killed `pyarrow.parquet.ParquetWriter` has written completely.
 
     Args:
-        path: a file without footer (of a whole one, the footer is ignored).
+        path: a file without footer (a whole file's footer is ignored).
         example: one row with the file's schema; its lists are as long as those in the file. Written as LeRobot
             does: snappy, dictionaries.
-        columns: which to read; all unless given.
+        columns: columns to read; all by default.
 
     Returns:
         One table per row group, up to the first that is cut off or damaged.
@@ -222,7 +221,7 @@ def salvage(path: Path, example: pa.Table, columns: list[str] | None = None) -> 
         try:
             group, at = _row_group(data, at, template, per_row)
         except (IndexError, KeyError, TypeError, ValueError, RecursionError):
-            break  # the end, or what was being written when the writer was killed
+            break  # the end, or the group that the killed writer left
         groups.append(group)
     footer[3] = (_I64, sum(group[3][1] for group in groups))
     footer[4] = (_LIST, (_STRUCT, groups))

@@ -1,4 +1,4 @@
-"""A whole LeRobot data set from what `inspection` found, written by LeRobot's own functions."""
+"""Rebuilds a whole LeRobot data set from the findings of `inspection`, by LeRobot's own functions."""
 
 import shutil
 from itertools import groupby
@@ -14,14 +14,14 @@ from lerobot_robot_yam.face.datasets.dataset_copy import SIDE_CARS, copy_side_ca
 from lerobot_robot_yam.face.datasets.layout import Progress, clip_columns
 from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import Findings
 
-_REPLACED = ("data", "videos", "images", "episodes")  # directories whose content is written anew, or of no use
+_REPLACED = ("data", "videos", "images", "episodes")  # directories that are rewritten, or useless in the copy
 
 
 def rebuild(findings: Findings, target: Path, progress: Progress = iter) -> None:
-    """Write the episodes that can be recovered, numbered from 0, to a new directory; the original is only read.
+    """Write the recoverable episodes, numbered from 0, to a new directory; the original is only read.
 
     Raises:
-        DatasetError: what was written does not load; `target` is gone again.
+        DatasetError: the written data set does not load; `target` is removed.
         ConfigError: its outcomes cannot be read.
     """
     with written_aside(target) as whole:
@@ -63,7 +63,7 @@ def _metadata(findings: Findings, target: Path) -> None:
 
 
 def _rest(findings: Findings, target: Path) -> None:
-    """Copy the files beside the data that are not LeRobot's own: the card, notes, files of other packages."""
+    """Copy the other files beside the data: the card, notes, files of other packages."""
     for directory in (Path(), Path("meta")):
         for path in sorted((findings.root / directory).iterdir()):
             copy = target / directory / path.name
