@@ -18,7 +18,7 @@ from lerobot_robot_yam.rig.simulation.judge import Judge
 from lerobot_robot_yam.rig.simulation.rig_operations import perform
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP
-from tests.support.transfers import AllTransfers
+from tests.support.transfers import Transfers
 
 TICK_STEPS = 4
 LAG_TICKS = 8  # of LeRobot at 30 Hz between leader and follower
@@ -36,7 +36,7 @@ class StandIn:
     def __init__(self, scene: Scene, sides: tuple[str, ...] = ("left", "right")):
         self.world = World(scene)
         self.prop = scene.props[0].name
-        self.judge, self.transfers = Judge(self.world), AllTransfers(self.world)
+        self.judge, self.transfers = Judge(self.world), Transfers(self.world)
         self.events: list[dict] = []
         self.energised = True
         self.following = True
@@ -100,7 +100,7 @@ class StandIn:
         joint.qpos[:] = [*position_m, 1.0, 0.0, 0.0, 0.0]
         joint.qvel[:] = 0.0
         mujoco.mj_kinematics(self.world.model, self.world.data)
-        self.transfers.reset(self.prop)
+        self.transfers.reset()
 
     @property
     def held(self) -> bool:

@@ -2,13 +2,12 @@
 
 import contextlib
 
-import numpy as np
 import pytest
 
 from lerobot_robot_yam.damiao import codec, registers
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Register
-from lerobot_robot_yam.damiao.tables import Fault, motor_type
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ConfigError
 from tests.support.rig_desk import Desk
 
@@ -79,23 +78,6 @@ def test_it_is_limp_until_it_is_enabled_and_then_obeys(desk):
     assert kinds.count("second_motor_enabled") == 1 and kinds.count("motor_enabled") == 0
 
 
-def test_torque_follows_the_command_up_to_the_limit(desk):
-    fault(desk, WRIST, "duplicate", {"q_rad": 0.0})
-    both(desk, SpecialCommand.ENABLE.value)
-    both(desk, mit(kp=500, q=12.0))
-    desk.run(0.004)
-    assert both(desk, mit(kp=500, q=12.0))[1].torque == pytest.approx(motor_type(KIND).torque_max_nm, abs=0.01)
-    fault(desk, WRIST, "duplicate", {"q_rad": 0.0})  # anew
-    both(desk, SpecialCommand.ENABLE.value)
-    start = desk.now_s
-    both(desk, mit(tau=1.0))
-    desk.run(0.1)
-    twin = desk.motor(WRIST).twin
-    elapsed = desk.now_s - start
-    assert twin.drive.angle() == pytest.approx(0.5 * 1.0 / 0.05 * elapsed**2, rel=0.2)  # half of it damped away at most
-    assert twin.torque_nm == pytest.approx(1.0, abs=0.01)
-
-
 def test_its_watchdog_is_its_own(desk):
     fault(desk, WRIST, "duplicate")
     both(desk, SpecialCommand.ENABLE.value)
@@ -129,17 +111,3 @@ def test_poses_must_fit(desk):
     with pytest.raises(ConfigError, match="q_rad"):
         fault(desk, 1, "duplicate", 3)
     assert not seconds(desk)
-
-
-def test_the_same_seed_gives_the_same_second_arm():
-    def answers():
-        with contextlib.closing(Desk(seed=3)) as desk:
-            fault(desk, None, "second_arm")
-            found = []
-            both(desk, SpecialCommand.ENABLE.value)
-            for _ in range(20):
-                found += [tuple(s)[2:5] for s in both(desk, mit(q=0.2, kp=20, kd=1))]
-                desk.run(0.004)
-            return np.array(found)
-
-    assert (answers() == answers()).all()

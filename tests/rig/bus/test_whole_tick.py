@@ -1,21 +1,17 @@
 """Whole ticks in one pass: the same bytes and the same world as frame by frame, for a fraction of the calls."""
 
-import sys
 from functools import cache
 
-import can
 import numpy as np
 import pytest
 
 from lerobot_robot_yam.damiao import codec, registers
-from lerobot_robot_yam.damiao.bus_port import data_message
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID, encode_report_request
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import REGISTER_ID, ControlMode
 from lerobot_robot_yam.rig.devices import packets
 from lerobot_robot_yam.rig.devices.packets import Frame
-from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.simulation.device import RigDevice
 from lerobot_robot_yam.rig.simulation.fault_operations import CHANNEL_KINDS, KINDS
@@ -199,38 +195,3 @@ def test_a_second_client_hears_whole_ticks():
     pair.check()
     heard = [b"".join(ear.heard) for ear in listeners]
     assert heard[0] == heard[1] and len(heard[0]) == 3 * 14 * packets.RECORD_SIZE
-
-
-def calls(work):
-    """How many functions, of Python and of C, our code calls for `work`: its cost on any machine under any load."""
-    count = 0
-
-    def note(frame, event, argument):
-        nonlocal count
-        count += event in ("call", "c_call") and "lerobot_robot_yam" in frame.f_code.co_filename
-
-    sys.setprofile(note)
-    try:
-        work()
-    finally:
-        sys.setprofile(None)
-    return count
-
-
-@pytest.mark.parametrize("channel", ["follower_left", "leader_left"])
-def test_a_whole_tick_takes_few_calls(channel):
-    rig = LockstepRig(arms=[channel])
-    try:
-        with can.Bus(interface="yam_lockstep", channel=channel, rig=rig.name) as bus:
-            motors = rig.device.channels[channel].motors
-            enable = [data_message(motor.can_id, SpecialCommand.ENABLE.value) for motor in motors]
-            tick = [data_message(m.can_id, codec.encode_mit(m.kind, 0.1, 0.0, 1.0, 1.0, 0.0)) for m in motors]
-            if channel.startswith("leader"):
-                tick.append(data_message(REQUEST_ID, encode_report_request()))
-            bus.send_many(enable)
-            for _ in range(3):  # thermometers have been read, everything is laid out
-                bus.send_many(tick)
-            rig.sleep(TICK_S)
-            assert calls(lambda: bus.send_many(tick)) <= 130  # frame by frame it was 300
-    finally:
-        rig.close()

@@ -3,7 +3,6 @@
 import contextlib
 import os
 import signal
-import threading
 import time
 from pathlib import Path
 
@@ -16,8 +15,6 @@ from lerobot_robot_yam.rig.control import RigControl, running_rig, runs
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 
 pytestmark = pytest.mark.alone
-
-CAMERAS = ("top", "wrist_left", "wrist_right")
 
 
 @pytest.fixture(scope="module")
@@ -137,58 +134,6 @@ def _stop_and_kill(rig: RigControl) -> None:
             camera.wait_new(0.5)
     with RigCamera("top", 64, 48, 30, rig=rig.name) as camera:  # a new one is started
         assert camera.latest(max_age_s=5.0)[0].any()
-
-
-@contextlib.contextmanager
-def little_time(pid: int, run_s: float):
-    """A process runs for only so much of the time between two pauses of 0.06 s."""
-    done = threading.Event()
-
-    def pulse() -> None:
-        while not done.is_set():
-            os.kill(pid, signal.SIGCONT)
-            time.sleep(run_s)
-            os.kill(pid, signal.SIGSTOP)
-            time.sleep(0.06)
-        os.kill(pid, signal.SIGCONT)
-
-    thread = threading.Thread(target=pulse)
-    thread.start()
-    try:
-        yield
-    finally:
-        done.set()
-        thread.join()
-
-
-def rounds_and_ages(rig: RigControl, cameras: list[RigCamera]) -> tuple[float, list[float]]:
-    """Median time between two pictures of a camera, and median age of each camera's when they come, s; of 5 s."""
-    stamps, ages, rounds = [time.monotonic()] * len(cameras), [[] for _ in cameras], []
-    end = time.monotonic() + 5.0
-    while (now := time.monotonic()) < end:
-        rig.place("cube", [0.3 + 0.01 * (now % 1.0), 0.2, 0.1])  # or it would not draw
-        for i, camera in enumerate(cameras):
-            stamp_s = camera.latest(max_age_s=10.0)[1]
-            if stamp_s != stamps[i]:
-                ages[i].append(time.monotonic() - stamp_s)
-                rounds.append(stamp_s - stamps[i])
-                stamps[i] = stamp_s
-        time.sleep(0.002)
-    return float(np.median(rounds)), [float(np.median(age)) for age in ages]
-
-
-@pytest.mark.long
-def test_a_renderer_that_gets_little_time_draws_every_camera_as_the_world_is_then():
-    """If all came from one state, the last would be a whole round old on arrival."""
-    with running_rig() as rig, contextlib.ExitStack() as stack:
-        cameras = [stack.enter_context(RigCamera(name, 320, 240, 30, rig=rig.name)) for name in CAMERAS]
-        for run_s in (0.008, 0.004, 0.002, 0.001):  # fast machines draw a round in a few milliseconds
-            with little_time(*renderer_pids(rig), run_s):
-                round_s, ages_s = rounds_and_ages(rig, cameras)
-            if round_s > 0.25:  # a state may be a period old, and lie through a pause: that is to be little of it
-                break
-        assert round_s > 0.25, "it has got too much time for this test"
-        assert max(ages_s) < 0.75 * round_s, (round_s, ages_s)
 
 
 def test_no_opengl_is_a_clear_error_and_the_rig_lives_on(monkeypatch):

@@ -99,13 +99,6 @@ def test_a_motor_that_gets_too_hot_switches_itself_off(desk, limit_c, register_c
     assert [e["fault"] for e in desk.device.events.since(0, 100) if e["kind"] == "motor_fault"] == [code]
 
 
-def test_the_power_stages_limit_is_a_register(desk):
-    fault(desk, WRIST, "register", 50.0, register=Register.OT_VALUE)
-    fault(desk, WRIST, "temperature_ramp", {"rate_c_per_s": 0.0, "from_c": 51.0})
-    desk.run(0.02)
-    assert desk.special(WRIST, SpecialCommand.ENABLE).fault == Fault.MOS_OVER_TEMPERATURE
-
-
 def test_a_hot_motor_trips_again_until_it_has_cooled(desk):
     fault(desk, WRIST, "register", 80.0, register=Register.OT_VALUE)
     fault(desk, WRIST, "temperature_ramp", {"rate_c_per_s": -100.0, "from_c": 90.0})
@@ -147,22 +140,6 @@ def test_a_torque_bias_displaces_a_held_joint_and_is_not_reported(desk, can_id, 
     assert pushed.torque == pytest.approx(-bias_nm, abs=0.1)  # the motor reports what it exerts against it
     clear(desk)
     assert settled(desk, can_id, q=middle, kp=kp, kd=1).position == pytest.approx(middle, abs=0.015)
-
-
-def test_a_motor_that_is_off_delivers_no_bias(desk):
-    address = desk.device.world.joint_addresses("follower_left")[5]
-    before = desk.device.world.qpos[address]
-    fault(desk, WRIST, "torque_bias_nm", 1.0)
-    desk.run(0.3)
-    assert desk.device.world.qpos[address] == pytest.approx(before, abs=0.05)
-    desk.special(WRIST, SpecialCommand.ENABLE)
-    for _ in range(30):
-        desk.mit(WRIST)
-        desk.run(0.01)
-    assert desk.device.world.qpos[address] > before + 0.3
-    desk.special(WRIST, SpecialCommand.DISABLE)
-    desk.run(0.01)
-    assert not desk.device.world.data.qfrc_applied.any()
 
 
 @pytest.mark.parametrize("can_id", [2, WRIST, 7])

@@ -67,18 +67,6 @@ def test_a_position_beyond_the_range_comes_in_at_the_other_end_and_other_values_
     assert desk.mit(WRIST).position == pytest.approx(25.0 - 2 * np.pi - 12.0, abs=2 * LSB)
 
 
-@pytest.mark.parametrize(
-    "told", [{"velocity_rad_s": 20.0, "torque_nm": 9.0}, {"velocity_rad_s": 1.0, "torque_nm": 1e308}]
-)
-def test_power_that_is_only_told_does_not_warm_the_motor(desk, told):
-    desk.special(WRIST, SpecialCommand.ENABLE)
-    lie(desk, WRIST, told)
-    for _ in range(20):
-        desk.run(0.1)
-        answer = desk.mit(WRIST)
-    assert (answer.temp_mos, answer.temp_rotor) == pytest.approx((35, 40), abs=2)  # at rest
-
-
 def test_a_frozen_reading_repeats_itself_while_the_joint_turns(desk):
     desk.special(WRIST, SpecialCommand.ENABLE)
     desk.mit(WRIST, tau=0.5, kd=0.05)
@@ -94,15 +82,6 @@ def test_a_frozen_reading_repeats_itself_while_the_joint_turns(desk):
     assert desk.motor(WRIST).motor_angle_rad > before + 0.3
     lie(desk, WRIST, False)
     assert desk.mit(WRIST).position > before + 0.3
-
-
-def test_the_motors_own_servo_does_not_know(desk):
-    true = desk.special(WRIST, SpecialCommand.ENABLE).position
-    lie(desk, WRIST, {"position_rad": 2 * np.pi})
-    for _ in range(50):
-        desk.mit(WRIST, q=true + 0.3, kp=10, kd=1)
-        desk.run(0.01)
-    assert desk.motor(WRIST).motor_angle_rad == pytest.approx(true + 0.3, abs=0.05)
 
 
 @pytest.mark.parametrize(

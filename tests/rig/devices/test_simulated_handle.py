@@ -52,20 +52,6 @@ def test_a_button_edge_is_an_event_when_events_are_on():
     assert handle_encoder.decode_report(event.data).buttons == (False, False)
 
 
-def test_taking_zero_shifts_the_angle():
-    handle = SimHandle()
-    handle.trigger = 1.0
-    handle.request(bytes((1, handle_encoder.OP_SET_ZERO)))
-    assert handle_encoder.decode_report(handle.report().data).position_rad == pytest.approx(0, abs=1e-3)
-
-
-def test_eeprom_writes_are_read_back():
-    handle = SimHandle()
-    handle.request(bytes((1, handle_encoder.OP_WRITE_EEPROM, 9, 0x12, 0x34)))
-    answers = [handle.request(handle_encoder.encode_eeprom_read(offset)).data[2] for offset in (9, 10, 11)]
-    assert answers == [0x12, 0x34, 0]
-
-
 def test_another_device_or_a_silent_one_does_not_answer():
     handle = SimHandle()
     assert handle.request(bytes((7, handle_encoder.OP_REPORT))) is None

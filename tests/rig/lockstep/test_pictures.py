@@ -137,12 +137,6 @@ def test_a_seed_has_the_same_pictures_again_and_another_seed_others():
 
 
 @pytest.mark.long
-def test_without_the_option_seeds_change_no_look():
-    first, second = lift_pictures((3, 4))
-    assert np.array_equal(first, second)
-
-
-@pytest.mark.long
 def test_before_any_task_the_rigs_own_seed_draws_the_look():
     def picture(seed):
         with shown(randomise_look=1.0, seed=seed) as (_, look):

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from lerobot_robot_yam.rig.operator.hands import Pose, sight_of
+from lerobot_robot_yam.rig.operator.hands import sight_of
 from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
-from lerobot_robot_yam.rig.world.world_model import yaw_quat
 
 ON_ITS_FACE = np.array([math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0])  # a quarter turn about y: the x axis points down
 
@@ -22,17 +21,6 @@ def rig():
     rig = LockstepRig("drawer", arms=["follower_left", "follower_right"])
     yield rig
     rig.close()
-
-
-def test_a_pose_has_points_and_a_direction():
-    pose = Pose(np.array([1.0, 2.0, 3.0]), yaw_quat(2.5))
-    assert pose.yaw_rad == pytest.approx(2.5) and pose.edge_yaw_rad % (np.pi / 2) == pytest.approx(2.5 % (np.pi / 2))
-    assert pose.point(np.array([1.0, 0.0, 0.5])) == pytest.approx([1 + math.cos(2.5), 2 + math.sin(2.5), 3.5])
-
-
-def test_an_edge_is_seen_whichever_face_it_lies_on():
-    pose = Pose(np.zeros(3), ON_ITS_FACE)
-    assert pose.edge_yaw_rad % (np.pi / 2) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_without_leaders_the_followers_are_both_and_limp_arms_are_not_willing(rig):

@@ -106,14 +106,6 @@ def test_a_killed_rig_is_replaced_and_sigterm_ends_it_cleanly():
     assert files_of("test-replaced") == []
 
 
-@pytest.mark.long
-def test_rigs_side_by_side_do_not_meet():
-    with running_rig() as one, running_rig() as other:
-        one.place("cube", (0.6, 0, 0.02))
-        assert one.pid != other.pid
-        assert other.state()["props"]["cube"]["pos"][0] != pytest.approx(0.6, abs=0.05)
-
-
 def test_a_stopped_rig_is_reported_and_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(monkeypatch):
     monkeypatch.setattr(control, "_TIMEOUT_S", 0.3)
     monkeypatch.setattr(launch, "_HELLO_TIMEOUT_S", 0.3)
