@@ -31,7 +31,7 @@ def session(host):
     rig, served = host
     device = HostedDevice(Host(served.address), "robot", ("",))
     config = sim_config(rig, ARM, max_state_age_s=AGE_S)
-    session = ArmSession([config], LinkInStep.on(served, False, device))
+    session = ArmSession([config], LinkInStep.on(served, device))
     session.start()
     yield session
     session.stop()

@@ -44,7 +44,7 @@ def stopped(monkeypatch):
 def session(host):
     rig, served = host
     device = HostedDevice(Host(served.address), "robot", ("",))
-    session = ArmSession([sim_config(rig, ARM)], LinkInStep.on(served, False, device))
+    session = ArmSession([sim_config(rig, ARM)], LinkInStep.on(served, device))
     session.start()
     yield session
     session.stop()

@@ -1,7 +1,5 @@
 """A session whose arms another process drives, over the link: as a session of local arms."""
 
-import os
-import signal
 import time
 
 import numpy as np
@@ -136,18 +134,3 @@ def test_a_group_that_is_not_there_is_refused(served):
         HostedDevice(Host(served.address), "teleop", ("",))
     with pytest.raises(ConfigError, match="has 1 arm; its type here is yam_remote"):
         HostedDevice(Host(served.address), "robot", ("left_", "right_"))
-
-
-@pytest.mark.long
-def test_a_caller_hears_that_the_link_is_gone_and_the_host_lands(rig, served, session):
-    session[ARM].observe()
-    (pid,) = [int(pid) for key, pid in sessions(runtime_dir()).items() if key.startswith("remote.")]
-    os.kill(pid, signal.SIGKILL)
-    deadline = time.monotonic() + 30.0
-    with pytest.raises(StaleStateError, match=f"{served.address}/{ARM}.*old"):
-        while time.monotonic() < deadline:
-            session[ARM].observe()
-    while any(motor["enabled"] for motor in rig.state()["arms"][ARM]["motors"].values()):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    session.stop()

@@ -34,10 +34,10 @@ def local(rig, tmp_path):
     return BiYamFollower(config)
 
 
-def remote(served, late):
+def remote(served):
     """The robot of another one."""
     config = BiYamRemoteConfig(host=str(served.address), observe_velocity=True)
-    config.runs = lambda: LinkInStep.on(served, late, config.hosted)
+    config.runs = lambda: LinkInStep.on(served, config.hosted)
     return BiYamRemote(config)
 
 
@@ -74,9 +74,9 @@ def record(robot, root):
     return root
 
 
-def recorded_over_the_link(root, late=False):
+def recorded_over_the_link(root):
     with contextlib.closing(LockstepRig(arms=list(FOLLOWERS))) as rig, ServedArms(rig, *FOLLOWERS) as served:
-        robot = remote(served, late)
+        robot = remote(served)
         try:
             return record(robot, root)
         finally:
@@ -117,13 +117,3 @@ def test_it_is_the_same(here, tmp_path):
     for key in table(here).column_names:
         assert np.abs(rows(here, key) - rows(there, key)).max() < 1e-4, key
     assert np.ptp(rows(there, OBS_STATE)[:, :6], axis=0).min() > 0.3, "the arms did not move"
-
-
-@pytest.mark.long
-def test_what_comes_later_is_done_later(here, tmp_path):
-    """Each command reaches the host a frame late: the same way, a frame later."""
-    there = recorded_over_the_link(tmp_path / "data", late=True)
-    assert np.array_equal(rows(here, ACTION), rows(there, ACTION))
-    before, after = (rows(root, OBS_STATE)[:, :14] for root in (here, there))
-    assert np.abs(after[5:] - before[4:-1]).max() < 0.005  # at first the grippers still settle
-    assert np.abs(after - before).max() > 0.02

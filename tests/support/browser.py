@@ -72,21 +72,16 @@ def chromium() -> Iterator["Browser"]:
             browser.close()
 
 
-def open_page(browser: "Browser", url: str, errors: list[str], width: int = 1280, height: int = 900) -> "Page":
-    """A page of a person of its own; `errors` collects what its console and its scripts complain of."""
-    page = browser.new_page(viewport={"width": width, "height": height})
-    page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    page.set_default_timeout(_PATIENCE_MS)
-    page.goto(url)
-    return page
-
-
 @contextlib.contextmanager
 def browser_page(url: str, errors: list[str], width: int = 1280, height: int = 900) -> Iterator["Page"]:
-    """`open_page` in a browser of its own."""
+    """A page in a browser of its own; `errors` collects what its console and its scripts complain of."""
     with chromium() as browser:
-        yield open_page(browser, url, errors, width, height)
+        page = browser.new_page(viewport={"width": width, "height": height})
+        page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.set_default_timeout(_PATIENCE_MS)
+        page.goto(url)
+        yield page
 
 
 def take_picture(page: "Page", directory: Path) -> Image.Image:

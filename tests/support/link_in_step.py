@@ -16,20 +16,19 @@ class LinkInStep:
 
     Args:
         served: the host, `ServedArms` of a rig in lock-step.
-        late: what is commanded reaches the host only once the world has gone on.
         device, arms, keys: as of `RemoteRunner`.
     """
 
-    def __init__(self, served, late, device, arms, keys):
-        self._group, self._late, self._device, self._arms, self._keys = served.groups[0], late, device, arms, keys
+    def __init__(self, served, device, arms, keys):
+        self._group, self._device, self._arms, self._keys = served.groups[0], device, arms, keys
         self._link = None
         self._pairs = []
         self._written = 0
 
     @classmethod
-    def on(cls, served, late, device):
+    def on(cls, served, device):
         """What makes it, as `HostedDevice.runner` does."""
-        return partial(cls, served, late, device)
+        return partial(cls, served, device)
 
     @property
     def clock(self):
@@ -45,11 +44,8 @@ class LinkInStep:
     def sleep(self, seconds):
         if self._link is None:
             return
-        if self._late:
-            self._world.sleep(seconds)
         self._turn_until(lambda: self._group.newest == self._written)
-        if not self._late:
-            self._world.sleep(seconds)
+        self._world.sleep(seconds)
         self._turn_until(lambda: self._ticks() == [arm.client.published().tick for arm in self._group.arms])
 
     def _ticks(self):

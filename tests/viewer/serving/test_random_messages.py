@@ -20,7 +20,6 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.viewer.live.live import Live
 from lerobot_robot_yam.viewer.moving import heartbeat
-from lerobot_robot_yam.viewer.serving.incoming import MalformedError, passes
 from lerobot_robot_yam.viewer.serving.page import Page
 from tests.support.browser import PATIENT_S
 from tests.support.rigged import rig_of, session_on, sim_config
@@ -175,27 +174,19 @@ def in_range(name, value):
     return value in ("a", "b") if name == "dropdown" else isinstance(value, (str, bool))
 
 
-@pytest.mark.parametrize(
-    "kind, count",
-    [
-        ("lockstep", 400),
-        pytest.param("lockstep", 10_000, marks=pytest.mark.long),
-        pytest.param("live", 10_000, marks=[pytest.mark.long, pytest.mark.alone]),
-    ],
-)
-def test_random_messages(kind, count, capfd):
+@pytest.mark.parametrize("count", [400, pytest.param(10_000, marks=pytest.mark.long)])
+def test_random_messages(count, capfd):
     with contextlib.ExitStack() as stack:
-        rig = stack.enter_context(rig_of(kind, arms=[FOLLOWER]))
+        rig = stack.enter_context(rig_of("lockstep", arms=[FOLLOWER]))
         session = session_on(rig, sim_config(rig, FOLLOWER))
         session.start()
-        stack.callback(session.discard if kind == "lockstep" else session.stop)
+        stack.callback(session.discard)
         stack.enter_context(stopped_in_the_end())
         page = stack.enter_context(contextlib.closing(Page(port=0)))
         controls = Controls(page)
         values = noted(controls)
         live = stack.enter_context(contextlib.closing(Live(page.server)))
         live.update(time.monotonic())
-        assert len(live.arms) == (kind == "live")  # arms in lock-step keep their states to themselves
         arm = session[FOLLOWER]
         before = arm.observe()
         known = page.server.gui._gui_input_handle_from_uuid | page.server.scene._handle_from_node_name
@@ -250,19 +241,3 @@ def test_random_messages_beside_a_browser_that_controls_the_arm(station, monkeyp
     assert controlling.was_told("asks for control")  # a press that was good: the page has heard them
     controlling.set("joint_1, rad", 0.2)
     station.run(lambda: station.state.q[0] > 0.18)
-
-
-def test_what_is_sent_is_varied():
-    sender = Sender(1, {"a": None})
-    raws, malformed = zip(*(sender.message() for _ in range(2000)), strict=True)
-    assert len(set(raws)) > 1000 and max(map(len, raws)) > 1 << 16 and 400 < sum(malformed) < 1200
-    outcomes = [outcome(raw) for raw in raws]
-    assert all(outcomes.count(found) > 20 for found in (True, False, None))
-
-
-def outcome(raw):
-    """Whether it passes; None: it is malformed."""
-    try:
-        return passes(raw, lambda _: None)
-    except MalformedError:
-        return None
