@@ -1,6 +1,5 @@
 """LeRobot's commands labelled, led on and ended by requests alone: nobody presses a key or a button."""
 
-import json
 import os
 import signal
 import subprocess
@@ -8,20 +7,18 @@ import sys
 import time
 
 import pytest
-import yaml
 from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.face.recorder import outcomes
 from lerobot_robot_yam.face.recorder.disk_guard import LEFT_FREE
 from lerobot_robot_yam.state.desk_post import Asked, ask, running_desks
 from lerobot_robot_yam.system.runtime_files import runtime_dir
-from tests.cli.conftest import CALM, ROOT
+from tests.cli.conftest import ROOT
 from tests.support.rolling import Rollout, config, data_set
 
 pytestmark = [pytest.mark.alone, pytest.mark.long]
 
 FPS = 15
-LABELS = ["success", "failure", "discard", "success"]
 WAIT_S = 200.0
 
 
@@ -49,43 +46,6 @@ class Desk:
         """As a click, for the phase that is shown."""
         assert meaning in self.status["offers"], self.status
         assert ask(runtime_dir(), self.number, Asked(meaning, "yam-view", self.status["turn"]))
-
-
-def recording(commands, **dataset):
-    """The config of a recording on the rig, without cameras."""
-    document = yaml.safe_load((ROOT / "configs" / "sim" / "record.yaml").read_text())
-    document["robot"]["cameras"] = {}
-    for side in ("left_arm_config", "right_arm_config"):
-        del document["teleop"][side]["can_options"]
-    document["dataset"] |= {"root": str(commands.directory / "data"), "no_stamp": True, "fps": FPS} | dataset
-    path = commands.directory / "record.yaml"
-    path.write_text(yaml.safe_dump(document))
-    return path
-
-
-def test_a_session_of_four_episodes_is_labelled_from_the_page(commands):
-    path = recording(commands, num_episodes=len(LABELS), episode_time_s=60, reset_time_s=60)
-    process = commands.start("lerobot-record", f"--config_path={path}", *CALM)
-    desk = Desk(process)
-    for episode, label in enumerate(LABELS):
-        status = desk.wait(2.0, phase="recording", saved=episode)
-        assert status["fps_asked"] == FPS and 0.8 * FPS < status["fps"] < 1.1 * FPS and status["episodes"] == 4
-        commands.rig.log("asked", meaning=label)
-        desk.ask(label)
-        if episode < len(LABELS) - 1:
-            desk.wait(0.5, phase="resetting", saved=episode)
-            commands.rig.log("asked", meaning="next")
-            desk.ask("next")
-    assert commands.finish(process) == 0, commands.output()[-4000:]
-    commands.assert_landed()
-    logged = [event["meaning"] for event in commands.rig.events() if event["kind"] == "asked"]
-    assert [meaning for meaning in logged if meaning != "next"] == LABELS
-    data = LeRobotDataset("local/yam_sim", root=commands.directory / "data")
-    rows = outcomes.read(data.root)
-    assert data.num_episodes == len(LABELS) and [row.outcome for row in rows.values()] == LABELS
-    figures = [json.loads(line) for line in (data.root / "meta" / "yam_episodes.jsonl").read_text().splitlines()]
-    assert [row["frames"] for row in figures] == [row["length"] for row in data.meta.episodes]
-    assert not list(runtime_dir().glob("desk-*"))
 
 
 @pytest.fixture

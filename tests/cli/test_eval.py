@@ -71,14 +71,6 @@ def evaluate(commands, name, policy, episodes, rigs):
 
 
 @pytest.mark.long
-def test_what_succeeded_on_one_rig_succeeds_again_on_two_side_by_side(commands):
-    outcomes = demonstrated(2, commands.directory / "actions.npz")
-    policy = save_replayed(commands.directory / "policy", arms=1, actions=str(commands.directory / "actions.npz"))
-    assert outcomes == [True, True]
-    assert evaluate(commands, "two", policy, 2, 2) == outcomes
-
-
-@pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_what_succeeds_now_and_then_does_so_on_the_same_seeds(commands):
     actions = commands.directory / "actions.npz"
@@ -88,12 +80,6 @@ def test_what_succeeds_now_and_then_does_so_on_the_same_seeds(commands):
     assert 2 <= sum(one) <= 10
     assert evaluate(commands, "again", policy, 12, 1) == one
     assert evaluate(commands, "two", policy, 12, 2) == one
-
-
-@pytest.mark.long
-def test_doing_nothing_never_succeeds(commands):
-    policy = save_replayed(commands.directory / "policy", arms=1)
-    assert evaluate(commands, "nothing", policy, 1, 1) == [False]
 
 
 @pytest.mark.long

@@ -254,19 +254,6 @@ def kept(recording):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_in_the_reset_phase_keeps_the_finished_episode(resetting, number):
-    begin = time.monotonic()
-    os.killpg(resetting.process.pid, number)
-    assert resetting.finish(NOTHING) == -signal.SIGINT
-    assert time.monotonic() - begin < ENDS_S
-    assert f"kept 1 episode of this session; 1 in {resetting.root}" in kept(resetting)
-    assert f"\nended by {signal.Signals(number).name}\n" in resetting.output()
-    assert "Traceback" not in resetting.output()
-    assert_ended_well(resetting, NOTHING)
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("name", ["camera dead", "motor fault of a leader"])
 def test_an_error_in_the_reset_phase_keeps_the_finished_episode(resetting, name):
     event = EVENTS[name]
@@ -276,16 +263,6 @@ def test_an_error_in_the_reset_phase_keeps_the_finished_episode(resetting, name)
         assert part in resetting.last_words(), resetting.last_words()
     assert f"kept 1 episode of this session; 1 in {resetting.root}" in resetting.output()
     assert_ended_well(resetting, event)
-
-
-@pytest.mark.long
-def test_a_terminal_that_closes_sends_two_signals_and_keeps_the_finished_episode(resetting):
-    for number in (signal.SIGHUP, signal.SIGTERM):
-        os.killpg(resetting.process.pid, number)
-        time.sleep(0.02)
-    assert resetting.finish(NOTHING) == -signal.SIGINT
-    assert f"kept 1 episode of this session; 1 in {resetting.root}" in kept(resetting)
-    assert_ended_well(resetting, NOTHING)
 
 
 @pytest.mark.long
