@@ -41,21 +41,16 @@ def watch_start(rig: "RigOperations", channel: str) -> None:
     rig.request("watch_start", channel=channel)
 
 
-def watch_stop(rig: "RigOperations", channel: str) -> None:
-    """Stop recording; `watch` still returns the record."""
-    rig.request("watch_stop", channel=channel)
-
-
 def watch(rig: "RigOperations", channel: str) -> dict[str, Any]:
     """The extremes since `watch_start`, looked at every 2 to 4 ms of simulated time, torques every millisecond.
 
     Returns:
         since_s (monotonic). motors: n names, gripper last.
         max_speed_rad_s (n), of motors while enabled, and max_torque_nm (n), magnitudes at the joint (gripper: at
-        the motor). max_asked_nm (n): the torque that the command asked for before the motor's own limit. Each with
-        the monotonic time of the largest: max_speed_at_s, max_torque_at_s, max_asked_at_s (0 before the first).
+        the motor). max_asked_nm (n): the torque that the command asked for before the motor's own limit. Of speed and
+        asked torque the monotonic time of the largest, too: max_speed_at_s, max_asked_at_s (0 before the first).
         max_command_age_s (n): the longest that an enabled motor acted on one command, simulated time.
-        min_tcp_z_m; max_tcp_drop_m, below its height at the start.
+        max_tcp_drop_m: how far the tool was below its height at the start.
         touched_at_s: when it last touched anything, or pressed on itself with more than 50 N (0: never).
         enabled_events: (monotonic_s, motor, enabled) of every change. fault_events: (monotonic_s, motor, code).
     """
@@ -226,7 +221,6 @@ class Watch:
         self._next_s = 0.0
         device.operations |= {
             "watch_start": self.start,
-            "watch_stop": self.stop,
             "watch": self.report,
             "watch_changes": self.changes,
         }
@@ -243,20 +237,11 @@ class Watch:
             "since_s": self._device.clock.now(),
             "event": self._device.events.next_number,
             "enabled": {motor.name: motor.enabled for motor in self._device.channels[channel].motors},
-            "until": None,
         }
         self._on[rows] = True
         if self._sample_torques not in self._device.each_step:
             self._device.each_step.append(self._sample_torques)
             self._device.each_advance.append(self._sample)
-
-    def stop(self, channel: str) -> None:
-        """Record it no longer; the record stays."""
-        self._on[self._rows[channel]] = False
-        self._started[channel]["until"] = self._device.events.next_number
-        if not self._on.any():
-            self._device.each_step.remove(self._sample_torques)
-            self._device.each_advance.remove(self._sample)
 
     def _sample_torques(self) -> None:
         """Look at the step that was just simulated: a torque may last for only a few."""
@@ -301,11 +286,9 @@ class Watch:
             "max_speed_rad_s": self._speed.value[rows],
             "max_speed_at_s": self._speed.at_s[rows],
             "max_torque_nm": self._torque.value[rows],
-            "max_torque_at_s": self._torque.at_s[rows],
             "max_asked_nm": self._asked.value[rows],
             "max_asked_at_s": self._asked.at_s[rows],
             "max_command_age_s": self._age.value[rows],
-            "min_tcp_z_m": self._lowest_z[arm],
             "max_tcp_drop_m": self._start_z[arm] - self._lowest_z[arm],
             "touched_at_s": self._touched_at[arm],
             "changes": [],
@@ -316,8 +299,6 @@ class Watch:
         started, found = self._started[channel], []
         enabled = dict(started["enabled"])
         for event in self._device.events.since(started["event"]):
-            if event["number"] == started["until"]:
-                break
             if event["kind"] in _SWITCHES and event["channel"] == channel:
                 motor, on = event["motor"], event["kind"] == "motor_enabled"
                 found.append((event["monotonic_s"], motor, enabled[motor] != on, on, event.get("fault", 0)))

@@ -29,8 +29,6 @@ _AT_MEASURED = 0.03  # rad or strokes: a set-point so near to the measured pose 
 _MISSED_S = 0.03  # more between two records: the judge got no time to look
 _SETTLED_S = 0.15  # an arm that begins to land brakes from full speed first
 _CAME_FREE = "a joint that came free"
-_PRESSES_LESS = "a landing that meets something presses less"
-_REFUSED = "readings are refused: a joint keeps to what it was sent, which was clipped"
 _PEER_S = 0.15  # a peer has been told by then
 
 
@@ -90,7 +88,6 @@ class SetPointCheck:
         self._before: Any = None
         self._earlier_s = -math.inf
         self._landing_since: float | None = None
-        self.seeds: Counter[str] = Counter()
         self._unproven: list[Seed] = []
         self.largest_ratio = 0.0
         self.largest_landing_ratio = 0.0
@@ -160,17 +157,12 @@ class SetPointCheck:
         elif caught:
             why = _CAME_FREE
         if seeded and why:
-            self.seeds[why] += 1
             if new is not Mode.FLOAT:  # nothing is sent to where a floating joint is said to be
                 self._note_seed(record, before, jumped, why)
             return []
-        if new is Mode.LAND and self._presses_less(record, before)[jumped].all():
-            self.seeds[_PRESSES_LESS] += 1
-            return []
-        clipped = bool(int(before["limited"]) & Limited.TORQUE)
-        if old is new is Mode.FAULT and clipped and self._presses_less(record, before)[jumped].all():
-            self.seeds[_REFUSED] += 1
-            return []
+        clipped = old is new is Mode.FAULT and bool(int(before["limited"]) & Limited.TORQUE)
+        if (new is Mode.LAND or clipped) and self._presses_less(record, before)[jumped].all():
+            return []  # a landing meets something; or readings are refused: a joint keeps to what it was sent
         slot = int(np.nanargmax(np.where(jumped, moved, 0.0)))
         way = f"{before['setpoint'][slot]:.3f} to {record['setpoint'][slot]:.3f}, measured {record['q'][slot]:.3f}"
         took_s = now - float(before["stamp_s"])
@@ -255,8 +247,6 @@ class PolicyCheck:
         self._landing_s: dict[str, float] = {}  # when it began to land
         self._told: set[str] = set()  # or not to be told
         self.outcomes: Counter[tuple[str, str]] = Counter()
-        self.limited: Counter[str] = Counter()
-        self._limited: dict[str, int] = {}
 
     def look(self, channel: str, record: Any, peer: Any) -> tuple[list[Finding], tuple[Trouble, float] | None]:
         """Check one record of an arm against the newest of its peer (None without one).
@@ -265,7 +255,6 @@ class PolicyCheck:
             What must not be; trouble that has just been told, and since when it may be there. An arm that lands keeps
             to itself whom it does not believe any more, until its landing is stopped.
         """
-        self._count_limits(channel, int(record["limited"]))
         trouble, mode, now = trouble_of(record), mode_of(record), float(record["stamp_s"])
         found: list[Finding] = []
         news = None
@@ -290,12 +279,6 @@ class PolicyCheck:
             what = f"{self._peers[channel]} is in {there.name} while {channel} has trouble: {trouble}"
             found.append(Finding("the other arm as the policy says", now, channel, what))
         return found, news
-
-    def _count_limits(self, channel: str, flags: int) -> None:
-        before = self._limited.get(channel, 0)
-        self._limited[channel] = flags
-        for flag in Limited(flags & ~before):
-            self.limited[flag.name or str(flag)] += 1
 
 
 def _judge_arm(channel: str, trouble: Trouble, mode: Mode, now: float) -> list[Finding]:

@@ -8,6 +8,7 @@ import json
 import select
 import sys
 import time
+from collections import Counter
 from typing import Any
 
 from lerobot_robot_yam.rig.control import RigControl
@@ -126,7 +127,7 @@ class Monitor:
             self._excused += 1
             return
         self._violations += 1
-        arm, leader = self._arms[finding.channel], self._leaders.get(finding.channel)
+        arm = self._arms[finding.channel]
         context = [f"{c.kind} #{c.number}" for c in self._context.arms[finding.channel].causes[-4:]]
         mode = None if arm.record is None else int(arm.record["mode"])
         self._say(
@@ -138,48 +139,42 @@ class Monitor:
             mode=mode,
             context=context,
             history=arm.history(finding.at_s),
-            leader_history=[] if leader is None else leader.history(finding.at_s),
         )
 
     def _say(self, **fields: Any) -> None:
         sys.stdout.write(json.dumps(fields) + "\n")
         sys.stdout.flush()
 
-    def _summary(self) -> dict[str, Any]:
-        arms = self._arms.values()
-        seeds: dict[str, int] = {}
-        for arm in arms:
-            for move, count in arm.check.seeds.items():
-                seeds[move] = seeds.get(move, 0) + count
-        return {
-            "violations": self._violations,
-            "excused": self._excused,
-            "stalls": self._context.stalls,
-            "records": sum(arm.records for arm in arms),
-            "largest_setpoint_speed_ratio": max(arm.check.largest_ratio for arm in arms),
-            "largest_landing_speed_ratio": max(arm.check.largest_landing_ratio for arm in arms),
-            "seeds": seeds,
-            "outcomes": [[trouble, mode, count] for (trouble, mode), count in sorted(self._policy.outcomes.items())],
+    def _summary(self) -> dict[str, dict[str, Any]]:
+        """Figures by title and name."""
+        checks = [arm.check for arm in self._arms.values()]
+        found = {
+            "seen": {
+                "state records": sum(arm.records for arm in self._arms.values()),
+                "violations": self._violations,
+                "findings excused, since the machine stood still": self._excused,
+                "times that it stood still for more than 50 ms": self._context.stalls,
+                "slips of the rig": self._rig.stats()["slips"],
+                "cuts of torque seen too late to judge": self._truth.unjudged_cuts,
+            },
+            "policy outcomes": {f"{trouble}: {mode}": n for (trouble, mode), n in self._policy.outcomes.items()},
             "obeyed": {
                 "records in an emergency stop": sum(check.stops for check in self._obedience.values()),
                 "records of a silent caller's arm": sum(check.silences for check in self._obedience.values()),
             },
-            "coupled": self._coupled(),
-            "limited": dict(sorted(self._policy.limited.items())),
-            **self._truth.summary(),
+            "largest": {
+                "set-point speed, of its limit": max(check.largest_ratio for check in checks),
+                "set-point speed while landing": max(check.largest_landing_ratio for check in checks),
+                **self._truth.largest,
+            },
         }
-
-    def _coupled(self) -> dict[str, int]:
-        """What followers that follow at loop rate were seen to do, and the gates that let them."""
-        checks = self._coupling.values()
-        if not checks:
-            return {}
-        found = {
-            "records of a coupled follower": sum(check.records for check in checks),
-            "gaps that began in a record that is missing": sum(check.unseen for check in checks),
-        }
-        for name in sorted({name for check in checks for name in check.gates}):
-            found[f"gate became {name}"] = sum(check.gates[name] for check in checks)
+        if self._coupling:
+            gates: Counter[str] = sum((check.gates for check in self._coupling.values()), Counter())
+            found["led at loop rate"] = {
+                "records of a coupled follower": sum(check.records for check in self._coupling.values()),
+                "gaps that began in a record that is missing": sum(check.unseen for check in self._coupling.values()),
+                **{f"gate became {name}": count for name, count in gates.items()},
+            }
         return found
 
 

@@ -71,14 +71,12 @@ class Truth:
         self._differences: list[Finding] = []
         # By channel: when torque was cut, and the arm's joints and bodies then.
         self._cuts: dict[str, tuple[float, np.ndarray, dict[str, Any]]] = {}
-        self._unjudged_cuts = 0
+        self.unjudged_cuts = 0
         self._held_s: dict[str, float] = {}  # when a hand was last seen on a leader
         self._touched_s: dict[str, float] = {}  # when an arm last touched anything
         self._age_s: dict[str, np.ndarray] = {}  # of the oldest command obeyed in the window before
-        self._speeds = {"judged": 0, "in contact": 0}  # windows
         self._unnoticed: set[tuple[str, str, float]] = set()
-        self._largest = {"speed": 0.0, "torque": 0.0, "difference_rad": 0.0, "moved_after_cut_m": 0.0}
-        self._at: dict[str, str] = {}
+        self.largest: dict[str, tuple[float, str]] = {}  # of each figure, and where
         for channel in arms:
             recorders.watch_start(rig, channel)
             recorders.truth_start(rig, channel, _KEPT_S)
@@ -100,7 +98,6 @@ class Truth:
             by_hand = now - self._held_s.get(channel, -math.inf) < _COASTS_S
             self._touched_s[channel] = max(self._touched_s.get(channel, -math.inf), seen["touched_at_s"])
             touched = seen["since_s"] - self._touched_s[channel] < _SETTLE_S
-            self._speeds["in contact" if touched else "judged"] += 1
             self._windows.append((channel, seen, now, by_hand or touched))
         self._pose = pose
 
@@ -112,7 +109,7 @@ class Truth:
         fresh = age < _FRESH_S
         beyond = np.where(fresh, difference - age * (_TRUTH_RAD_PER_S + 2.0 * speed), 0.0)
         beyond = np.nan_to_num(beyond)
-        self._note("difference_rad", float(beyond.max()), f"{channel} joint_{int(beyond.argmax()) + 1}")
+        self._note("state against the truth, rad", float(beyond.max()), f"{channel} joint_{int(beyond.argmax()) + 1}")
         if beyond.max() > _TRUTH_RAD:
             joint = int(beyond.argmax())
             what = f"joint_{joint + 1} says {record['q'][joint]:.3f}, is {true[joint]:.3f} rad"
@@ -130,7 +127,7 @@ class Truth:
                 then = int(np.searchsorted(stamps_s, at_s, side="right")) - 1
                 self._cuts[channel] = at_s, samples["q"][then], event["bodies"]
             else:  # a judge that got no time to look: the rig keeps them for `_KEPT_S`
-                self._unjudged_cuts += 1
+                self.unjudged_cuts += 1
         elif event["kind"] == "motor_enabled":
             self._cuts.pop(event["channel"], None)
 
@@ -151,7 +148,7 @@ class Truth:
                 allowed = allowed_speed_rad_s(arm.motor_speed_limit[:n], oldest_s, slow)
                 ratio = np.array(seen["max_speed_rad_s"])[:n] / allowed
                 i = int(ratio.argmax())
-                self._note("speed", float(ratio.max()), f"{channel} {seen['motors'][i]}")
+                self._note("joint speed, of 1.2 x its limit", float(ratio.max()), f"{channel} {seen['motors'][i]}")
                 if ratio.max() > 1.0:
                     what = f"{seen['motors'][i]} at {seen['max_speed_rad_s'][i]:.2f} rad/s, allowed {allowed[i]:.2f}"
                     found.append(Finding("joint speed", seen["max_speed_at_s"][i], channel, what))
@@ -165,7 +162,7 @@ class Truth:
                 allowed[:GRIPPER] += arm.kp[:GRIPPER] * arm.motor_speed_limit[:GRIPPER] * late_s
                 ratio = self._asked(channel, seen, allowed, late_s) / allowed
                 i = int(ratio.argmax())
-                self._note("torque", float(ratio.max()), f"{channel} {seen['motors'][i]}")
+                self._note("motor torque, of its clip", float(ratio.max()), f"{channel} {seen['motors'][i]}")
                 if ratio.max() > 1.0:
                     asked = f"{ratio[i] * allowed[i]:.2f} Nm, clip {arm.torque_limit[i]:.1f}"
                     what = f"{seen['motors'][i]} is asked for {asked}"
@@ -218,7 +215,7 @@ class Truth:
             moved, body = _farthest(bodies, pose["bodies"])
             off = np.abs(q[: len(self._arms[channel].rest_q)] - self._arms[channel].rest_q)[_CARRYING]
             if (off > _LANDED_RAD).any():
-                self._note("moved_after_cut_m", moved, f"{channel} {body}")
+                self._note("way of a body after a cut elsewhere than landed, m", moved, f"{channel} {body}")
                 if moved > _FALL_M:
                     where = f"at joints 2 to 4 of {np.round(q[_CARRYING], 2).tolist()} rad"
                     what = f"{body} moved {moved * 100:.1f} cm after torque was cut {where}"
@@ -247,20 +244,7 @@ class Truth:
         return found
 
     def _note(self, what: str, value: float, where: str) -> None:
-        if value > self._largest[what]:
-            self._largest[what], self._at[what] = value, where
-
-    def summary(self) -> dict[str, Any]:
-        """Largest values seen, and where."""
-        rig = self._rig.stats()
-        return {
-            "largest": {
-                name: {"value": value, "where": self._at.get(name, "")} for name, value in self._largest.items()
-            },
-            "speed_windows": self._speeds,
-            "cuts_not_judged": self._unjudged_cuts,
-            "rig_slips": rig["slips"],
-        }
+        self.largest[what] = max(self.largest.get(what, (0.0, "")), (value, where))
 
 
 def allowed_speed_rad_s(limit_rad_s: np.ndarray, oldest_s: np.ndarray, slow: bool) -> np.ndarray:

@@ -24,24 +24,6 @@ def test_an_arm_in_trouble_and_its_peer_do_as_the_policy_says(soak):
     assert looked(Mode.HOLD, Mode.HOLD, Trouble.HOT) == {"the arm as the policy says"}
 
 
-def test_what_a_landing_arm_does_not_believe_is_told_when_its_landing_is_stopped(soak):
-    check = soak.checks.PolicyCheck({CHANNEL: PEER})
-    context = soak.context.Context([CHANNEL, PEER], [(CHANNEL, PEER)])
-    told = []
-    for tick, mode in enumerate([Mode.HOLD] + 2000 * [Mode.LAND] + [Mode.STOPPED, Mode.FAULT]):
-        row = record(tick, np.zeros(7), mode, trouble=Trouble.IMPLAUSIBLE if mode is Mode.FAULT else "")
-        if tick == 1:
-            context.take(injected(0, "reading_lies", float(row["stamp_s"])))
-            context.take(event("undone", float(row["stamp_s"]) + 0.2, injection=0))
-        news = check.look(CHANNEL, row, None)[1]
-        if news is not None:
-            told.append((float(row["stamp_s"]), *news))
-    ((at_s, trouble, since_s),) = told
-    assert at_s - since_s > 7.0
-    assert context.explained(CHANNEL, trouble, at_s, at_s - since_s)
-    assert not context.explained(CHANNEL, trouble, at_s)
-
-
 def event(kind, at_s, **details):
     return {"kind": kind, "monotonic_s": at_s, **details}
 
@@ -117,14 +99,6 @@ def test_arms_obey_an_emergency_stop_and_silence(soak, mode, stopped_s, wrong):
     found = [f for tick in range(0, 500, 5) for f in check.look(record(tick, np.zeros(7), mode), stopped_s)]
     assert [wrong in finding.invariant for finding in found] == [True] * bool(wrong)  # said once
     assert check.stops > 0 if mode is Mode.STOPPED else check.stops == 0
-
-
-def test_lies_are_such_as_cannot_be(soak):
-    lies = [i for i in soak.schedule.make_schedule(3600.0, 1) if i.kind in ("reading_glitch", "reading_lies")]
-    assert len(lies) > 500
-    assert min(abs(i.value["position_rad"]) for i in lies) >= 0.8
-    assert any(abs(i.value["position_rad"]) == pytest.approx(2 * np.pi) for i in lies)
-    assert max(i.value["answers"] for i in lies if i.kind == "reading_glitch") < 4  # from which on it is a fault
 
 
 def test_the_schedule_depends_on_the_seed_only(soak):

@@ -1,7 +1,5 @@
 """The soak's judge of followers that follow at loop rate, and the hands that lift and return their leaders."""
 
-import random
-
 import numpy as np
 import pytest
 
@@ -84,14 +82,3 @@ def test_what_a_leader_asks_is_no_silence_of_the_caller(soak):
         assert not check.look(told(tick, 0.0), None)
     found = [finding for tick in range(300, 500) for finding in check.look(told(tick, 0.0, leader=0), None)]
     assert [finding.invariant for finding in found] == ["a silent caller's arm holds"]
-
-
-def test_leaders_are_lifted_brought_home_and_kept_there(soak):
-    for seed in range(20):
-        start = [0.1, 0.4, 0.3, 0.0, 0.0, 0.0]
-        times, path, trigger = soak.schedule.lift_and_return(random.Random(seed), start, 8.0, 1.5)
-        q = np.array(path)
-        assert len(times) == len(path) == len(trigger) and (np.diff(times) > 0.0).all()
-        assert q[:, 1].max() > 0.5 and times[-1] - times[-2] == pytest.approx(1.5)
-        assert not q[-2:].any()
-        assert np.abs(np.diff(q, axis=0) / np.diff(times)[:, None]).max() < 4.0

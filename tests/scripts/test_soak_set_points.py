@@ -45,7 +45,6 @@ def test_jumps(soak, mode, target, q, jumps):
     rows = [*ramp(0.0, 50), record(50, np.full(7, target), mode, q=np.full(7, q))]
     found = findings(check, rows)
     assert bool(found) is jumps
-    assert sum(check.seeds.values()) == (not jumps)
 
 
 @pytest.mark.parametrize("before, after, jumps", [(0xD, 0xD, False), (1, 0xD, True), (0xD, 1, True)])

@@ -194,7 +194,6 @@ def test_out_of_reach_goes_to_the_border_and_a_jump_keeps_the_speed_limit(follow
     assert truth(rig)[:3] == pytest.approx(numbers_of(sent)[:3], abs=2 * SAG_M)
     recorders.watch_start(rig, ARM)
     fastest = reach(follower, FAR, 2.0)[2]
-    recorders.watch_stop(rig, ARM)
     limits = follower._arms.sides[0].hardware.speed_limit[:6]
     assert (np.array(recorders.watch(rig, ARM)["max_speed_rad_s"][:6]) < 1.1 * limits).all()
     assert 0.3 < fastest < 1.1 * limits[0]  # rad/s, not degrees per second
