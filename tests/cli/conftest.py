@@ -14,6 +14,7 @@ from lerobot_robot_yam.rig.control import running_rig
 from tests.support.landed import MOST_M, moved_after_cut_m
 from tests.support.paths import ROOT
 from tests.support.preloaded import Preloaded
+from tests.support.waiting import wait
 
 CHANNELS = ("follower_left", "follower_right", "leader_left", "leader_right")
 
@@ -103,13 +104,13 @@ class Commands:
         arms = self.rig.state()["arms"]
         return [c for c in channels or self.channels if all(m["enabled"] for m in arms[c]["motors"].values())]
 
+    def wait(self, condition, process, timeout_s=100.0):
+        """Wait until a condition holds, while a command runs."""
+        wait(condition, timeout_s, self.output, process)
+
     def wait_enabled(self, process, *channels, timeout_s=60.0):
         """Wait until a command has energised these arms."""
-        deadline = time.monotonic() + timeout_s
-        while self.enabled(*channels) != list(channels):
-            assert process.poll() is None, self.output()[-4000:]
-            assert time.monotonic() < deadline, self.output()[-4000:]
-            time.sleep(0.1)
+        self.wait(lambda: self.enabled(*channels) == list(channels), process, timeout_s)
 
     def connected(self):
         """Whether the last command has connected its robot and its teleoperator: from then on leaders float."""
@@ -117,11 +118,7 @@ class Commands:
 
     def wait_connected(self, process, timeout_s=60.0):
         """Wait until it has."""
-        deadline = time.monotonic() + timeout_s
-        while not self.connected():
-            assert process.poll() is None, self.output()[-4000:]
-            assert time.monotonic() < deadline, self.output()[-4000:]
-            time.sleep(0.1)
+        self.wait(self.connected, process, timeout_s)
 
     def assert_landed(self, but=()):
         """No motor is on, and cutting torque has moved no body by more than 1 cm, `but` of arms out of reach."""

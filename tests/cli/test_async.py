@@ -33,10 +33,7 @@ class Async(Rollout):
         address = ["--host=127.0.0.1", f"--port={self.port}", f"--fps={FPS}"]
         module = ["-m", "lerobot.async_inference.policy_server", *address]
         self.server = self.commands.start(*module, cwd=self.commands.directory)  # it writes a log where it is
-        deadline = time.monotonic() + 100.0
-        while "PolicyServer started" not in self.commands.output():
-            assert time.monotonic() < deadline and self.server.poll() is None, self.commands.output()[-4000:]
-            time.sleep(0.1)
+        self.commands.wait(lambda: "PolicyServer started" in self.commands.output(), self.server, 100.0)
 
     def start_client(self):
         directory = self.commands.directory

@@ -12,6 +12,7 @@ from lerobot.datasets import LeRobotDataset
 from lerobot_robot_yam.face.recorder import outcomes
 from tests.cli.conftest import CALM, ROOT
 from tests.support.rolling import Rollout, config, data_set
+from tests.support.waiting import wait
 
 pytestmark = pytest.mark.alone
 
@@ -71,10 +72,7 @@ class Handles:
         return time.monotonic()
 
     def wait_said(self, text, count=1, timeout_s=60.0):
-        deadline = time.monotonic() + timeout_s
-        while self.commands.output().count(text) < count:
-            assert self.process.poll() is None and time.monotonic() < deadline, self.commands.output()[-4000:]
-            time.sleep(0.02)
+        self.commands.wait(lambda: self.commands.output().count(text) >= count, self.process, timeout_s)
 
     def wait_recording(self, episode, count=1):
         """Wait until an episode is recorded, for the so-manieth time, and record a second of it."""
@@ -196,10 +194,7 @@ class LiftedSession(Handles):
 
     def wait_saved(self, episodes):
         info = self.root / "meta" / "info.json"
-        deadline = time.monotonic() + 30.0
-        while json.loads(info.read_text())["total_episodes"] < episodes:
-            assert time.monotonic() < deadline, self.commands.output()[-4000:]
-            time.sleep(0.05)
+        wait(lambda: json.loads(info.read_text())["total_episodes"] >= episodes, 30.0, self.commands.output)
 
 
 @pytest.fixture

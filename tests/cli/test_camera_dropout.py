@@ -40,10 +40,7 @@ def recording(commands, camera):
         *("--dataset.single_task=wait", "--dataset.num_episodes=1", f"--dataset.episode_time_s={SECONDS}"),
         *("--dataset.push_to_hub=false", f"--dataset.fps={FPS}", "--dataset.video=false", "--dataset.reset_time_s=0"),
     )
-    deadline = time.monotonic() + 90.0
-    while "Recording episode 0" not in commands.output():
-        assert process.poll() is None and time.monotonic() < deadline, commands.output()[-4000:]
-        time.sleep(0.02)
+    commands.wait(lambda: "Recording episode 0" in commands.output(), process, 90.0)
     time.sleep(1.0)
     yield process
     commands.assert_landed()

@@ -7,6 +7,7 @@ import time
 import pytest
 
 from tests.cli.conftest import CALM
+from tests.support.waiting import wait
 
 pytestmark = pytest.mark.alone
 
@@ -92,10 +93,7 @@ def test_a_failing_caller_lands_the_arms(commands, ending):
     process = commands.start("-c", CALLER.format(directory=str(commands.directory), ending=ending))
     commands.wait_enabled(process, "follower_left", "follower_right")
     assert commands.finish(process) == 1
-    deadline = time.monotonic() + 20.0
-    while commands.enabled("follower_left") or commands.enabled("follower_right"):
-        assert time.monotonic() < deadline, "nobody landed the arms"
-        time.sleep(0.1)
+    wait(lambda: not commands.enabled(), 20.0, "nobody landed the arms")
     commands.assert_landed()
 
 

@@ -42,13 +42,6 @@ def start(commands, module, config, *options):
     return commands.start("-m", f"lerobot.rl.{module}", PLUGIN, f"--config_path={config}", urdf, *options)
 
 
-def wait_said(commands, process, text, timeout_s=100.0):
-    deadline = time.monotonic() + timeout_s
-    while text not in commands.output():
-        assert process.poll() is None and time.monotonic() < deadline, commands.output()[-4000:]
-        time.sleep(0.1)
-
-
 def record(commands, root):
     """Start to record an episode; returns once it has begun."""
     process = start(
@@ -60,7 +53,7 @@ def record(commands, root):
         f"--dataset.root={root}",
         "--env.processor.reset.control_time_s=60",
     )
-    wait_said(commands, process, "Reset the environment done.")
+    commands.wait(lambda: "Reset the environment done." in commands.output(), process)
     time.sleep(5.0)  # LeRobot's reset time
     return process
 
@@ -119,9 +112,9 @@ def test_actor_and_learner_run_beside_each_other(commands):
     learner = start(
         commands, "learner", config, *shared, f"--output_dir={output}_learner", "--env.processor.reset=null"
     )
-    wait_said(commands, learner, "gRPC server started")
+    commands.wait(lambda: "gRPC server started" in commands.output(), learner)
     actor = start(commands, "actor", config, *shared, f"--output_dir={output}_actor")
-    wait_said(commands, actor, "Policy loop finished")
+    commands.wait(lambda: "Policy loop finished" in commands.output(), actor)
     said = commands.output()
     ends = [int(step) for step in re.findall(r"Global step (\d+): Episode reward", said)]
     assert len(ends) == 2 and ends[-1] > STEPS - 5 and "Shutting down act_with_policy" not in said

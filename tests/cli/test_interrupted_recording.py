@@ -17,7 +17,8 @@ import yaml
 from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.commands.data.repair_dataset import main as repair
-from tests.cli.conftest import CHANNELS, ROOT
+from tests.cli.conftest import ROOT
+from tests.support.waiting import wait
 
 pytestmark = pytest.mark.alone
 
@@ -129,10 +130,7 @@ class Recording:
 
     def wait(self, condition):
         """Wait until something is so, or the command has ended."""
-        deadline = time.monotonic() + 120.0
-        while not condition() and self.process.poll() is None:
-            assert time.monotonic() < deadline, self.commands.output()[-4000:]
-            time.sleep(0.05)
+        wait(lambda: condition() or self.process.poll() is not None, 120.0, self.commands.output)
 
     def output(self):
         """What the command has printed since it was started last."""
@@ -270,10 +268,7 @@ def test_a_killed_recording_is_repaired(recording):
     commands, broken = recording.commands, recording.root
     recording.process.kill()
     assert commands.finish(recording.process) == -signal.SIGKILL
-    deadline = time.monotonic() + 20.0
-    while any(commands.enabled(channel) for channel in CHANNELS):
-        assert time.monotonic() < deadline, "nobody landed the arms"
-        time.sleep(0.1)
+    wait(lambda: not commands.enabled(), 20.0, "nobody landed the arms")
     with pytest.raises(Exception):  # noqa: B017 LeRobot looks for it on the Hub, whatever comes of that
         LeRobotDataset("local/yam_sim", root=broken)
     assert repair([str(broken)]) == 0

@@ -8,6 +8,7 @@ import pytest
 
 from lerobot_robot_yam.rig.control import running_rig
 from tests.cli.conftest import Commands
+from tests.support.waiting import wait
 
 pytestmark = pytest.mark.alone
 
@@ -38,10 +39,7 @@ def joints(rig, channel):
 
 def wait_near(commands, process, pose, within_rad=0.06, timeout_s=20.0):
     """Wait until the follower is there."""
-    deadline = time.monotonic() + timeout_s
-    while np.abs(joints(commands.rig, FOLLOWER) - pose).max() > within_rad:
-        assert process.poll() is None and time.monotonic() < deadline, commands.output()[-4000:]
-        time.sleep(0.05)
+    commands.wait(lambda: np.abs(joints(commands.rig, FOLLOWER) - pose).max() <= within_rad, process, timeout_s)
 
 
 @pytest.mark.long
@@ -52,10 +50,7 @@ def test_a_lift_engages_and_a_lost_encoder_ends_it(commands):
     wait_near(commands, process, HOME)
     rig.lift(LEADER, THERE, 1.5, trigger=1.0)
     wait_near(commands, process, THERE)
-    deadline = time.monotonic() + 10.0
-    while "approach -> engaged" not in commands.output():  # the blend ends after the way does
-        assert time.monotonic() < deadline, commands.output()[-4000:]
-        time.sleep(0.05)
+    wait(lambda: "approach -> engaged" in commands.output(), 10.0, commands.output)  # the blend ends after the way does
     assert "idle -> approach" in commands.output()
     time.sleep(1.0)
     np.testing.assert_allclose(joints(rig, FOLLOWER), joints(rig, LEADER), atol=0.05)

@@ -15,6 +15,7 @@ from lerobot.datasets import LeRobotDataset
 from tests.cli.conftest import CALM, ROOT
 from tests.cli.test_buttons import BUTTONS, Handles, press
 from tests.support.terminal import Terminal
+from tests.support.waiting import wait
 
 pytestmark = pytest.mark.alone
 
@@ -91,10 +92,7 @@ def test_a_signal_ends_it(session, number):
     assert session.terminal.end() == 128 + (number if killed else signal.SIGINT)
     if not killed:  # LeRobot's listener cannot give the terminal back then
         session.assert_as_it_was()
-    deadline = time.monotonic() + 20.0
-    while killed and session.commands.enabled(*session.commands.channels):
-        assert time.monotonic() < deadline, "nobody landed the arms"
-        time.sleep(0.1)
+    wait(lambda: not killed or not session.commands.enabled(), 20.0, "nobody landed the arms")
     session.commands.assert_landed()
 
 

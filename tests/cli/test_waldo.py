@@ -3,7 +3,6 @@
 import contextlib
 import re
 import socket
-import time
 
 import pytest
 
@@ -36,10 +35,7 @@ def serving(commands):
         port = taken.getsockname()[1]
     options = ["--hardware", "--channel", FOLLOWER, "--rig", commands.rig.name, "--no-page", "--port", str(port)]
     process = commands.start("yam-waldo", *options)
-    deadline = time.monotonic() + 60.0
-    while not ask_once(HOST, port, "ping"):
-        assert process.poll() is None and time.monotonic() < deadline, commands.output()[-4000:]
-        time.sleep(0.1)
+    commands.wait(lambda: ask_once(HOST, port, "ping"), process, 60.0)
     yield str(port), process
     process.terminate()
     assert commands.finish(process) == 0

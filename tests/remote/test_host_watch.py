@@ -11,6 +11,7 @@ from lerobot_robot_yam.state.records import STATE_DTYPE, lock_path, state_path
 from lerobot_robot_yam.system.runtime_files import FileLock, lock_holders, runtime_dir
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from tests.support.hosted import ServedArms
+from tests.support.waiting import wait
 
 ARMS = ("follower_left", "follower_right")
 
@@ -24,10 +25,11 @@ def served():
 
 def wait_shown(keys):
     """Until these arms are shown, and no others."""
-    deadline = time.monotonic() + 10.0
-    while {key for key in lock_holders(runtime_dir()) if key.endswith(".watched")} != {*map(watched_key, keys)}:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+
+    def shown():
+        return {key for key in lock_holders(runtime_dir()) if key.endswith(".watched")}
+
+    wait(lambda: shown() == {*map(watched_key, keys)}, 10.0)
 
 
 def test_an_arm_that_is_watched_can_be_driven_and_is_shown_again_afterwards(served):

@@ -18,6 +18,7 @@ from lerobot_robot_yam.system.clock import SYSTEM
 from tests.support.hosted import ServedArms
 from tests.support.link_in_step import LinkInStep
 from tests.support.rigged import rig_of, sim_config
+from tests.support.waiting import wait
 
 ARM = "follower_left"
 POSE = [0.1, 0.2, 0.2, 0.0, 0.0, 0.1]
@@ -55,13 +56,6 @@ def let_go(served):
     (group,) = served.groups
     group.land("a test")
     wait(lambda: group.phase is Phase.FREE)
-
-
-def wait(condition):
-    deadline = time.monotonic() + 20.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
 
 
 def drive(session):

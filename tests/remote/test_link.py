@@ -22,6 +22,7 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
 from tests.support.hosted import ServedArms, free_port
 from tests.support.rigged import track
+from tests.support.waiting import wait
 
 pytestmark = pytest.mark.alone  # one session of a live rig serves all tests: a motor that is late fails them all
 
@@ -77,18 +78,11 @@ def test_an_emergency_stop_of_one_computer_alone_ends_with_its_release(session):
     stop, arm = EmergencyStop(), session[ARM]
     for _ in range(3):
         stop.latch("a test")
-        _wait(lambda: arm.mode() is Mode.STOPPED)
+        wait(lambda: arm.mode() is Mode.STOPPED, 5.0)
         stop.release()
-        _wait(lambda: arm.mode() is Mode.HOLD)
+        wait(lambda: arm.mode() is Mode.HOLD, 5.0)
         time.sleep(0.2)  # what was on its way has come
         assert not stop.latched
-
-
-def _wait(condition):
-    deadline = time.monotonic() + 5.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def test_nobody_cuts_torque_from_afar(session):

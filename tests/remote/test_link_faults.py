@@ -16,7 +16,8 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.link_faults import LinkFault
 from lerobot_robot_yam.state.modes import Mode
 from tests.support.hosted import ServedArms
-from tests.support.two_computers import LAND_AFTER_S, LEADER, TwoComputers, check, check_told, wait
+from tests.support.two_computers import LAND_AFTER_S, LEADER, TwoComputers, check, check_told
+from tests.support.waiting import wait
 from tests.support.workstation import PHASES
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]

@@ -17,6 +17,7 @@ from tests.support.flaky_wire import FlakyWire
 from tests.support.hosted import ServedArms, rig_file, running_host
 from tests.support.rigged import sim_config
 from tests.support.set_points import SetPointWatch
+from tests.support.waiting import wait
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
 
@@ -39,13 +40,6 @@ def wired(rig):
             yield session, wire, served
             session.stop()
         assert watch.findings == []
-
-
-def wait(condition, seconds=10.0):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def observe(session):

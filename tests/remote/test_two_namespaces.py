@@ -16,6 +16,7 @@ from tests.support.hosted import rig_file
 from tests.support.paths import ROOT
 from tests.support.rigged import sim_config
 from tests.support.set_points import SetPointWatch
+from tests.support.waiting import wait
 
 ARM, ADDRESS = "follower_left", "10.34.0.1"
 POSES = [[0.2, 0.5, 0.5, 0.0, 0.0, 0.1], [-0.2, 0.8, 0.9, 0.1, 0.2, -0.1]]
@@ -115,10 +116,7 @@ def test_a_cable_between_two_computers(tmp_path):
         host = inside(here, *words, f"--keys={tmp_path / 'keys'}", stdout=said, stderr=said)
         ends.callback(host.wait)
         ends.callback(host.terminate)
-        deadline = time.monotonic() + 60.0
-        while "listening" not in (tmp_path / "host.txt").read_text():
-            assert time.monotonic() < deadline and host.poll() is None
-            time.sleep(0.1)
+        wait(lambda: "listening" in (tmp_path / "host.txt").read_text(), 60.0, process=host)
         watch = ends.enter_context(SetPointWatch(rig.name, [sim_config(rig, ARM)]))
         client = inside(there, "-c", CLIENT, ADDRESS, str(key), json.dumps(POSES), stdout=subprocess.PIPE)
         ends.callback(client.wait)

@@ -11,13 +11,7 @@ from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ConfigError, RigError
 from lerobot_robot_yam.rig.control import RigControl
-
-
-def wait_until(condition, timeout_s=5.0):
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline, "did not come true in time"
-        time.sleep(0.02)
+from tests.support.waiting import wait
 
 
 def enable(rig, channel, motors):
@@ -53,7 +47,7 @@ def test_state_shows_every_arm_and_prop(rig):
 def test_a_prop_stays_where_it_is_placed(rig):
     rig.place("cube", (0.5, 0.0, 0.3))
     assert rig.state()["props"]["cube"]["pos"][:2] == pytest.approx([0.5, 0.0], abs=1e-3)
-    wait_until(lambda: rig.state()["props"]["cube"]["pos"][2] < 0.05)  # it falls onto the table
+    wait(lambda: rig.state()["props"]["cube"]["pos"][2] < 0.05)  # it falls onto the table
     assert rig.state()["props"]["cube"]["pos"][2] > 0.0
 
 
@@ -63,7 +57,7 @@ def test_an_arm_can_be_posed_and_pushed(rig):
     assert arm["q"][0] == pytest.approx(0.5, abs=0.02)
     assert arm["opening"] == pytest.approx(0.5, abs=0.02)
     rig.push("follower_right", "link3", (0, 30, 0), 0.3)
-    wait_until(lambda: abs(rig.state()["arms"]["follower_right"]["q"][0] - 0.5) > 0.05)
+    wait(lambda: abs(rig.state()["arms"]["follower_right"]["q"][0] - 0.5) > 0.05)
     assert rig.wait_event("push", 1.0)["body"] == "follower_right/link3"
 
 
@@ -120,10 +114,10 @@ def test_a_hand_pulls_a_leader_and_lets_go_with_its_client(rig):
     with RigControl(rig.name) as person:
         start = person.state()["arms"]["leader_right"]["q"]
         person.hand("leader_right", [0.0, 1.0], [start, target], [0.0, 1.0])
-        wait_until(lambda: np.abs(np.subtract(rig.state()["arms"]["leader_right"]["q"], target)).max() < 0.05)
-        wait_until(lambda: rig.state()["arms"]["leader_right"]["trigger"] == 1.0)
+        wait(lambda: np.abs(np.subtract(rig.state()["arms"]["leader_right"]["q"], target)).max() < 0.05)
+        wait(lambda: rig.state()["arms"]["leader_right"]["trigger"] == 1.0)
         assert rig.state()["arms"]["leader_right"]["held"]
-    wait_until(lambda: not rig.state()["arms"]["leader_right"]["held"])
+    wait(lambda: not rig.state()["arms"]["leader_right"]["held"])
     assert rig.state()["arms"]["leader_right"]["trigger"] == 0.0
 
 
@@ -135,7 +129,7 @@ def test_somebody_elses_end_opens_no_hand(rig):
             visitor.hand("leader_right", [0], [[0] * 5])
         rig.hand("leader_right", [0.0], [start])
         clients = rig.stats()["clients"]
-    wait_until(lambda: rig.stats()["clients"] < clients)
+    wait(lambda: rig.stats()["clients"] < clients)
     assert rig.state()["arms"]["leader_right"]["held"]
     rig.release("leader_right")
 

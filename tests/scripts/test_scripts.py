@@ -17,6 +17,7 @@ from tests.support import seeded_sets as seeds
 from tests.support.night_table import table
 from tests.support.paths import ROOT
 from tests.support.terminal import Terminal
+from tests.support.waiting import wait
 
 STAND_IN = """#!/usr/bin/env bash
 # In place of lerobot-record: says what it was asked, brings a data set, waits to be ended.
@@ -137,10 +138,7 @@ def test_a_terminal_stays_one_and_all_is_shown_on_demand(tmp_path, record_sim):
 def test_ending_the_wrapper_ends_the_recording(tmp_path, record_sim):
     command, environment = record_sim
     process = subprocess.Popen(command, env=environment | {"LOOPS": "400"}, stdout=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 20.0
-    while not (tmp_path / "data" / "meta" / "info.json").exists():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    wait(lambda: (tmp_path / "data" / "meta" / "info.json").exists(), 20.0)
     time.sleep(0.3)
     process.send_signal(signal.SIGTERM)
     output, _ = process.communicate(timeout=20)

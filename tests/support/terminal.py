@@ -10,6 +10,8 @@ import termios
 import time
 from pathlib import Path
 
+from tests.support.waiting import wait
+
 # The shell outlives the command and leaves the terminal's mode alone, unlike an interactive one.
 _SHELL = 'trap : INT TERM HUP; stty $MODE; stty -a > "$1/before"; shown="$1"; shift; "$@"; echo $? > "$shown/rc"; \
 sleep 1.2; stty -a > "$shown/after"'
@@ -50,10 +52,7 @@ class Terminal:
 
     def wait_shown(self, text, timeout_s=60.0):
         """Wait until something is shown."""
-        deadline = time.monotonic() + timeout_s
-        while text not in self.shown:
-            assert self.shell.poll() is None and time.monotonic() < deadline, self.shown[-4000:]
-            time.sleep(0.02)
+        wait(lambda: text in self.shown, timeout_s, lambda: self.shown[-4000:], self.shell)
 
     @property
     def echoes(self):

@@ -14,6 +14,7 @@ from tests.support.hosted import HostProcess, free_port, rig_file
 from tests.support.landed import MOST_M, moved_after_cut_m
 from tests.support.rigged import sim_config
 from tests.support.set_points import SetPointWatch
+from tests.support.waiting import wait
 from tests.support.workstation import AWAY, Workstation
 
 ARM, LEADER = "follower_left", "leader_left"
@@ -110,13 +111,6 @@ class TwoComputers:
         time.sleep(0.5)
         for channel in (ARM, LEADER):
             assert moved_after_cut_m(self.rig, channel) < MOST_M, f"{channel} fell"
-
-
-def wait(condition, within_s, why=lambda: ""):
-    deadline = time.monotonic() + within_s
-    while not condition():
-        assert time.monotonic() < deadline, why()
-        time.sleep(0.01)
 
 
 def check(lab, fault):

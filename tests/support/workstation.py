@@ -22,6 +22,7 @@ from lerobot_robot_yam.remote.hosted_device import HostedDevice
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.modes import Gate
 from tests.support.paths import ROOT
+from tests.support.waiting import wait
 
 PHASES = ("idle", "engaged", "policy", "homing")
 AWAY = (0.2, 0.9, 0.9, 0.0, 0.0, 0.1)
@@ -151,10 +152,7 @@ class Workstation:
 
     def wait_said(self, name, within_s=40.0):
         """Until it has told something under a name."""
-        deadline = time.monotonic() + within_s
-        while not self.said(name):
-            assert self.process.poll() is None and time.monotonic() < deadline, f"{self.said('text')} {self.log()}"
-            time.sleep(0.02)
+        wait(lambda: self.said(name), within_s, lambda: f"{self.said('text')} {self.log()}", self.process)
 
     def kill(self):
         """As nothing can be caught of it."""

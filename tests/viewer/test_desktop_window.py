@@ -7,7 +7,6 @@ import contextlib
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 from PIL import ImageGrab
@@ -16,6 +15,7 @@ from lerobot_robot_yam.rig.control import running_rig
 from tests.support.browser import keep_picture
 from tests.support.rigged import session_on, sim_config, track
 from tests.support.virtual_screen import virtual_screen
+from tests.support.waiting import wait
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
 
@@ -57,9 +57,6 @@ def test_the_window_shows_all_arms_and_lands_its_own(tmp_path):
         track(others, {OTHER: RAISED}, 3.0, gripper=0.8)
         own = ["--channel", OWN, "--interface", "yam_sim", "--rig", rig.name, "--gripper", "linear_4310", "--yes"]
         with desktop_window(screen, *own) as said:
-            deadline_s = time.monotonic() + WAIT_S
-            while colours(window_on(screen)) < COLOURS:
-                assert time.monotonic() < deadline_s
-                time.sleep(0.5)
+            wait(lambda: colours(window_on(screen)) >= COLOURS, WAIT_S)
             keep_picture(window_on(screen), tmp_path)
         assert f"{OWN}: landed" in said[0]

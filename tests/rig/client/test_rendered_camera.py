@@ -13,6 +13,7 @@ from lerobot_robot_yam.errors import ConfigError, RigError, StaleStateError
 from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
 from lerobot_robot_yam.rig.control import RigControl, running_rig, runs
 from lerobot_robot_yam.system.runtime_files import runtime_dir
+from tests.support.waiting import wait
 
 pytestmark = pytest.mark.alone
 
@@ -31,13 +32,6 @@ def renderer_pids(rig: RigControl) -> list[int]:
             if b"render.renderer" in Path(f"/proc/{child}/cmdline").read_bytes():
                 found.append(int(child))
     return found
-
-
-def wait_until(condition, timeout_s: float = 10.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen in time"
-        time.sleep(0.02)
 
 
 @pytest.mark.parametrize("name", ["wrist_left", "overview"])
@@ -116,7 +110,7 @@ def test_a_stopped_renderer_means_stale_a_dead_one_an_error_and_nothing_is_left_
         _stop_and_kill(rig)
         pids = renderer_pids(rig)
         assert len(pids) == 1
-    wait_until(lambda: not runs(pids[0]))
+    wait(lambda: not runs(pids[0]))
     assert not list(runtime_dir().glob(f"rig-{rig.name}.*"))
 
 
@@ -129,7 +123,7 @@ def _stop_and_kill(rig: RigControl) -> None:
         with pytest.raises(StaleStateError, match="camera top"):
             camera.latest(max_age_s=0.3)
         os.kill(pid, signal.SIGKILL)
-        wait_until(lambda: pid not in renderer_pids(rig))
+        wait(lambda: pid not in renderer_pids(rig))
         with pytest.raises(RigError, match="SIGKILL"):
             camera.wait_new(0.5)
     with RigCamera("top", 64, 48, 30, rig=rig.name) as camera:  # a new one is started
@@ -149,7 +143,7 @@ def test_nothing_is_left_when_the_rig_is_killed():
     with RigCamera("top", 64, 48, 30, rig=rig.name) as camera:
         (pid,) = renderer_pids(rig)
         os.kill(rig.pid, signal.SIGKILL)
-        wait_until(lambda: not runs(pid))
+        wait(lambda: not runs(pid))
         with pytest.raises((RigError, StaleStateError)):
             while True:
                 camera.wait_new(0.5)
@@ -169,5 +163,5 @@ def test_nothing_is_left_of_a_renderer_that_hangs(closed):
             camera.close()
             time.sleep(0.2)
         rig.end()
-        wait_until(lambda: not runs(rig.pid) and not runs(pid))
+        wait(lambda: not runs(rig.pid) and not runs(pid))
         assert not list(runtime_dir().glob(f"rig-{rig.name}.*"))

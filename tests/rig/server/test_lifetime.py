@@ -15,6 +15,7 @@ from lerobot_robot_yam.rig.client import launch
 from lerobot_robot_yam.rig.control import RigControl, running_rig, runs, wait_ended
 from lerobot_robot_yam.rig.server import lifetime
 from lerobot_robot_yam.system.runtime_files import FileLock, rig_name, runtime_dir
+from tests.support.waiting import wait
 
 CLIENT = """
 import can, os, sys, time
@@ -34,13 +35,6 @@ print(rig.name, rig.pid, flush=True)
 
 def files_of(name):
     return sorted(path.name for path in runtime_dir().glob(f"rig-{name}.*"))
-
-
-def wait_dead(pid, timeout_s=15.0):
-    deadline = time.monotonic() + timeout_s
-    while runs(pid):
-        assert time.monotonic() < deadline, f"process {pid} still runs"
-        time.sleep(0.02)
 
 
 def start_clients(rig, count):
@@ -80,7 +74,7 @@ def test_a_rig_of_a_killed_process_ends_with_it():
     ((client, pid, name),) = start_clients("auto", 1)
     assert runs(pid)
     kill(client)
-    wait_dead(pid)
+    wait(lambda: not runs(pid), 15.0)
     assert files_of(name) == []
 
 
@@ -89,7 +83,7 @@ def test_clients_that_start_at_once_share_one_rig_and_killed_ones_end_it():
     (pid,) = {pid for _, pid, _ in clients}
     for client, _, _ in clients:
         kill(client)
-    wait_dead(pid)
+    wait(lambda: not runs(pid), 15.0)
     assert files_of("test-race") == []
 
 
@@ -129,7 +123,7 @@ def test_files_of_killed_rigs_are_swept_after_their_starters_end():
     end = "os.kill(rig.pid, signal.SIGKILL); os.kill(os.getpid(), signal.SIGKILL)"
     dead = subprocess.run([sys.executable, "-c", STARTER.format(then=end)], capture_output=True, text=True, timeout=60)
     name, pid = dead.stdout.split()
-    wait_dead(int(pid))
+    wait(lambda: not runs(int(pid)), 15.0)
     starter = name.split("-")[1]
     left = [runtime_dir() / f"rig-auto-{starter}.{suffix}" for suffix in ("sock", "world", "log")]
     for path in left:

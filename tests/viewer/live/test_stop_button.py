@@ -20,6 +20,7 @@ from lerobot_robot_yam.viewer.serving.page import Page
 from tests.support.browser import browser_page, yam_view
 from tests.support.browser_socket import BrowserSocket
 from tests.support.rigged import session_on, sim_config
+from tests.support.waiting import wait
 
 ARM = "follower_left"
 CLICKS = 20
@@ -82,10 +83,7 @@ def test_a_click_that_stops_nothing_says_so_and_the_next_one_stops():
         stack.callback(EmergencyStop().release)
 
         def said(words):
-            deadline_s = time.monotonic() + WAIT_S
-            while not any(words in line for line in button.update()):
-                assert time.monotonic() < deadline_s, button.update()
-                time.sleep(0.01)
+            wait(lambda: any(words in line for line in button.update()), WAIT_S, lambda: button.update())
 
         in_its_way = EmergencyStop().directory / "emergency-stop"
         in_its_way.symlink_to("nowhere")  # no file can be made in its place

@@ -15,6 +15,7 @@ from tests.support.browser_socket import BrowserSocket
 from tests.support.crooked_arm import STOPS, arguments, scene
 from tests.support.landed import MOST_M, moved_after_cut_m
 from tests.support.terminal import Terminal
+from tests.support.waiting import wait
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
 
@@ -45,13 +46,6 @@ def browser(page):
     browser = BrowserSocket(page.port)
     yield browser
     browser.close()
-
-
-def wait(until, timeout_s=20.0):
-    deadline = time.monotonic() + timeout_s
-    while not until():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
 
 
 def q1(rig):

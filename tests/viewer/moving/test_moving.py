@@ -18,6 +18,7 @@ from lerobot_robot_yam.viewer.moving.driver import Driver
 from lerobot_robot_yam.viewer.moving.driving_plan import plan_of
 from lerobot_robot_yam.viewer.serving.page import Page
 from tests.support.rigged import sim_config
+from tests.support.waiting import wait
 from tests.viewer.conftest import ARM
 
 JOINT = "joint_1, rad"
@@ -186,10 +187,7 @@ def test_other_browsers_cannot_make_the_commands_of_the_one_in_control_wait(stat
     for number in range(50):
         other.set(JOINT, 0.001 * (number % 7))
         other.press("take control")
-    deadline = time.monotonic() + 10.0
-    while not any("too many of your commands" in notice.text for notice in station.driver.notices):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait(lambda: any("too many of your commands" in notice.text for notice in station.driver.notices), 10.0)
     assert len(list(station.driver._orders.of_a_round())) < 10
     controlling.set(JOINT, 0.2)
     station.run(lambda: station.state.q[0] > 0.1)
