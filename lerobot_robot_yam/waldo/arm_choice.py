@@ -1,4 +1,4 @@
-"""Which arm and gripper Commander shows: two names, from the environment as Commander passes no options.
+"""Choice of the arm and gripper that Commander shows, by the environment, as Commander passes no options.
 
 YAM_WALDO_ARM=big_yam YAM_WALDO_GRIPPER=crank_4310 waldo-commander --host 127.0.0.1
 """
@@ -27,33 +27,32 @@ class ArmChoice(NamedTuple):
 
     @classmethod
     def of_environment(cls) -> "ArmChoice":
-        """What the environment says, else the standard arm."""
+        """Return the choice in the environment, else the standard arm."""
         return cls(os.environ.get(ENV_ARM, "yam"), os.environ.get(ENV_GRIPPER, "linear_4310"))
 
     def environment(self) -> dict[str, str]:
-        """The variables that say so."""
+        """Return the environment variables of this choice."""
         return {ENV_ARM: self.arm, ENV_GRIPPER: self.gripper}
 
     def resolved(self) -> ResolvedArm:
-        """Profiles and limits. Raises ConfigError: no such arm or gripper."""
+        """Return profiles and limits. Raises ConfigError: no such arm or gripper."""
         return ResolvedArm(ArmConfig(channel="none", name=Path(self.arm).stem, arm=self.arm, gripper=self.gripper))
 
 
 def tool_key(gripper: GripperProfile) -> str:
-    """The key of the tool that a gripper is in Commander; "NONE" if it has no motor."""
+    """Return the key of a gripper's tool in Commander; "NONE" if it has no motor."""
     return NO_TOOL if gripper.motor is None else gripper.name.upper().replace(" ", "_")
 
 
 def tool_keys(gripper: GripperProfile) -> list[str]:
-    """Keys of the tools of an arm with this gripper, in display order."""
+    """Return the keys of the tools of an arm with this gripper, in display order."""
     return list(dict.fromkeys((NO_TOOL, tool_key(gripper))))
 
 
 def tool_centre(gripper: GripperProfile) -> np.ndarray:
-    """(4, 4) of the point between the fingers in the flange, m; of an end effector without fingers its tip.
+    """Return (4, 4) of the point between the fingers in the flange, m; without fingers the end effector's tip.
 
-    Args:
-        gripper: as mounted, see `mounting.mounted`: its first body is fixed to the flange.
+    gripper: as mounted, see `mounting.mounted`: its first body is fixed to the flange.
     """
     (root, *_) = gripper.bodies
     sites = {site.name: site for site in root.sites}
@@ -62,7 +61,7 @@ def tool_centre(gripper: GripperProfile) -> np.ndarray:
 
 
 def tip(gripper: GripperProfile, key: str, offset_m: np.ndarray) -> np.ndarray:
-    """(4, 4) of the tool's tip in the flange, m, with an offset (3,) along the tool's own axes.
+    """Return (4, 4) of the tool's tip in the flange, m, with an offset (3,) along the tool's own axes.
 
     Raises:
         ConfigError: the arm has no such tool.

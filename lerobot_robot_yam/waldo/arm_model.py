@@ -1,10 +1,10 @@
-"""An arm and its gripper as Commander draws them: a URDF of one chain, and STL meshes, made from the profiles.
+"""Commander's model of an arm and its gripper: a URDF of one chain, and STL meshes, made from the profiles.
 
     arm = ArmModel(arm, gripper)
     arm.write()          # …/yam.urdf and …/meshes/*.stl in the user's cache
 
-The chain ends at the flange, the frame of the arm's last link. The gripper is a tool: its meshes lie in that frame, the
-fingers open, and Commander slides them.
+The chain ends at the flange, the frame of the arm's last link. The gripper is a tool: its meshes are in that frame,
+with the fingers open, and Commander slides them.
 """
 
 import os
@@ -23,18 +23,19 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import write_whole
 
 MESHES = "meshes"
-"""Folder of the meshes beside the URDF: the one place where old and new Commander look."""
+"""Folder of the meshes beside the URDF, where old and new Commander look."""
 
 _PACKAGE = "lerobot_robot_yam"
 
 
 class Jaws(NamedTuple):
-    """How the fingers move as Commander tells it: the mesh i by −axis · travel · position, every second one the
-    other way round; position 0 is open, 1 closed.
+    """Motion of the fingers in Commander: mesh i moves by −axis · travel · position, each second one by the opposite.
+
+    Position 0 is open, 1 closed.
 
     Attributes:
-        axis: (3,) of length 1, in the flange: the way on which the first finger opens.
-        travel_m: of each finger.
+        axis: (3,) unit vector in the flange along which the first finger opens.
+        travel_m: travel of each finger.
     """
 
     axis: np.ndarray
@@ -44,12 +45,11 @@ class Jaws(NamedTuple):
 class ArmModel:
     """Files of one arm with its gripper.
 
-    Args:
-        arm, gripper: resolved profiles, see `mounting.resolve_profiles`.
+    arm, gripper: resolved profiles, see `mounting.resolve_profiles`.
 
     Attributes:
         body_meshes: names of the files of the gripper's body, in the flange's frame.
-        jaw_meshes: of its fingers, open, in the order of `Jaws`; none without fingers.
+        jaw_meshes: names of those of its fingers, open, in the order of `Jaws`; none without fingers.
         jaws: None without two fingers.
     """
 
@@ -65,22 +65,20 @@ class ArmModel:
 
     @property
     def folder(self) -> Path:
-        """Where the files are, or will be."""
+        """Folder of the files, whether or not they are written."""
         cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
         return cache / _PACKAGE / f"waldo-{self._names[0]}-{self._names[1]}"
 
     @property
     def urdf_path(self) -> Path:
-        """Path of the URDF."""
         return self.folder / f"{self._names[0]}.urdf"
 
     @property
     def mesh_dir(self) -> Path:
-        """Folder of the meshes."""
         return self.folder / MESHES
 
     def write(self) -> None:
-        """Write the files that are not there already, each whole. Raises ConfigError: they cannot be written."""
+        """Write the files that are missing or differ, each whole. Raises ConfigError: they cannot be written."""
         try:
             self.mesh_dir.mkdir(parents=True, exist_ok=True)
             for name, content in self._files.items():

@@ -1,6 +1,6 @@
-"""Starting and ending a controller from Commander's process, which forks workers at the same time.
+"""Start and end of a controller from Commander's process, which forks workers at the same time.
 
-`subprocess.Popen` waits for the end of a pipe that such a worker may keep open for ever. `posix_spawn` waits for none.
+`subprocess.Popen` waits for the end of a pipe that such a worker may keep open for ever; `posix_spawn` does not.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def serves(host: str, port: int) -> bool:
-    """Whether anybody serves the port."""
+    """Return whether the port is taken."""
     try:
         socket.create_connection((host, port), ANSWER_S).close()
     except OSError:
@@ -35,13 +35,13 @@ class LaunchedController:
     """A controller that this process has started. It ends with this process, and lands the arm then.
 
     Args:
-        host, port: where it serves.
-        choice: of the arm.
-        channel: of the real arm, which is not energised by this; empty: only the simulated one.
-        timeout_s: in which it has to answer.
+        host, port: address that it serves.
+        choice: the arm's.
+        channel: the real arm's, which is not energised by this; empty for the simulated arm only.
+        timeout_s: longest wait for its answer.
 
     Raises:
-        ControllerError: somebody serves there already, or it did not come up.
+        ControllerError: the port is taken, or the controller did not come up.
     """
 
     def __init__(self, host: str, port: int, choice: ArmChoice, channel: str, timeout_s: float):
@@ -85,7 +85,7 @@ class LaunchedController:
         return ended
 
     def stop(self) -> None:
-        """End it, after it has landed the arm. Idempotent; in a forked child it does nothing."""
+        """End the controller, after it has landed the arm. Idempotent; does nothing in a forked child."""
         if os.getpid() != self._owner or self._ended():
             return
         assert self._pid is not None

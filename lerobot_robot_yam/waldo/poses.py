@@ -1,4 +1,4 @@
-"""Numbers as commands give them, and poses as six of them: x y z rx ry rz, in a frame, alone or from where the tool is.
+"""Numbers of commands, and poses as six of them: x y z rx ry rz, in a frame, absolute or relative to the tool.
 
     R = Rx(rx) Ry(ry) Rz(rz)      intrinsic XYZ
 
@@ -14,17 +14,17 @@ import numpy as np
 from lerobot_robot_yam.errors import PlanError
 
 FRAMES = ("WRF", "TRF")
-"""The frame of the arm's base, and that of the tool."""
+"""Names of the base's frame and of the tool's."""
 AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
 
 Numbers = Sequence[float] | np.ndarray
 
-_UNITS = np.array([1e-3] * 3 + [np.pi / 180.0] * 3)  # of a command: mm and degrees
+_UNITS = np.array([1e-3] * 3 + [np.pi / 180.0] * 3)  # units of commands, mm and degrees
 _LOCKED = 1e-7  # cos(ry), below which rx and rz turn about the same axis
 
 
 def numbers(what: str, values: object, count: int) -> np.ndarray:
-    """`values` as (count,) finite floats. Raises PlanError: they are not."""
+    """Return `values` as (count,) finite floats. Raises PlanError: anything else."""
     try:
         given = np.array(values, dtype=float)
     except (TypeError, ValueError):
@@ -35,27 +35,27 @@ def numbers(what: str, values: object, count: int) -> np.ndarray:
 
 
 def number(what: str, value: object, low: float, high: float) -> float:
-    """`value` as a float from `low` to `high`. Raises PlanError: it is none."""
+    """Return `value` as a float from `low` to `high`. Raises PlanError: anything else."""
     if not (isinstance(value, Real) and low <= float(value) <= high):
         raise PlanError(f"{what} has to be a number from {low:g} to {high:g}, not {value!r}")
     return float(value)
 
 
 def check_frame(frame: str) -> str:
-    """`frame`, if there is one of this name. Raises PlanError: there is not."""
+    """Return `frame`. Raises PlanError: no frame of this name."""
     if frame not in FRAMES:
         raise PlanError(f"there is no frame {frame!r}; frames are {' and '.join(FRAMES)}")
     return frame
 
 
 def commanded(now: np.ndarray, pose: Numbers, frame: str = "WRF", rel: bool = False) -> np.ndarray:
-    """The pose (4, 4), m, that a command means.
+    """Return the pose (4, 4), m, that a command means.
 
-    In the tool's frame it is seen from where the tool is, with and without `rel`. In the base's frame with `rel` the
-    tool is shifted along the base's axes and turned about them, in place.
+    In the tool's frame it is relative to the tool, with and without `rel`. In the base's frame with `rel` the tool is
+    shifted along the base's axes and turned about them, in place.
 
     Args:
-        now: (4, 4) where the tool is, m.
+        now: (4, 4) pose of the tool, m.
         pose: x y z rx ry rz (6,), mm and degrees.
 
     Raises:
@@ -72,17 +72,17 @@ def commanded(now: np.ndarray, pose: Numbers, frame: str = "WRF", rel: bool = Fa
 
 
 def from_command(pose: Numbers) -> np.ndarray:
-    """(4, 4), m, from x y z rx ry rz (6,), mm and degrees. Raises PlanError: not six finite numbers."""
+    """Return (4, 4), m, for x y z rx ry rz (6,), mm and degrees. Raises PlanError: not six finite numbers."""
     return from_vector(numbers("a pose, x y z in mm and rx ry rz in degrees,", pose, 6) * _UNITS)
 
 
 def to_command(pose: np.ndarray) -> np.ndarray:
-    """x y z rx ry rz (…, 6), mm and degrees, of poses (…, 4, 4), m."""
+    """Return x y z rx ry rz (…, 6), mm and degrees, for poses (…, 4, 4), m."""
     return to_vector(pose) / _UNITS
 
 
 def from_vector(vector: Numbers) -> np.ndarray:
-    """(4, 4), m, from x y z rx ry rz (6,), m and rad. Raises PlanError: not six finite numbers."""
+    """Return (4, 4), m, for x y z rx ry rz (6,), m and rad. Raises PlanError: not six finite numbers."""
     x, y, z, rx, ry, rz = numbers("a pose, x y z rx ry rz,", vector, 6).tolist()
     pose = np.eye(4)
     turn = mink.SO3.from_x_radians(rx) @ mink.SO3.from_y_radians(ry) @ mink.SO3.from_z_radians(rz)
@@ -91,7 +91,7 @@ def from_vector(vector: Numbers) -> np.ndarray:
 
 
 def to_vector(pose: np.ndarray) -> np.ndarray:
-    """x y z rx ry rz (…, 6), m and rad, of poses (…, 4, 4)."""
+    """Return x y z rx ry rz (…, 6), m and rad, for poses (…, 4, 4)."""
     r = pose[..., :3, :3]
     level = np.hypot(r[..., 0, 0], r[..., 0, 1])
     locked = level < _LOCKED

@@ -1,4 +1,4 @@
-"""What the commands of a program mean: degrees and millimetres in, plans out.
+"""Meaning of a program's commands: degrees and millimetres in, plans out.
 
 The dry run, the simulator and the real arm all plan here, so that a preview shows what will happen.
 """
@@ -15,10 +15,10 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.poses import Numbers, commanded, numbers
 
 PROFILES = ("ruckig",)
-"""Motion profiles: there is one, limited in speed, acceleration and jerk."""
+"""Motion profiles: one, limited in speed, acceleration and jerk."""
 
-_LONGEST_S = 600.0  # of a delay
-_ACTIONS = {"open": 0.0, "close": 1.0}  # Commander's positions
+_LONGEST_S = 600.0  # longest delay
+_ACTIONS = {"open": 0.0, "close": 1.0}  # in Commander's positions
 
 
 def move_j(
@@ -32,12 +32,12 @@ def move_j(
     accel: float = 1.0,
     duration: float | None = 0.0,
 ) -> Plan:
-    """A move of the joints from start_q (n,) rad, to angles (deg) or to a pose of the tool (mm, deg).
+    """Plan a move of the joints from start_q (n,) rad, to angles (deg) or to a pose of the tool (mm, deg).
 
     Args:
-        rel: the numbers are added to where it starts.
+        rel: the numbers are relative to the start.
         speed, accel: shares 0 … 1 of the limits.
-        duration: s; above 0 it counts in place of the speed.
+        duration: s; above 0 it replaces the speed.
 
     Raises:
         PlanError: neither or both are given, or see `Planner.joints`.
@@ -62,7 +62,7 @@ def move_l(
     accel: float = 1.0,
     duration: float | None = 0.0,
 ) -> Plan:
-    """A straight line of the tool from start_q (n,) rad to a pose (mm, deg); arguments as for `move_j`.
+    """Plan a straight line of the tool from start_q (n,) rad to a pose (mm, deg); arguments as for `move_j`.
 
     Raises:
         PlanError: see `Planner.line`.
@@ -72,7 +72,7 @@ def move_l(
 
 
 def pause(start_q: np.ndarray, seconds: float) -> Plan:
-    """Standing still for a time. Raises PlanError: no time from 0 to 600 s."""
+    """Plan a pause at start_q (n,) rad. Raises PlanError: no time from 0 to 600 s."""
     (time_s,) = numbers("seconds", [seconds], 1)
     if not 0.0 <= time_s <= _LONGEST_S:
         raise PlanError(f"a delay takes 0 to {_LONGEST_S:g} s, not {seconds!r}")
@@ -81,7 +81,7 @@ def pause(start_q: np.ndarray, seconds: float) -> Plan:
 
 
 def radius(r: float) -> float:
-    """A blend radius in m, from one in mm. Raises PlanError: no number from 0 on."""
+    """Return a blend radius in m for one in mm. Raises PlanError: no number from 0 on."""
     (given,) = numbers("r", [r or 0.0], 1).tolist()
     if given < 0.0:
         raise PlanError(f"r, a radius in mm, is 0 or more, not {r!r}")
@@ -89,7 +89,7 @@ def radius(r: float) -> float:
 
 
 def jaw_position(gripper: GripperProfile, key: str, action: str, params: Sequence[float] | None) -> float:
-    """Where an action of a tool puts the jaws, 0 open … 1 closed. Raises PlanError: there is no such tool or action."""
+    """Return the jaws' target for a tool's action, 0 open … 1 closed. Raises PlanError: no such tool or action."""
     fitted = tool_key(gripper)
     if key != fitted or fitted == NO_TOOL:
         raise PlanError(f"no tool {key!r} that moves; this arm has {fitted}")
@@ -104,8 +104,8 @@ def jaw_position(gripper: GripperProfile, key: str, action: str, params: Sequenc
 
 
 def swapped(position: float) -> float:
-    """Commander's gripper position (0 open … 1 closed) as ours (0 closed … 1 open), or ours as Commander's.
+    """Convert a gripper position between Commander's (0 open … 1 closed) and ours (0 closed … 1 open).
 
-    Here and nowhere else one becomes the other.
+    This is the only place of the conversion.
     """
     return 1.0 - position

@@ -1,6 +1,6 @@
 """The backend as Waldo Commander finds it: entry point `yam` of the group `waldoctl.robots`.
 
-Making one is cheap: it opens no socket and starts nothing. `start` starts a controller, which energises nothing.
+Making a `Robot` opens no socket and starts nothing. `start` starts a controller, which energises nothing.
 """
 
 from collections.abc import Sequence
@@ -45,8 +45,8 @@ class Robot(waldoctl.Robot):
     """A YAM arm for Commander. Kinematics in m and rad, of the flange, or of the tool's tip once a tool is set.
 
     Args:
-        arm, gripper: profiles; None: as the environment says, see `ArmChoice`.
-        options: others that a host passes are ignored.
+        arm, gripper: profiles; None for those of the environment, see `ArmChoice`.
+        options: other options of a host, ignored.
 
     Raises:
         ConfigError: no such arm or gripper.
@@ -54,7 +54,7 @@ class Robot(waldoctl.Robot):
 
     position_unit = "mm"
     digital_outputs = digital_inputs = 0
-    joint_index_mapping = tuple(range(6))  # the joints of the URDF are ours, in order
+    joint_index_mapping = tuple(range(6))  # the URDF's joints are in our order
     backend_package = "lerobot_robot_yam"
     sync_client_class, async_client_class = RobotClient, AsyncRobotClient
     motion_profiles, cartesian_frames = PROFILES, FRAMES
@@ -88,14 +88,14 @@ class Robot(waldoctl.Robot):
 
     @cached_property
     def native_tools(self) -> YamTools:
-        """No tool, and the gripper that is on the arm."""
+        """Tools: none, and the gripper on the arm."""
         return tools_of(self._choice)
 
-    if "tools" in getattr(waldoctl.Robot, "__abstractmethods__", ()):  # of older versions; the newer add their own
+    if "tools" in getattr(waldoctl.Robot, "__abstractmethods__", ()):  # in older versions; newer ones add their own
 
         @property
         def tools(self) -> YamTools:
-            """As `native_tools`."""
+            """Same as `native_tools`."""
             return self.native_tools
 
     @cached_property
@@ -106,7 +106,7 @@ class Robot(waldoctl.Robot):
 
     @property
     def urdf_path(self) -> str:
-        """Absolute path; the file is made from the profiles when it is asked for."""
+        """Absolute path of the URDF, which is written from the profiles at the first use."""
         return str(self._model.urdf_path)
 
     @property
@@ -115,16 +115,16 @@ class Robot(waldoctl.Robot):
         return str(self._model.mesh_dir)
 
     def fk(self, q_rad: np.ndarray, out: np.ndarray) -> np.ndarray:
-        """x y z rx ry rz of joints (6,), written into `out` (6,), which is returned."""
+        """Write x y z rx ry rz at joints (6,) into `out` (6,), and return that."""
         out[:] = self.fk_batch(q_rad)
         return out
 
     def fk_batch(self, joint_path_rad: np.ndarray) -> np.ndarray:
-        """(N, 6) of joints (N, 6)."""
+        """Return poses (N, 6) at joints (N, 6)."""
         return to_vector(self._planner.pose(joint_path_rad))
 
     def ik(self, pose: np.ndarray, q_seed_rad: np.ndarray) -> IKResultData:
-        """Joints that put the tool at a pose (6,), near the seed (6,); one out of reach is no error."""
+        """Return joints that put the tool at a pose (6,), near the seed (6,); a failed result if out of reach."""
         try:
             q = self._planner.inverse(from_vector(pose), np.asarray(q_seed_rad, dtype=float))
         except YamError as error:
@@ -132,7 +132,7 @@ class Robot(waldoctl.Robot):
         return IKResultData(q, True)
 
     def ik_batch(self, poses: np.ndarray, q_start_rad: np.ndarray) -> list[IKResultData]:
-        """One result per pose (N, 6), each seeded with the one before."""
+        """Return one result per pose (N, 6), each seeded with the one before."""
         results: list[IKResultData] = []
         for pose in poses:
             results.append(self.ik(pose, results[-1].q if results else q_start_rad))
@@ -141,12 +141,12 @@ class Robot(waldoctl.Robot):
     def set_active_tool(
         self, tool_key: str, tcp_offset_m: Sequence[float] | None = None, variant_key: str | None = None
     ) -> None:
-        """Poses are of this tool's tip from now on, in this object alone. Raises ConfigError: no such tool."""
+        """Refer poses of this object to this tool's tip from now on. Raises ConfigError: no such tool."""
         offset = np.array((0.0,) * 3 if tcp_offset_m is None else tcp_offset_m, dtype=float)
         self._planner.kinematics.tool = tip(self._hardware.gripper, tool_key, offset)
 
     def check_limits(self, q_rad: np.ndarray) -> bool:
-        """Whether all joints (6,) are within their ranges."""
+        """Return whether all joints (6,) are within their ranges."""
         try:
             self._planner.within(q_rad)
         except YamError:
@@ -160,7 +160,7 @@ class Robot(waldoctl.Robot):
             kwargs: host, port; com_port, the CAN channel of the real arm or ''; timeout, s.
 
         Raises:
-            ControllerError: somebody serves the port already, or the controller did not come up.
+            ControllerError: the port is taken, or the controller did not come up.
         """
         host, port = kwargs.get("host", HOST), int(kwargs.get("port", PORT))
         channel, timeout_s = kwargs.get("com_port") or "", float(kwargs.get("timeout", 60.0))
@@ -173,19 +173,19 @@ class Robot(waldoctl.Robot):
             launched.stop()
 
     def is_available(self, **kwargs: Any) -> bool:
-        """Whether a controller of this arm answers."""
+        """Return whether a controller of this arm answers."""
         found = ask_once(kwargs.get("host", HOST), int(kwargs.get("port", PORT)), "ping")
         ours = self._hardware.arm.name, self._hardware.gripper.name
         return bool(found) and (found["arm"], found["gripper"]) == ours
 
     def create_async_client(self, **kwargs: Any) -> AsyncRobotClient:
-        """A client for the page; opens nothing yet."""
+        """Make a client for the page, without a connection."""
         return AsyncRobotClient(**kwargs)
 
     def create_sync_client(self, **kwargs: Any) -> RobotClient:
-        """A client for scripts; opens nothing yet."""
+        """Make a client for scripts, without a connection."""
         return RobotClient(**kwargs)
 
     def create_dry_run_client(self, **kwargs: Any) -> DryRunClient:
-        """A client that plans and moves nothing."""
+        """Make a client that plans and moves nothing."""
         return DryRunClient(**kwargs)

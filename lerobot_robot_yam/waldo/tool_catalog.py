@@ -1,6 +1,6 @@
-"""The tools of an arm as Commander shows them: none, and the gripper that is on it. Positions are 0 open … 1 closed.
+"""Tools of an arm as Commander shows them: none, and the gripper on the arm. Positions are 0 open … 1 closed.
 
-And the palette of commands in its editor, which shows each call whose docstring has a category and an example.
+Also the palette of commands in its editor, which shows each call whose docstring has a category and an example.
 """
 
 import inspect
@@ -30,7 +30,7 @@ Call = TypeVar("Call", bound=Callable[..., object])
 
 
 def palette(category: str, example: str) -> Callable[[Call], Call]:
-    """Show a call in the palette, in this category, with this example of one line."""
+    """Decorate a call for the palette, with this category and this example of one line."""
 
     def shown(call: Call) -> Call:
         call.__doc__ = f"{inspect.getdoc(call)}\n\nCategory: {category}\n\nExample:\n    {example}\n"
@@ -46,9 +46,7 @@ class NoTool(ToolSpec):
 class YamGripper(ElectricGripperTool):
     """A gripper with a motor. Its actions need a client: `Robot.tools` only describes it.
 
-    Args:
-        client: on which the actions are called; None: none.
-        spec: as for `ToolSpec`.
+    client: client for the actions, or None. spec: as for `ToolSpec`.
     """
 
     def __init__(self, client: Any = None, **spec: Any):
@@ -57,7 +55,7 @@ class YamGripper(ElectricGripperTool):
 
     @property
     def channel_descriptors(self) -> tuple[ChannelDescriptor, ...]:
-        """What `ToolStatus.channels` has: the torque of the gripper's motor."""
+        """Meaning of `ToolStatus.channels`: the torque of the gripper's motor."""
         return (ChannelDescriptor("motor torque", "Nm"),)
 
     @palette("Gripper", "rbt.tool.set_position(0.5)")
@@ -82,11 +80,7 @@ class YamGripper(ElectricGripperTool):
 
 
 class YamTools(ToolsSpec):
-    """The tools of one arm.
-
-    Args:
-        tools: in display order, the bare flange first.
-    """
+    """The tools of one arm, in display order, the bare flange first."""
 
     def __init__(self, *tools: ToolSpec):
         self._tools = {tool.key: tool for tool in tools}
@@ -114,12 +108,12 @@ class YamTools(ToolsSpec):
 
 @cache
 def model_of(choice: ArmChoice) -> ArmModel:
-    """What Commander draws of an arm and its gripper. Raises ConfigError: unknown names."""
+    """Return Commander's model of an arm and its gripper. Raises ConfigError: unknown names."""
     return ArmModel(*resolve_profiles(choice.arm, choice.gripper))
 
 
 def tools_of(choice: ArmChoice, client: Any = None) -> YamTools:
-    """The tools of an arm, bound to a client if one is given. Raises ConfigError: unknown names."""
+    """Return the tools of an arm, bound to a client if one is given. Raises ConfigError: unknown names."""
     _, gripper = resolve_profiles(choice.arm, choice.gripper)
     none = NoTool(key=NO_TOOL, display_name="None", tool_type=ToolType.NONE, tcp_origin=(0.0,) * 3, tcp_rpy=(0.0,) * 3)
     if gripper.motor is None:
@@ -128,12 +122,12 @@ def tools_of(choice: ArmChoice, client: Any = None) -> YamTools:
 
 
 def bound_tool(key: str, client: Any) -> ToolSpec:
-    """The tool of the arm of this process whose actions call `client`."""
+    """Return the tool of this process's arm whose actions call `client`."""
     return tools_of(ArmChoice.of_environment(), client)[key]
 
 
 def _looks(gripper: GripperProfile, model: ArmModel) -> dict[str, Any]:
-    """Name, tip, meshes and motion of a gripper, in the frame of the flange: arguments of its `ToolSpec`."""
+    """Return the arguments of a gripper's `ToolSpec`: name, tip, meshes and motion, in the frame of the flange."""
     assert gripper.motor is not None
     tip = tool_centre(gripper)
     parts = ((MeshRole.BODY, model.body_meshes), (MeshRole.JAW, model.jaw_meshes))

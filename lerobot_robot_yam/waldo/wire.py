@@ -4,8 +4,8 @@
     {"result": 3}                                                    its answer
     {"refused": "joint_2 would be at 215.00°, beyond its …"}         or this
 
-Connections may overtake each other. So a client gives itself a name and counts its requests: what it has sent before a
-stop, and comes after it, moves nothing. Both may be left out.
+Connections may overtake each other. So a client names itself and numbers its requests: one that it has sent before a
+stop, and that arrives after the stop, moves nothing. Both may be left out.
 
 After the request "stream" the connection carries statuses, one per line. Clients come over TCP. The operator of this
 computer, who alone may arm and land, comes by a socket in the runtime directory, which is open to its user alone.
@@ -21,18 +21,18 @@ from lerobot_robot_yam.system.runtime_files import runtime_dir
 
 HOST, PORT = "127.0.0.1", 5001  # Commander's own defaults
 STREAM = "stream"
-MOST_BYTES = 1 << 20  # of a line; the longest is a list of shapes
-ANSWER_S = 1.0  # wait for a controller that has nothing to do for its answer
-_OPERATOR_S = 120.0  # wait for the operator's answer: an arm may have to find its gripper's stops, or land from afar
+MOST_BYTES = 1 << 20  # longest line; the longest in use is a list of shapes
+ANSWER_S = 1.0  # wait for an answer that needs no work
+_OPERATOR_S = 120.0  # wait for an operator's request: a search of gripper stops, or a long landing
 
 
 def encode(message: dict[str, Any]) -> bytes:
-    """A message as a line. Arrays become lists; NaN stays NaN, for the controller to refuse."""
+    """Encode a message as a line. Arrays become lists; NaN stays NaN, for the controller to refuse."""
     return json.dumps(message, separators=(",", ":"), default=_plain).encode() + b"\n"
 
 
 def decode(line: bytes) -> dict[str, Any]:
-    """The message of a line. Raises ValueError: it is none."""
+    """Decode a line. Raises ValueError: it is no JSON object."""
     message = json.loads(line)
     if not isinstance(message, dict):
         raise ValueError("not a JSON object")
@@ -40,7 +40,7 @@ def decode(line: bytes) -> dict[str, Any]:
 
 
 def result_of(name: str, line: bytes) -> Any:
-    """The result in the answer to a request. Raises ControllerError: it is refused, or there is no answer."""
+    """Return the result in the answer to a request. Raises ControllerError: it is refused, or there is no answer."""
     if not line:
         raise ControllerError(f"{name}: the controller ended before it was done; see its terminal")
     answer = decode(line)
@@ -50,7 +50,7 @@ def result_of(name: str, line: bytes) -> Any:
 
 
 def ask_once(host: str, port: int, name: str) -> Any:
-    """The answer to one request without arguments; None: nobody answers, or somebody else."""
+    """Return the answer to one request without arguments; None if there is no controller."""
     try:
         with socket.create_connection((host, port), ANSWER_S) as line:
             return _exchange(line, name)
@@ -59,12 +59,12 @@ def ask_once(host: str, port: int, name: str) -> Any:
 
 
 def door_path(port: int) -> Path:
-    """The operator's socket of the controller that serves a port. Raises ConfigError: no runtime directory."""
+    """Return the operator's socket of the controller on a port. Raises ConfigError: no runtime directory."""
     return runtime_dir() / f"waldo-{port}"
 
 
 def ask_operator_door(port: int, act: str) -> str:
-    """Have the controller of this computer that serves `port` do something; what it says.
+    """Send an operator's request to this computer's controller on `port`; return its report.
 
     Raises:
         ControllerError: there is none, or it refused.

@@ -1,4 +1,4 @@
-"""The client that Commander's page uses: every call is a coroutine.
+"""The client of Commander's page: each call is a coroutine.
 
 async with AsyncRobotClient() as rbt:
     await rbt.move_j([0, 60, 60, -29, 0, 0], wait=True)
@@ -14,19 +14,19 @@ from lerobot_robot_yam.waldo.client.state_client import StateClient
 from lerobot_robot_yam.waldo.tool_catalog import palette
 
 Numbers = Sequence[float]
-_WAIT_S = 60.0  # of a call with wait=True that gives no time-out: longer than any move of a YAM
-_JAW_S = 3.0  # in which a gripper has stopped
+_WAIT_S = 60.0  # default time-out of wait=True, longer than any move of a YAM
+_JAW_S = 3.0  # time after which a gripper has stopped
 
 
 class AsyncRobotClient(StateClient, WaldoClient):
     """A client of the controller. Lengths in mm, angles in degrees, times in s; gripper 0 open … 1 closed.
 
-    Queued commands return their index, others 1. Every call raises ControllerError where the controller refuses it,
-    with the reason, or does not answer. Arguments as for `StateClient`.
+    Queued commands return their index, others 1. Each call raises ControllerError if the controller refuses it, with
+    the reason, or does not answer. Arguments as for `StateClient`.
     """
 
     async def _then_wait(self, index: int, wait: bool, timeout: float = _WAIT_S, **_: Any) -> int:
-        """The index of a command, after it has ended if that is wanted. Raises ControllerError: it did not."""
+        """Return a command's index, after its end if `wait`. Raises ControllerError: it did not end."""
         if wait and not await self.wait_command(index, timeout):
             raise ControllerError(f"command {index} did not end within {timeout:g} s, or was cancelled")
         return index
@@ -170,7 +170,7 @@ class AsyncRobotClient(StateClient, WaldoClient):
         return bool(await self._ask("wait_command", timeout + 1.0, command_index=command_index, timeout=timeout))
 
     async def wait_checkpoint(self, label: str, timeout: float = 30.0) -> bool:
-        """Wait until the queue has passed a checkpoint. False: not within `timeout` s."""
+        """Wait until the queue has passed a checkpoint; return False after `timeout` s."""
         return bool(await self._ask("wait_checkpoint", timeout + 1.0, label=label, timeout=timeout))
 
     # control

@@ -1,6 +1,6 @@
 """The client that moves nothing: it plans a program as the controller does, for the preview of the path.
 
-It reads no clock: in Commander's preview all clocks stand still.
+It reads no clock, as all clocks stand still in Commander's preview.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +16,7 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.poses import Numbers, check_frame, numbers, to_command, to_vector
 from lerobot_robot_yam.waldo.tool_catalog import YamTools, tools_of
 
-_ROW_S = 0.02  # between two rows of a result: Commander plays 50 a second
+_ROW_S = 0.02  # between two rows of a result, of which Commander plays 50 a second
 _MM = 1e-3
 _PACE = ("frame", "rel", "speed", "accel", "duration")
 
@@ -24,9 +24,7 @@ _PACE = ("frame", "rel", "speed", "accel", "duration")
 class DryTool:
     """The selected tool in a preview: its actions take the time that the jaws need, and the arm stays.
 
-    Args:
-        client: the dry run.
-        tool: its description.
+    client: the dry run. tool: its description.
     """
 
     def __init__(self, client: "DryRunClient", tool: ToolSpec):
@@ -40,21 +38,20 @@ class DryTool:
         return self._client._jaws("open")
 
     def close(self, **_: Any) -> DryRunResultData | None:
-        """Close them."""
+        """Close the jaws."""
         return self._client._jaws("close")
 
     def set_position(self, position: float, **_: Any) -> DryRunResultData | None:
-        """Move them, 0 open … 1 closed."""
+        """Move the jaws, 0 open … 1 closed."""
         return self._client._jaws("move", position)
 
 
 class DryRunClient:
-    """Plans the motions of a program from a pose on. Results in m and rad, arguments in mm and deg.
+    """Planner of a program's motions from a pose on. Results in m and rad, arguments in mm and deg.
 
-    Args:
-        initial_joints_deg: (6,) where the arm is; None: at home.
+    initial_joints_deg: (6,) pose at the start; None for home.
 
-    A motion that cannot be planned raises PlanError, and leaves the state where it was.
+    A motion that cannot be planned raises PlanError, and does not change the state.
     """
 
     def __init__(self, initial_joints_deg: Sequence[float] | None = None, **_: Any):
@@ -63,8 +60,8 @@ class DryRunClient:
         self._planner, self._key = Planner(self._hardware), NO_TOOL
         given = None if initial_joints_deg is None else numbers("initial_joints_deg", initial_joints_deg, 6)
         self._q = self._planner.home_q if given is None else np.radians(given)
-        self._opening = 0.0  # as Commander counts
-        self._held: tuple[Plan, float] | None = None  # what the next motion may round, and its radius in m
+        self._opening = 0.0  # in Commander's positions
+        self._held: tuple[Plan, float] | None = None  # motion whose end the next one may round, and radius in m
 
     @property
     def _tools(self) -> YamTools:
@@ -72,46 +69,45 @@ class DryRunClient:
 
     @property
     def tool(self) -> DryTool:
-        """The selected tool."""
         return DryTool(self, self._tools[self._key])
 
     def angles(self) -> list[float]:
-        """Where the arm is, deg."""
+        """Return the joint angles, deg."""
         return list(np.degrees(self._q).tolist())
 
     def pose(self, frame: str = "WRF") -> list[float]:
-        """Where the tool is, mm and deg."""
+        """Return the tool's pose, mm and deg."""
         here = self._planner.pose(self._q)
         return list(to_command(np.eye(4) if check_frame(frame) == "TRF" else here).tolist())
 
     def move_j(
         self, angles: Numbers | None = None, *, pose: Numbers | None = None, r: float = 0.0, **pace: Any
     ) -> DryRunResultData | None:
-        """As the client's."""
+        """Plan `AsyncRobotClient.move_j`."""
         return self._moved(program.move_j(self._planner, self._q, angles, pose, **_pace(pace)), r)
 
     def move_l(self, pose: Numbers, *, r: float = 0.0, **pace: Any) -> DryRunResultData | None:
-        """As the client's."""
+        """Plan `AsyncRobotClient.move_l`."""
         return self._moved(program.move_l(self._planner, self._q, pose, **_pace(pace)), r)
 
     def home(self, *_: Any, **__: Any) -> DryRunResultData | None:
-        """As the client's."""
+        """Plan `AsyncRobotClient.home`."""
         return self._moved(self._planner.home(self._q))
 
     def servo_j(self, angles: Numbers, *, pose: Numbers | None = None, **_: Any) -> DryRunResultData | None:
-        """Where the stream would end, as a move."""
+        """Plan a move to the end of the stream."""
         return self.move_j(None if pose is not None else angles, pose=pose)
 
     def servo_l(self, pose: Numbers, **_: Any) -> DryRunResultData | None:
-        """Where the stream would end, as a move."""
+        """Plan a move to the end of the stream."""
         return self.move_j(pose=pose)
 
     def delay(self, seconds: float) -> DryRunResultData | None:
-        """As the client's."""
+        """Plan `AsyncRobotClient.delay`."""
         return self._moved(program.pause(self._q, seconds))
 
     def teleport(self, angles_deg: Numbers, tool_positions: Numbers | None = None) -> int:
-        """As the client's. A motion that was held back is dropped, as the controller cancels it."""
+        """Set joints and jaws at once. A motion that was held back is dropped, as the controller cancels it."""
         q = self._planner.within(np.radians(numbers("angles", angles_deg, len(self._q))))
         if tool_positions is not None and len(tool_positions):
             self._opening = float(np.clip(numbers("tool_positions", tool_positions, 1)[0], 0.0, 1.0))
@@ -119,33 +115,33 @@ class DryRunClient:
         return 1
 
     def select_tool(self, tool_name: str, variant_key: str = "") -> int:
-        """As the client's."""
+        """Refer poses to this tool's tip."""
         key = tool_name.upper()
         self._planner.kinematics.tool, self._key = tip(self._hardware.gripper, key, np.zeros(3)), key
         return 1
 
     def set_tcp_offset(self, x: float = 0, y: float = 0, z: float = 0) -> int:
-        """As the client's."""
+        """Move the tool's tip by x y z, mm in the tool's frame."""
         self._planner.kinematics.tool = tip(self._hardware.gripper, self._key, numbers("an offset", [x, y, z], 3) * _MM)
         return 1
 
     def checkpoint(self, label: str) -> int:
-        """Nothing to see."""
+        """Do nothing: a preview does not show it."""
         return 1
 
     def wait_motion(self, *_: Any, **__: Any) -> bool:
-        """What was planned counts as done."""
+        """Return True, as planned motions count as done."""
         return True
 
     wait_command = wait_checkpoint = wait_ready = wait_status = wait_motion
 
     def flush(self) -> list[DryRunResultData]:
-        """Results that were held back, for the next motion to round a corner."""
+        """Return the results that were held back for the next motion to round a corner."""
         held, self._held = self._held, None
         return [] if held is None else [result_of(held[0], self._planner.pose)]
 
     def close(self) -> None:
-        """Nothing to do."""
+        """Do nothing."""
 
     def __enter__(self) -> "DryRunClient":
         return self
@@ -154,14 +150,14 @@ class DryRunClient:
         self.close()
 
     def _jaws(self, action: str, *params: float) -> DryRunResultData | None:
-        gripper = self._hardware.gripper  # its tool may be selected on the page, which tells no preview
+        gripper = self._hardware.gripper  # the page may have selected its tool, unknown to a preview
         goal = program.jaw_position(gripper, tool_key(gripper), action, list(params))
         stroke_s = abs(goal - self._opening) / float(self._hardware.speed_limit[-1])
         self._opening = goal
         return self._moved(program.pause(self._q, stroke_s))
 
     def _moved(self, plan: Plan, r: float = 0.0) -> DryRunResultData | None:
-        """The result of a motion and of those held back before it; None: the next one may round its end."""
+        """Return the result of a motion and of those held back before it; None if the next one may round its end."""
         radius_m = program.radius(r)
         if self._held is not None:
             first, before_m = self._held
@@ -172,15 +168,14 @@ class DryRunClient:
 
 
 def _pace(given: dict[str, Any]) -> dict[str, Any]:
-    """Arguments of a motion without those that say how to wait: what was planned counts as done."""
+    """Return the arguments of a motion without those for waiting, as planned motions count as done."""
     return {name: value for name, value in given.items() if name in _PACE}
 
 
 def result_of(plan: Plan, pose: Callable[[np.ndarray], np.ndarray]) -> DryRunResultData:
-    """A plan as Commander shows it: rows evenly spaced over its duration.
+    """Return a plan as Commander shows it: rows evenly spaced over its duration.
 
-    Args:
-        pose: of joints (…, n) rad to (…, 4, 4) m.
+    pose: maps joints (…, n) rad to poses (…, 4, 4) m.
     """
     rows = max(int(np.ceil(plan.duration_s / _ROW_S)), 1) + 1
     q = plan.at(np.linspace(0.0, plan.duration_s, rows))[0]

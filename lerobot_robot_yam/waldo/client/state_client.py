@@ -1,4 +1,4 @@
-"""The half of the client that moves nothing: it asks how the arm is, and changes settings."""
+"""The half of the client that moves nothing: queries and settings."""
 
 import asyncio
 import itertools
@@ -15,12 +15,14 @@ from lerobot_robot_yam.waldo.wire import HOST, MOST_BYTES, PORT, encode, result_
 
 
 class StateClient:
-    """Queries and settings of a controller, see `AsyncRobotClient`. Making it opens nothing: Commander does so outside
-    any event loop. A call has a connection of its own, so that calls may overlap. Settings return 1.
+    """Queries and settings of a controller, see `AsyncRobotClient`. Settings return 1.
+
+    Making it opens nothing, as Commander does so outside any event loop. Each call has its own connection, so that
+    calls may overlap.
 
     Args:
-        host, port: where the controller serves.
-        timeout: s in which it has to answer.
+        host, port: address of the controller.
+        timeout: longest wait for an answer, s.
     """
 
     def __init__(self, host: str = HOST, port: int = PORT, timeout: float = 5.0, **_: Any):
@@ -30,7 +32,7 @@ class StateClient:
         self._tool: ToolSpec | None = None
 
     async def _ask(self, name: str, within_s: float = 0.0, /, **arguments: Any) -> Any:
-        """The controller's answer, within the client's time-out, or `within_s` if it is longer."""
+        """Return the controller's answer, within the client's time-out, or `within_s` if that is longer."""
         limit_s, address = max(self.timeout, within_s), f"{self.host}:{self.port}"
         request = {"do": name, "with": arguments, "client": self._name, "number": next(self._numbers)}
         try:
@@ -55,16 +57,16 @@ class StateClient:
     # the status
 
     def stream_status_shared(self) -> AsyncIterator[StatusBuffer]:
-        """Statuses in one object that is written anew for each, until the client is closed."""
+        """Return statuses in one object that is rewritten for each, until the client is closed."""
         return self._stream.statuses()
 
     async def stream_status(self) -> AsyncIterator[StatusBuffer]:
-        """Statuses, each an object of its own, until the client is closed."""
+        """Yield statuses, each a separate object, until the client is closed."""
         async for status in self._stream.statuses():
             yield status.copy()
 
     async def wait_status(self, predicate: Callable[[Any], bool], timeout: float = 5.0) -> bool:
-        """Wait for a status of which `predicate` is true. False: none within `timeout` s."""
+        """Wait for a status for which `predicate` is true; return False after `timeout` s without one."""
         try:
             async with asyncio.timeout(timeout):
                 async for status in self._stream.statuses():
@@ -75,7 +77,7 @@ class StateClient:
         return False
 
     async def wait_ready(self, timeout: float = 5.0, interval: float = 0.05) -> bool:
-        """Wait until the controller answers. False: not within `timeout` s."""
+        """Wait until the controller answers; return False after `timeout` s without an answer."""
         end = asyncio.get_running_loop().time() + timeout
         while await self.ping() is None:
             if asyncio.get_running_loop().time() > end:

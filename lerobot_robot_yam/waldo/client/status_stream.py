@@ -1,4 +1,4 @@
-"""Statuses as Commander reads them, and the stream in which they come."""
+"""Statuses as Commander reads them, and their stream."""
 
 import asyncio
 import copy
@@ -12,7 +12,7 @@ from waldoctl import ActionState, ToolState, ToolStatus
 from lerobot_robot_yam.waldo.poses import FRAMES
 from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, encode
 
-_AGAIN_S = 0.2  # wait before the stream looks for the controller again
+_AGAIN_S = 0.2  # wait before the stream connects again
 _VARIANT = {"variant_key": ""} if "variant_key" in getattr(ToolStatus, "__dataclass_fields__", {}) else {}
 _PLAIN = (
     "action_current action_params executing_index completed_index last_checkpoint tcp_speed simulator_active "
@@ -21,7 +21,7 @@ _PLAIN = (
 
 
 class ControllerMode(IntEnum):
-    """What commands move; its name is displayed."""
+    """Arm that commands move; Commander displays the name."""
 
     SIMULATOR = 0
     ROBOT = 1
@@ -30,13 +30,13 @@ class ControllerMode(IntEnum):
 class StatusBuffer:
     """One status. Lengths in mm, angles in deg; `speeds` in rad/s, torques in Nm, `tcp_speed` in mm/s.
 
-    The fields are those of the contract. `tool_status` is a new object each time: the host writes into it.
+    The fields are those of the contract. `tool_status` is a new object each time, as the host writes into it.
     """
 
     def __init__(self) -> None:
         self.pose, self.angles, self.speeds = np.eye(4).reshape(16), np.zeros(6), np.zeros(6)
         self.torques: np.ndarray = np.zeros(6)
-        self.torques_ext: np.ndarray | None = None  # no model of the tool's contact: not offered
+        self.torques_ext: np.ndarray | None = None  # not offered, without a model of the tool's contact
         self.io, self.joint_en = np.ones(1, np.int32), np.zeros(12, np.int32)
         self.cart_en = {frame: np.zeros(12, np.int32) for frame in FRAMES}
         self.tool_status = ToolStatus()
@@ -44,7 +44,7 @@ class StatusBuffer:
         self.mode = ControllerMode.SIMULATOR
 
     def write(self, message: dict[str, Any]) -> None:
-        """Write a status as it comes over the wire."""
+        """Copy a status from a message of the wire."""
         for name in ("pose", "angles", "speeds", "torques", "io", "joint_en"):
             getattr(self, name)[:] = message[name]
         for frame in FRAMES:
@@ -62,16 +62,12 @@ class StatusBuffer:
         self.tool_status = ToolStatus(**tool, **_VARIANT)
 
     def copy(self) -> "StatusBuffer":
-        """A status that shares nothing with this one."""
+        """Return a status that shares nothing with this one."""
         return copy.deepcopy(self)
 
 
 class StatusStream:
-    """Statuses of one controller, and of the next one on its port.
-
-    Args:
-        host, port: where the controller serves.
-    """
+    """Statuses of the controller at an address, and of its successors there."""
 
     def __init__(self, host: str, port: int):
         self._address = host, port
@@ -79,7 +75,7 @@ class StatusStream:
         self._closed = False
 
     async def statuses(self) -> AsyncIterator[StatusBuffer]:
-        """Statuses in one object that is written anew for each, until the stream is closed."""
+        """Yield statuses in one object that is rewritten for each, until the stream is closed."""
         status = StatusBuffer()
         while not self._closed:
             try:
@@ -100,7 +96,7 @@ class StatusStream:
                 writer.close()
 
     def close(self) -> None:
-        """End it for all who read it. Idempotent."""
+        """End the stream for all its readers. Idempotent."""
         self._closed = True
         for writer in tuple(self._open):
             writer.close()

@@ -1,4 +1,4 @@
-"""The client for scripts: the calls of the asynchronous one, each of which blocks until it is answered.
+"""The client for scripts: the calls of the asynchronous one, each of which blocks until its answer.
 
 from lerobot_robot_yam import RobotClient
 
@@ -17,9 +17,9 @@ from lerobot_robot_yam.waldo.client.async_client import AsyncRobotClient
 
 
 class RobotClient:
-    """A client of the controller; see `AsyncRobotClient`, whose calls it has.
+    """A client of the controller with the calls of `AsyncRobotClient`, which block.
 
-    It runs an event loop of its own while a call lasts, so in a running event loop use the asynchronous client.
+    It runs an event loop of its own during a call, so in a running event loop use the asynchronous client.
     """
 
     def __init__(self, *args: Any, **kwargs: Any):
@@ -35,13 +35,13 @@ class RobotClient:
 
     @property
     def tool(self) -> "BlockingTool":
-        """The selected tool. Raises ControllerError: nobody answers."""
+        """The selected tool. Raises ControllerError: no controller answers."""
         if self._client._tool is None:
             self._run(self._client.tools())
         return BlockingTool(self._client.tool, self._run)
 
     def close(self) -> None:
-        """Hang up. Idempotent."""
+        """Disconnect. Idempotent."""
         if self._loop is not None and not self._loop.is_closed():
             self._run(self._client.close())
             self._run(asyncio.sleep(0))  # closed transports end in the next turn
@@ -57,9 +57,7 @@ class RobotClient:
 class BlockingTool:
     """A tool whose actions block; it has all attributes of the tool.
 
-    Args:
-        tool: a bound tool.
-        run: runs a coroutine to its end.
+    tool: a bound tool. run: runs a coroutine to its end.
     """
 
     def __init__(self, tool: Any, run: Callable[[Coroutine[Any, Any, Any]], Any]):

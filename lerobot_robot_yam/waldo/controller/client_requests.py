@@ -1,7 +1,7 @@
 """Requests of clients: motions, planned in a thread and queued in order, or streamed at once; and settings.
 
-Each method that answers a request has its name, arguments, units and results from the client's call (see `client`);
-YamError says why it is refused.
+A method that answers a request has name, arguments, units and results of the client's call (see `client`), and raises
+YamError with the reason to refuse it.
 """
 
 import asyncio
@@ -25,30 +25,25 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.poses import Numbers, from_command, numbers
 from lerobot_robot_yam.waldo.program import PROFILES, swapped
 
-_STILL_RAD_S = 0.05  # three steps in which the motors tell speed
+_STILL_RAD_S = 0.05  # three steps of the motors' reported speed
 _MM = 1e-3
 _NO_LOAD = {"mass": 0.0, "com": [0.0, 0.0, 0.0]}
 
 
 class MotionRequests:
-    """Motion commands of one controller. Each method but the first two answers a request.
-
-    Args:
-        controller: of the arm.
-    """
+    """Motion commands of one controller. Each method but the first two answers a request."""
 
     def __init__(self, controller: Controller):
         self._controller, self._motion = controller, controller.motion
-        self._planner = Planner(controller.hardware)  # of the thread that plans
+        self._planner = Planner(controller.hardware)  # for the planning thread
         self._worker = ThreadPoolExecutor(1, "planning")
         self._in_turn = asyncio.Lock()
 
     def close(self) -> None:
-        """End the thread."""
         self._worker.shutdown(cancel_futures=True)
 
     async def set_workspace(self, workspace: WorkspaceConfig) -> None:
-        """Plan around these from now on."""
+        """Plan with this workspace from now on."""
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(self._worker, lambda: self._planner.keep_clear(workspace))
 
@@ -68,7 +63,7 @@ class MotionRequests:
         return await self._planned(command, lambda p, q: program.pause(q, seconds), blends=False)
 
     async def _planned(self, command: Command, plan: Callable[[Planner, np.ndarray], Plan], blends: bool = True) -> int:
-        """Plan a command from where those before it end, round the corner if it may be, and queue it; its index."""
+        """Plan a command from the end of those before it, round the corner if allowed, and queue it; return the index."""
         motion, epoch = self._motion, self._motion.epoch
         async with self._in_turn:
             self._controller.check_enabled()
@@ -159,7 +154,7 @@ class MotionRequests:
 
 
 async def _until(condition: Callable[[], bool], timeout: float) -> bool:
-    """Wait until a condition holds; False: not within `timeout` s."""
+    """Wait until a condition holds; return False after `timeout` s."""
     try:
         async with asyncio.timeout(timeout):
             while not condition():
@@ -170,7 +165,7 @@ async def _until(condition: Callable[[], bool], timeout: float) -> bool:
 
 
 def _text(values: Any) -> str:
-    """Numbers as the status shows them, whatever was sent."""
+    """Format numbers for the status, whatever was sent."""
     try:
         return " ".join(f"{float(value):.1f}" for value in values)
     except (TypeError, ValueError):
@@ -180,9 +175,7 @@ def _text(values: Any) -> str:
 class SettingRequests:
     """Settings of one controller. None of them moves or energises the arm.
 
-    Args:
-        controller: of the arm.
-        motions: its motion commands, which keep away from the shapes.
+    motions: the controller's motion commands, which keep away from the shapes.
 
     Attributes:
         scene_epoch: grows with each change of the shapes.
@@ -228,7 +221,7 @@ class SettingRequests:
         return 1
 
     def set_payload(self, mass: float, com: Sequence[float] = (0.0, 0.0, 0.0)) -> int:
-        """Take a load into the model of gravity of the real arm, from the next time on that it is armed."""
+        """Set a payload in the gravity model of the real arm, from its next arming on."""
         (mass_kg,), com_m = numbers("mass", [mass], 1).tolist(), numbers("com", com, 3).tolist()
         ArmConfig(channel="none", payload_mass_kg=mass_kg, payload_com_m=com_m)  # checks the ranges
         if self._controller.real is not None:
@@ -240,7 +233,7 @@ class SettingRequests:
         return self._payload
 
     async def set_shapes(self, shapes: Sequence[Mapping[str, Any]]) -> int:
-        """Keep away from boxes in the frame of the base: plans do, and the real arm's loop once it is armed."""
+        """Keep away from boxes in the frame of the base: plans at once, and the real arm's loop once it is armed."""
         if not all(isinstance(shape, Mapping) for shape in shapes):
             raise PlanError("a shape is {name, center_m, size_m, yaw_rad}: a box in the frame of the base")
         own = self._controller.hardware.config.workspace

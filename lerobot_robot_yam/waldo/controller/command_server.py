@@ -1,6 +1,4 @@
-"""Serves the controller: answers requests of clients over TCP, sends statuses to all who asked for them, and does what
-the operator of this computer asks for.
-"""
+"""Server of the controller: it answers clients' requests over TCP, streams statuses, and serves the operator."""
 
 import asyncio
 import contextlib
@@ -17,7 +15,7 @@ from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.status_report import STATUS_HZ, StatusReport
 from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, door_path, encode
 
-_BEHIND_BYTES = 1 << 16  # of statuses that a client has not read; it is sent no more until it has
+_BEHIND_BYTES = 1 << 16  # unread statuses at which a client gets no more until it reads
 _REQUESTS = {
     Controller: "stop estop reset simulator freedrive teleport",
     MotionRequests: (
@@ -30,10 +28,10 @@ _REQUESTS = {
     ),
     StatusReport: "ping angles joint_speeds pose queue status",
 }
-"""What clients may ask for. To arm and to land are not among it: they are the operator's."""
+"""Requests of clients. Arming and landing are the operator's alone."""
 
 _STOPS = ("stop", "estop")
-_MOST_CLIENTS = 64  # whose stops are remembered
+_MOST_CLIENTS = 64  # most clients whose stops are remembered
 
 Requests = Mapping[str, Callable[..., Any]]
 
@@ -43,9 +41,7 @@ logger = logging.getLogger(__name__)
 class CommandServer:
     """The controller, its requests and its status stream, for a host and a port.
 
-    Args:
-        controller: of the arm.
-        operator: what the operator may ask for besides, by the socket `wire.door_path`; without any it is not opened.
+    operator: the operator's requests, at the socket `wire.door_path`; None does not open it.
     """
 
     def __init__(self, controller: Controller, operator: Requests | None = None):
@@ -67,7 +63,7 @@ class CommandServer:
         self._servers: list[asyncio.Server] = []
 
     async def open(self, host: str, port: int) -> None:
-        """Serve from now on. Raises ControllerError: the port is taken, or the host is not of this computer."""
+        """Serve from now on. Raises ControllerError: the port is taken, or the host is not this computer's."""
         try:
             serve = functools.partial(self._serve, self._requests)
             self._servers.append(await asyncio.start_server(serve, host, port, limit=MOST_BYTES))
@@ -75,7 +71,7 @@ class CommandServer:
             raise ControllerError(f"{host}:{port} cannot be served ({error.strerror}); is it taken?") from error
         if self._operator is not None:
             self._door = door_path(port)
-            self._door.unlink(missing_ok=True)  # the port is ours: a controller that died has left this one
+            self._door.unlink(missing_ok=True)  # left by a dead controller, as the port is ours
             serve = functools.partial(self._serve, self._operator)
             self._servers.append(await asyncio.start_unix_server(serve, self._door))
             self._door.chmod(0o600)
@@ -83,7 +79,7 @@ class CommandServer:
             self._keep(asyncio.create_task(work))
 
     async def close(self) -> None:
-        """Serve no more. The arm is not touched: see `Controller.land`."""
+        """Stop serving. The arm is not touched: see `Controller.land`."""
         for server in self._servers:
             server.close()
         if self._door is not None:
@@ -96,7 +92,7 @@ class CommandServer:
         self.motions.close()
 
     async def request(self, name: str, /, **arguments: Any) -> Any:
-        """The result of a request of a client. Raises YamError: it is refused."""
+        """Return the result of a client's request. Raises YamError: it is refused."""
         return await self._result(self._requests, name, arguments)
 
     async def _result(self, requests: Requests, name: str, arguments: dict[str, Any]) -> Any:
@@ -121,12 +117,12 @@ class CommandServer:
         while True:
             try:
                 self.controller.tick()
-            except Exception as error:  # a defect: the arm's own loop holds it, as targets cease
+            except Exception as error:  # a defect: the arm's own loop holds when targets cease
                 if not self.controller.fault:
                     logger.exception("a tick of the controller failed")
                     self.controller.fail(f"the controller has a defect ({error}); see its log")
             self.report.ticked()
-            due_s = max(due_s + TICK_S, loop.time())  # what was late is not made up for
+            due_s = max(due_s + TICK_S, loop.time())  # no burst after a delay
             await asyncio.sleep(due_s - loop.time())
 
     async def _send_on(self) -> None:
@@ -138,7 +134,7 @@ class CommandServer:
             await asyncio.sleep(due_s - loop.time())
 
     def broadcast(self) -> None:
-        """Send a status to all who asked for them, but for those who do not read."""
+        """Send a status to all subscribers, except those that do not read."""
         if not self._subscribers:
             return
         line = encode(self.report.status())
@@ -154,13 +150,13 @@ class CommandServer:
             message = decode(await reader.readline())
             if requests is self._requests and message.get("do") == STREAM:
                 self._subscribers.add(writer)
-                await reader.read(1)  # until it hangs up
+                await reader.read(1)  # until the client disconnects
             else:
                 writer.write(encode(await self._answer(requests, message)))
                 await writer.drain()
-        except (OSError, ValueError) as error:  # hung up, or no client of ours
+        except (OSError, ValueError) as error:  # disconnected, or no client of ours
             logger.debug("a client is gone: %s", error)
-        except asyncio.CancelledError:  # the controller ends; Python would log it as an error
+        except asyncio.CancelledError:  # the controller's end, which Python would log as an error
             pass
         finally:
             self._subscribers.discard(writer)
@@ -168,12 +164,12 @@ class CommandServer:
                 writer.close()
 
     def _refuse_overtaken(self, name: str, client: object, number: object) -> None:
-        """Raises ControllerError: the client has asked for a stop after this, and the stop has come first."""
+        """Raise ControllerError if a stop that the client has sent after this request has arrived first."""
         if not (isinstance(client, str) and isinstance(number, int)):
             return
         newest = self._stopped.get(client, 0)
         if name in _STOPS:
-            self._stopped.pop(client, None)  # the client that has stopped last is forgotten last
+            self._stopped.pop(client, None)  # moves the client to the end, to be dropped last
             self._stopped[client] = max(newest, number)
             if len(self._stopped) > _MOST_CLIENTS:
                 del self._stopped[next(iter(self._stopped))]
@@ -188,6 +184,6 @@ class CommandServer:
             return {"result": await self._result(requests, name, dict(message.get("with", {})))}
         except YamError as error:
             return {"refused": str(error)}
-        except Exception as error:  # a defect: nobody must wait for an answer that never comes
+        except Exception as error:  # a defect must still be answered
             logger.exception("%s failed", name)
             return {"refused": f"{name} failed ({type(error).__name__}); see the log of the controller"}

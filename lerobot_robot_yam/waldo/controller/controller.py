@@ -1,7 +1,6 @@
-"""The controller of one arm: which plant it moves, whether it takes commands, and what stops it.
+"""The controller of one arm: the plant that it moves, whether it accepts commands, and what stops it.
 
-Single-threaded: everything but planning runs in one event loop. Nothing here energises the arm but `arm`, which is no
-request of a client.
+Single-threaded: all but planning runs in one event loop. Only `arm` energises the arm, and no client can request it.
 """
 
 import asyncio
@@ -22,29 +21,29 @@ from lerobot_robot_yam.waldo.poses import numbers
 from lerobot_robot_yam.waldo.program import swapped
 
 TICK_S = 0.01
-_REST_S = 0.2  # after the last motion the arm is told to hold; its own loop would do so after 0.5 s
+_REST_S = 0.2  # after the last motion the arm has to hold; its own loop would do so after 0.5 s
 _NOT_HERE = "start the controller with --hardware at the arm's computer, and arm it there: yam-waldo arm"
 
 logger = logging.getLogger(__name__)
 
 
 class Controller:
-    """One arm, simulated or real, and the set-point that it follows. Begins in simulator mode.
+    """One arm, simulated or real, and its set-point. Begins in simulator mode.
 
     Args:
         hardware: profiles and limits.
-        real: the real arm; None: there is only the simulated one.
+        real: the real arm; None for the simulated one only.
         now: the clock, s.
 
     Attributes:
         planner: for the thread of the event loop.
         motion: the set-point.
-        plant: what follows it.
-        reading: of the plant, at the newest tick.
+        plant: the arm that follows it.
+        reading: the plant's at the newest tick.
         tool_key, offset_m: the selected tool, and the offset (3,) of its tip.
         stopped: an e-stop is latched.
-        fault: why the plant has failed; empty: it has not.
-        session_id: another one for each controller.
+        fault: why the plant has failed; empty if it has not.
+        session_id: a new one for each controller.
     """
 
     def __init__(self, hardware: ResolvedArm, real: RealArm | None = None, now: Callable[[], float] = time.monotonic):
@@ -68,12 +67,12 @@ class Controller:
 
     @property
     def enabled(self) -> bool:
-        """Whether it takes commands that move."""
+        """Whether it accepts commands that move."""
         return not (self.stopped or self.fault or self.floats)
 
     @property
     def floats(self) -> bool:
-        """Whether commands would move the real arm, and a hand may move it instead."""
+        """Whether the real arm floats for a hand, instead of following commands."""
         return not self.in_simulator and not self.fault and self.real is not None and self.real.floats
 
     @property
@@ -82,7 +81,7 @@ class Controller:
         return self.real is not None and self.real.armed and not self.real.trouble()
 
     def check_enabled(self) -> None:
-        """Raises ControllerError: it takes no commands; says why."""
+        """Raise ControllerError, with the reason, if no commands are accepted."""
         if self.fault:
             raise ControllerError(f"the arm has failed, and holds as far as it can: {self.fault}")
         if self.stopped:
@@ -91,7 +90,7 @@ class Controller:
             raise ControllerError("the arm floats, so that a hand can move it: freedrive(False) ends that")
 
     def tick(self) -> None:
-        """Move the set-point on, and have the plant follow; hold when the plant fails."""
+        """Advance the set-point, and have the plant follow; hold when the plant fails."""
         now = self.now()
         try:
             self.reading = self.plant.read()
@@ -113,7 +112,7 @@ class Controller:
             self.fail(str(error))
 
     def _float_on(self) -> None:
-        """Begin where the hand has left it, once it floats no more. Raises ControllerError: it has failed."""
+        """Begin at the hand's last pose once the arm no longer floats. Raises ControllerError: it has failed."""
         assert self.real is not None
         if why := self.real.trouble():
             raise ControllerError(why)
@@ -121,7 +120,7 @@ class Controller:
             self.motion.take_over(self.reading)
 
     def fail(self, why: str) -> None:
-        """Cancel everything; the arm's own loop holds or lands it."""
+        """Cancel all commands; the arm's own loop holds or lands it."""
         logger.error("%s", why)
         self.fault = why
         self.motion.take_over(self.reading)
@@ -129,7 +128,7 @@ class Controller:
     # requests of clients
 
     def stop(self) -> int:
-        """Come to rest and empty the queue; torque stays on. Refuses nothing."""
+        """Come to rest and empty the queue; torque stays on. Never refused."""
         if self.floats:
             try:
                 self._hold_again()
@@ -139,18 +138,18 @@ class Controller:
         return 1
 
     def _hold_again(self) -> None:
-        """End the floating: the arm holds where it is."""
+        """End the floating: the arm holds its pose."""
         self.plant.rest()
         self.reading = self.plant.read()
         self.motion.take_over(self.reading)
 
     def estop(self) -> int:
-        """The same, and take no commands until `reset`."""
+        """Stop, and accept no commands until `reset`."""
         self.stopped = True
         return self.stop()
 
     def reset(self) -> int:
-        """Take commands again. Nothing moves, and nothing is energised.
+        """Accept commands again. Nothing moves, and nothing is energised.
 
         Raises:
             ControllerError: the arm still fails.
@@ -164,7 +163,7 @@ class Controller:
         return 1
 
     def simulator(self, enabled: bool) -> int:
-        """Move the simulated arm, or the real one. Queue and streams are dropped; the real arm holds where it is.
+        """Have commands move the simulated arm, or the real one, which holds its pose. Queue and streams are dropped.
 
         Raises:
             ControllerError: there is no real arm that is armed and well.
@@ -185,7 +184,7 @@ class Controller:
         last = self.reading
         try:
             self.plant.rest()
-        except YamError as error:  # it has failed: its own loop holds or lands it
+        except YamError as error:  # the arm has failed: its own loop holds or lands it
             logger.warning("%s", error)
         self.simulated.teleport(np.clip(last.q, self.planner.lower, self.planner.upper), last.opening)
         self._use(self.simulated)
@@ -196,10 +195,10 @@ class Controller:
         self.motion.take_over(self.reading)
 
     def freedrive(self, enabled: bool) -> int:
-        """Let a hand move the real arm, or have it hold where it is.
+        """Let a hand move the real arm, or have it hold its pose.
 
         Raises:
-            ControllerError: in simulator mode, or it takes no commands.
+            ControllerError: in simulator mode, or no commands are accepted.
         """
         if self.in_simulator or self.real is None:
             raise ControllerError("freedrive is for the real arm; a simulated one is put somewhere by teleport")
@@ -212,7 +211,7 @@ class Controller:
         return 1
 
     def teleport(self, angles_deg: Sequence[float], tool_positions: Sequence[float] | None = None) -> int:
-        """Put the simulated arm somewhere, and its jaws. No other plant can be told so.
+        """Set the simulated arm's joints and jaws at once. No other plant can do so.
 
         Raises:
             ControllerError: not in simulator mode.
@@ -229,7 +228,7 @@ class Controller:
         return 1
 
     def use_tool(self, key: str, offset_m: np.ndarray) -> None:
-        """Poses are of this tool's tip from now on. Raises ConfigError: the arm has no such tool."""
+        """Refer poses to this tool's tip from now on. Raises ConfigError: the arm has no such tool."""
         frame = tip(self.hardware.gripper, key, offset_m)
         self.tool_key, self.offset_m, self.tip = key, offset_m, frame
         self.planner.kinematics.tool = frame
@@ -237,7 +236,7 @@ class Controller:
     # what only an operator at this computer may do
 
     async def arm(self) -> None:
-        """ENERGISE the real arm, which then holds where it is; commands go on moving what they moved.
+        """ENERGISE the real arm, which then holds its pose; commands go on moving what they moved.
 
         Raises:
             YamError: there is none, or it failed; nothing is energised.
@@ -248,7 +247,7 @@ class Controller:
             await asyncio.to_thread(self.real.arm)
 
     async def land(self) -> bool:
-        """Bring the real arm down and cut torque; commands move the simulated one from now on.
+        """Land the real arm and cut torque; commands move the simulated one from now on.
 
         Returns:
             Whether it is down. Else its control loop holds it, and lands it as soon as it can.

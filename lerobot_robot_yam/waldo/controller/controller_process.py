@@ -28,7 +28,7 @@ from lerobot_robot_yam.waldo.controller.plant import RealArm
 from lerobot_robot_yam.waldo.wire import HOST, PORT
 
 _LOOK_S = 0.2
-_SWITCH_S = 0.001  # how long the planning thread may keep a tick waiting; Python's own 5 ms are half of one
+_SWITCH_S = 0.001  # longest delay of a tick by the planning thread; Python's 5 ms are half a tick
 
 logger = logging.getLogger(__name__)
 
@@ -62,8 +62,8 @@ async def serve(
     """Serve one arm until a signal or the parent's end; then land it.
 
     Args:
-        host, port: where.
-        config: the real arm; None: only the simulated one, as the environment chooses it.
+        host, port: address to serve.
+        config: the real arm; None for the simulated one of the environment only.
         parent: process with which it ends; None: it ends by a signal alone.
         opened: called when it serves.
 
@@ -88,7 +88,7 @@ async def serve(
 
 
 def operator_acts(controller: Controller) -> dict[str, Callable[[], Awaitable[str]]]:
-    """What the operator of this computer may ask a controller for; each says what has been done."""
+    """Return the operator's requests to a controller; each returns a report of what was done."""
 
     async def about() -> str:
         real = controller.real
@@ -110,10 +110,10 @@ def operator_acts(controller: Controller) -> dict[str, Callable[[], Awaitable[st
 
 
 async def _ended(told: asyncio.Event, parent: int | None) -> None:
-    """Wait until a signal has come, or the parent has ended."""
+    """Wait for a signal, or for the parent's end."""
     try:
         watched = None if parent is None else ProcessEnd(parent)
-    except FileNotFoundError:  # it has ended already
+    except FileNotFoundError:  # the parent has ended already
         return
     while not told.is_set() and (watched is None or not watched.reached()):
         with contextlib.suppress(TimeoutError):

@@ -1,7 +1,7 @@
-"""Where the arm is asked to be: one queue of planned commands, or one stream of jog and servo commands.
+"""The set-point of the arm: one queue of planned commands, or one stream of jog and servo commands.
 
-Pure: it is fed the time and gives the set-point of each tick. A stream is refused while the queue moves the arm, and
-a queued command waits until a stream has come to rest.
+Pure: the caller passes the time and receives the set-point of each tick. A stream is refused while the queue moves the
+arm, and a queued command waits until a stream has come to rest.
 """
 
 from collections import deque
@@ -19,17 +19,17 @@ from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
 
 MOST_QUEUED = 1000  # commands; a program that sends more has lost its waits
-_REMEMBERED = 100_000  # ends of commands, for `wait_command`
-_ARRIVED_RAD = 2e-3  # the arm's own set-point, against the end of a plan
-_SAME_RAD = 1e-6  # a plan begins where the set-point is
-_REST_RAD_S = 1e-6  # rounding
-_ARRIVE_S = 2.0  # after the end of a plan; later it is held back
-_JAW_S = 3.0  # in which a gripper has closed, or will not
-_JAW_BEGINS_S = 0.15  # before that a jaw that is told to move may stand still
+_REMEMBERED = 100_000  # ends of commands that are kept for `wait_command`
+_ARRIVED_RAD = 2e-3  # distance of the arm's own set-point to a plan's end that counts as arrived
+_SAME_RAD = 1e-6  # largest distance of a plan's begin from the set-point
+_REST_RAD_S = 1e-6  # speed that counts as rest, for rounding
+_ARRIVE_S = 2.0  # wait for the arm after a plan's end, then it counts as held back
+_JAW_S = 3.0  # longest move of a gripper
+_JAW_BEGINS_S = 0.15  # time after a command in which a jaw may still stand
 
 
 class End(Enum):
-    """How a command has ended."""
+    """End of a command."""
 
     DONE = "done"
     CANCELLED = "cancelled"
@@ -40,11 +40,11 @@ class Command:
     """One entry of the queue: a motion, a move of the jaws, or a mark.
 
     Attributes:
-        name, text: as the status shows it.
+        name, text: as the status shows them.
         plan: the motion; None: the arm stays.
-        opening: where the jaws go, 0 closed … 1 open; None: they stay.
-        label: of a checkpoint.
-        radius_m: within which of its end the next motion may begin; 0: it comes to rest there.
+        opening: target of the jaws, 0 closed … 1 open; None: they stay.
+        label: a checkpoint's.
+        radius_m: distance to its end at which the next motion may begin; 0: it comes to rest there.
         index: its number, once it is queued.
     """
 
@@ -58,26 +58,24 @@ class Command:
 
 
 class Blend(NamedTuple):
-    """A motion and what it becomes together with the next one."""
+    """A motion, and its union with the next one."""
 
     first: Plan
     joined: Plan
 
 
 class Motion:
-    """The set-point of one arm, and what moves it.
+    """The set-point of one arm, and the commands that move it.
 
-    Args:
-        planner: of this arm; it plans the stops.
-        reading: of the arm.
+    planner: this arm's, for stops. reading: the arm's.
 
     Attributes:
         q, dq: (n,) rad and rad/s, the set-point.
-        opening: of the gripper, 0 closed … 1 open; None without one.
-        running: the command under way; None: none.
-        completed: index of the last one that was carried out, -1 at first.
+        opening: the gripper's, 0 closed … 1 open; None without one.
+        running: the present command, or None.
+        completed: index of the last command that was carried out, -1 at first.
         checkpoint: label of the last one passed.
-        epoch: grows when commands are cancelled: what was planned before must not be queued any more.
+        epoch: grows when commands are cancelled; plans of an earlier epoch must not be queued.
     """
 
     def __init__(self, planner: Planner, reading: Reading):
@@ -86,7 +84,7 @@ class Motion:
         self._ends: dict[int, End] = {}
         self._next_index, self._began_s = 0, 0.0
         self._last_s: float | None = None
-        self._free_s: float | None = None  # since when nothing runs
+        self._free_s: float | None = None  # time since which nothing runs
         self._late = False
         self._stream: Stream | None = None
         self._stopping = False  # the stream is the way to rest after a stop
@@ -95,7 +93,7 @@ class Motion:
         self.take_over(reading)
 
     def take_over(self, reading: Reading) -> None:
-        """Begin at where an arm is asked to be, at rest; whatever was queued or streamed is dropped."""
+        """Begin at the arm's own set-point, at rest; drop everything queued or streamed."""
         self._cancel()
         self._stream, self._free_s = None, None
         self.q, self.dq = np.array(reading.setpoint_q), np.zeros(len(reading.setpoint_q))
@@ -118,30 +116,29 @@ class Motion:
 
     @property
     def waiting(self) -> list[Command]:
-        """The command that runs and those that wait, in order."""
+        """The present command and those that wait, in order."""
         return [*([self.running] if self.running else []), *self._queue]
 
     @property
     def end_q(self) -> np.ndarray:
-        """(n,) rad where the arm will be when all that is queued has been done."""
+        """Joints (n,) rad at the end of the queue."""
         plans = [command.plan for command in self.waiting if command.plan is not None]
         return plans[-1].q[-1] if plans else self.q
 
     def end_of(self, index: int) -> End | None:
-        """How a command has ended; None: it has not, or never was."""
+        """Return the end of a command; None if it has not ended, or never existed."""
         return self._ends.get(index)
 
     @property
     def blending(self) -> Plan | None:
-        """The motion whose end the next one may round; None: there is none."""
+        """The motion whose end the next one may round, or None."""
         last = self.waiting[-1] if self.planned else None
         return last.plan if last is not None and last.radius_m > 0.0 else None
 
     def add(self, command: Command, epoch: int, blend: Blend | None = None) -> int:
-        """Queue a command that was planned from `end_q` in this epoch; its index.
+        """Queue a command that was planned from `end_q` in this epoch; return its index.
 
-        Args:
-            blend: it with the motion before; it counts if that one has not come too far meanwhile.
+        blend: the union with the motion before, used if that one has not come too far meanwhile.
 
         Raises:
             ControllerError: commands were cancelled, or the arm was moved, meanwhile; or too many wait.
@@ -160,7 +157,7 @@ class Motion:
         return command.index
 
     def _round(self, before: Command, command: Command, joined: Plan) -> None:
-        """Have two motions go over into each other, unless the first one is there already."""
+        """Blend two motions, unless the first one has passed the begin of the blend."""
         assert before.plan is not None and command.plan is not None
         overlap_s = before.plan.duration_s + command.plan.duration_s - joined.duration_s
         begins_s = before.plan.duration_s - overlap_s
@@ -169,11 +166,11 @@ class Motion:
         before.plan, command.plan = joined.cut(begins_s + overlap_s / 2)
 
     def stream(self, begin: Callable[[], Stream]) -> None:
-        """Jog or servo, with what `begin` makes.
+        """Jog or servo by the stream that `begin` makes.
 
         Raises:
             ControllerError: a queued command moves the arm.
-            PlanError: as `begin`; what went on goes on.
+            PlanError: from `begin`; the present stream goes on.
         """
         if any(command.plan is not None for command in self.waiting):
             raise ControllerError("a queued command moves the arm: stop it, or wait until it has ended")
@@ -187,7 +184,7 @@ class Motion:
             self._come_to_rest(self._planner.stop(self.q, self.dq))
 
     def stop(self, now: float) -> None:
-        """Come to rest as soon as the limits allow, on the path of a plan that runs; cancel everything."""
+        """Come to rest as soon as the limits allow, on the path of the running plan; cancel everything."""
         running = self.running.plan if self.running is not None else None
         self._cancel()
         if running is not None:
@@ -210,10 +207,10 @@ class Motion:
         self._ends.pop(command.index - _REMEMBERED, None)
 
     def step(self, now: float, reading: Reading) -> bool:
-        """Move the set-point on; whether it has moved or will, or the jaws do.
+        """Advance the set-point; return whether it or the jaws move or will move.
 
         Raises:
-            ControllerError: the arm does not get to where a plan has ended; everything is cancelled.
+            ControllerError: the arm does not reach the end of a plan; everything is cancelled.
         """
         dt_s = 0.0 if self._last_s is None else now - self._last_s
         self._last_s, moved = now, self.streams or self.planned
@@ -229,7 +226,7 @@ class Motion:
         return moved or self.streams or not reading.jaw_still
 
     def _advance(self, now: float, reading: Reading) -> bool:
-        """Carry on with the queue; whether a command has ended, so that the next one is due in this very tick."""
+        """Advance the queue; return True if a command has ended, so that the next one is due in this tick."""
         if self.running is None:
             free_s, self._free_s = self._free_s, now
             if not self._queue:
@@ -241,7 +238,7 @@ class Motion:
             over_s = past_s - command.plan.duration_s
             if over_s < 0.0:
                 return False
-            rests = np.abs(command.plan.dq[-1]).max() < _REST_RAD_S  # else it goes over into the next one
+            rests = np.abs(command.plan.dq[-1]).max() < _REST_RAD_S  # else it blends into the next one
             if rests and np.abs(reading.setpoint_q - self.q).max() > _ARRIVED_RAD:
                 if over_s > _ARRIVE_S:
                     self._cancel()

@@ -1,7 +1,7 @@
-"""What the controller moves: an arm that follows its set-point, simulated or real.
+"""Plants of the controller: arms that follow its set-point, simulated or real.
 
-The real arm is behind the session layer: its limits, landing, emergency stop and stand-by all hold. Nothing here
-energises but `RealArm.arm`, which only an operator's own command reaches.
+The real arm is behind the session layer: its limits, landing, emergency stop and stand-by all hold. Only `RealArm.arm`
+energises, which only an operator's own command reaches.
 """
 
 import dataclasses
@@ -20,8 +20,8 @@ from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import ArmState
 
-_JAW_ROUNDING = 0.03  # of the stroke: as near as a jaw comes to where it is asked to be
-_STILL_PER_S = 0.02  # strokes/s, below which a jaw stands
+_JAW_ROUNDING = 0.03  # share of the stroke by which a free jaw may miss its target
+_STILL_PER_S = 0.02  # strokes/s below which a jaw counts as still
 
 logger = logging.getLogger(__name__)
 
@@ -31,9 +31,9 @@ class Reading(NamedTuple):
 
     Attributes:
         q, dq, tau_nm: (n,) measured; rad, rad/s, Nm.
-        setpoint_q: (n,) rad, where the arm is asked to be.
-        opening, asked_opening: the gripper, measured and asked for.
-        jaw_still: it has arrived, or does not get farther.
+        setpoint_q: (n,) rad.
+        opening, asked_opening: the gripper, measured and its target.
+        jaw_still: it has arrived, or gets no farther.
         grip_nm: torque of its motor.
     """
 
@@ -58,25 +58,23 @@ class Plant(Protocol):
     """An arm that follows a set-point."""
 
     def read(self) -> Reading:
-        """How it is. Raises YamError: it has failed or is silent."""
+        """Return the present reading. Raises YamError: the arm has failed or is silent."""
 
     def follow(self, q: np.ndarray, dq: np.ndarray, opening: float | None, dt_s: float) -> None:
-        """Be at q (n,) rad, moving with dq (n,) rad/s, in this tick of dt_s.
+        """Set q (n,) rad, moving with dq (n,) rad/s, for this tick of dt_s.
 
         Raises:
-            YamError: it takes no targets.
+            YamError: the arm accepts no targets.
         """
 
     def rest(self) -> None:
-        """No more set-points come for now: keep the last one. Raises YamError: it has failed."""
+        """Keep the last set-point, as no more come for now. Raises YamError: the arm has failed."""
 
 
 class SimulatedArm:
-    """A plant that is where it is asked to be; its jaws move as fast as the gripper's motor may. No motor hears of it.
+    """A plant that is exactly at its set-point; its jaws move at the gripper's speed limit. It has no motors.
 
-    Args:
-        hardware: the arm.
-        q: (n,) rad, where it is.
+    q: (n,) rad, pose at the start.
     """
 
     def __init__(self, hardware: ResolvedArm, q: np.ndarray):
@@ -99,7 +97,7 @@ class SimulatedArm:
         self._dq = np.zeros(len(self._q))
 
     def teleport(self, q: np.ndarray, opening: float | None) -> None:
-        """Be at q (n,) rad at once, and the jaws at `opening` if that is given."""
+        """Set q (n,) rad at once, and the jaws at `opening` unless that is None."""
         self._q, self._dq = q, np.zeros(len(q))
         if self._opening is not None and opening is not None:
             self._opening = self._asked = opening
@@ -108,15 +106,15 @@ class SimulatedArm:
 class RealArm:
     """A plant that drives the arm on a CAN channel. Methods other than `arm` and `land` return at once.
 
-    It tracks with `track_integral`: without, friction takes the tool up to 2.7 mm off a line on the virtual rig.
+    It tracks with `track_integral`: without, friction moves the tool up to 2.7 mm off a line on the virtual rig.
 
     Args:
         config: the arm.
         isolation: where its control loop runs, see `ArmSession`.
 
     Attributes:
-        config: as it will be armed the next time.
-        floats: a hand may move it, and it takes no targets.
+        config: configuration for the next arming.
+        floats: a hand may move the arm, and it accepts no targets.
     """
 
     def __init__(self, config: ArmConfig, isolation: Isolation = "process"):
@@ -131,13 +129,13 @@ class RealArm:
 
     @property
     def client(self) -> ArmClient:
-        """Of the armed arm. Raises ControllerError: it is not armed."""
+        """Client of the armed arm. Raises ControllerError: it is not armed."""
         if self._session is None or not self._session.running:
             raise ControllerError(f"{self.config.name}: it is not armed; at its computer: yam-waldo arm")
         return self._session[self.config.name]
 
     def load(self, mass_kg: float, com_m: Sequence[float]) -> None:
-        """Say what is fixed to the tool. Raises YamError: out of range, or the arm is armed."""
+        """Set the payload at the tool. Raises YamError: out of range, or the arm is armed."""
         if self.armed:
             raise ControllerError(
                 f"{self.config.name}: the arm is armed, and carries what it was armed with; `yam-waldo land` first"
@@ -145,19 +143,18 @@ class RealArm:
         self.config = dataclasses.replace(self.config, payload_mass_kg=mass_kg, payload_com_m=list(com_m))
 
     def keep_clear(self, workspace: WorkspaceConfig) -> None:
-        """Keep away from these. Raises YamError: malformed, or the arm is armed."""
+        """Set the workspace. Raises YamError: malformed, or the arm is armed."""
         if self.armed:
             raise ControllerError(f"{self.config.name}: the arm is armed; `yam-waldo land`, then change the shapes")
         self.config = dataclasses.replace(self.config, workspace=workspace)
 
     def arm(self) -> None:
-        """ENERGISE the arm: it holds where it is. Waits; one that is armed and well goes on.
+        """ENERGISE the arm: it holds its pose. Waits; does nothing for one that is armed and well.
 
-        One that has failed is enabled again where it is; where that is not enough, it lands as far as it can, and is
-        then armed anew.
+        A failed arm is enabled again in its pose; if that does not help, it lands as far as it can, and is armed again.
 
         Raises:
-            YamError: what failed; nothing is energised that was not.
+            YamError: the reason; nothing is energised that was not.
         """
         if self._session is not None:
             why = self.trouble()
@@ -176,12 +173,12 @@ class RealArm:
         self._session = session
 
     def land(self) -> bool:
-        """Bring it down, cut torque, let go of the channel. Waits; idempotent. False: it is in the air still."""
+        """Land the arm, cut torque, release the channel. Waits; idempotent. Returns False if it is still in the air."""
         session, self._session = self._session, None
         return session is None or session.stop()
 
     def trouble(self) -> str:
-        """Why it neither takes targets nor floats as it was told to; empty: all is well."""
+        """Return why it neither accepts targets nor floats as requested; empty if all is well."""
         try:
             self._taking()
         except YamError as error:
@@ -189,7 +186,7 @@ class RealArm:
         return ""
 
     def _taking(self) -> ArmState:
-        """The newest state of an arm that takes targets. Raises YamError: it does not."""
+        """Return the newest state. Raises YamError: the arm accepts no targets."""
         state = self.client.newest()
         if state.mode is Mode.STOPPED:
             raise LifeCycleError(f"{self.config.name}: the emergency stop is latched; `yam-estop release` ends it")
@@ -221,11 +218,11 @@ class RealArm:
         self.floats = False
 
     def let_float(self) -> None:
-        """Let a hand move it, carried against gravity. Raises YamError: it does not, and holds."""
+        """Let a hand move the arm, carried against gravity. Raises YamError: it does not float, and holds."""
         self._taking()
         self.client.float()
         self.floats = True
 
     def published(self) -> ArmState:
-        """The state as last published. Raises YamError: not armed."""
+        """Return the last published state. Raises YamError: not armed."""
         return self.client.published()

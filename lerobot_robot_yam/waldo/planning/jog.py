@@ -1,9 +1,10 @@
-"""Short commands that move the set-point tick by tick: a jog of joints, or of the tool along and about axes; or the way
-to a target. The newest takes the place of the one before, at the speed that the arm has.
+"""Short commands that move the set-point tick by tick: jogs of joints, jogs of the tool, or the way to a target.
+
+The newest replaces the one before, at the arm's present speed.
 
 A jog is a speed that holds for a moment and then brakes: at its end, at a limit, or before a thing. A jog of the tool
-moves the tool's pose on by the tool's speed, and the joints follow it by inverse kinematics, so that nothing drifts. It
-goes on only as long as the place where it would come to rest is free. Near a singularity it slows down with the joints
+advances the tool's pose by the tool's speed, and the joints follow it by inverse kinematics, so that nothing drifts. It
+goes on only while the pose at which it would come to rest is free. Near a singularity it slows down with the joints
 that have to turn fast. At the end of the reach it stops.
 """
 
@@ -29,15 +30,15 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.poses import AXES, check_frame, number
 
 JOG_S = 0.1
-"""How long a jog lasts without being renewed, unless it says otherwise."""
+"""Default duration of a jog that is not renewed, s."""
 
 _SPEEDS = np.array([LINE_SPEED_M_S] * 3 + [LINE_SPEED_RAD_S] * 3)
 _RATES = (LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2)
-_JOINT_SHARE = 0.8  # of the joints' speed limits that a jog may ask for
-_LEAST = 0.01  # of the tool's speed limits: so slowly it may still go near a singularity
+_JOINT_SHARE = 0.8  # share of the joints' speed limits for a jog of the tool
+_LEAST = 0.01  # least share of the tool's speed limits, near a singularity
 _TINY = 1e-9
-_JUMP_RAD = 0.6  # to where it would come to rest: another way of holding the tool
-_MOST_JOG_S = 10.0  # ours: longer than this a motion is a move
+_JUMP_RAD = 0.6  # distance to the joints at rest beyond which they hold the tool in another way
+_MOST_JOG_S = 10.0  # longest jog, our choice
 
 State = tuple[np.ndarray, np.ndarray]
 """A set-point (n,) rad and its speed (n,) rad/s."""
@@ -47,13 +48,13 @@ class Stream(Protocol):
     """A command that moves the set-point tick by tick, until it rests."""
 
     def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> State:
-        """The set-point one tick of dt_s after this one."""
+        """Return the set-point one tick of dt_s later."""
 
     def renewed_by(self, newer: "Stream") -> bool:
-        """Go on as long as a newer command of the same motion; whether it is one."""
+        """Take over the end of a newer command of the same motion; return False for another motion."""
 
     def ended(self, now_s: float) -> bool:
-        """Whether it is over once the set-point rests."""
+        """Return whether it is over once the set-point rests."""
 
 
 class Play:
@@ -63,28 +64,26 @@ class Play:
         self._plan, self._t_s = plan, 0.0
 
     def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> State:
-        """See `Stream`."""
         self._t_s += dt_s
         if self._t_s >= self._plan.duration_s:
             return self._plan.q[-1], np.zeros(len(q))
         return self._plan.at(self._t_s)
 
     def renewed_by(self, newer: Stream) -> bool:
-        """Never: a newer target is another way."""
+        """Return False, as a newer target is another way."""
         return False
 
     def ended(self, now_s: float) -> bool:
-        """See `Stream`."""
         return self._t_s >= self._plan.duration_s
 
 
 class JointJog:
-    """Turns joints; renewed as long as a button is held.
+    """Jog of joints; renewed while a button is held.
 
     Args:
-        planner: of the arm.
-        speeds: by joint, from 0: signed shares −1 … 1 of the jog speed.
-        now_s, duration_s: when it begins, and how long it lasts.
+        planner: the arm's.
+        speeds: joint, from 0 → signed share −1 … 1 of the jog speed.
+        now_s, duration_s: begin and duration.
         accel: share 0 … 1 of the acceleration limit, for speeding up; it always brakes with all of it.
 
     Raises:
@@ -108,17 +107,16 @@ class JointJog:
         self._accel = shares(1.0, accel, 0.0)[1]
 
     def renewed_by(self, newer: Stream) -> bool:
-        """See `Stream`. What stood in the way of this one stands in the way of the same asked again."""
+        """See `Stream`. An obstacle to this jog also stops its renewal."""
         if not (isinstance(newer, JointJog) and np.array_equal(newer._shares, self._shares)):
             return False
         return _renew(self, newer)
 
     def ended(self, now_s: float) -> bool:
-        """See `Stream`."""
         return now_s >= self._until_s
 
     def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> State:
-        """The set-point (n,) rad and its speed (n,) rad/s one tick after these."""
+        """Return the set-point (n,) rad and its speed (n,) rad/s one tick later."""
         limits = self._planner.limits
         if now_s < self._until_s and not self._blocked:
             there = self._towards(JOG_SHARE * limits.speed * self._shares, q, dq, dt_s)
@@ -139,14 +137,14 @@ class JointJog:
 
 
 class LineJog:
-    """Moves the tool; renewed as long as a button is held.
+    """Jog of the tool; renewed while a button is held.
 
     Args:
-        planner: of the arm.
-        frame: whose axes: the base's or the tool's.
-        speeds: by axis, signed shares −1 … 1 of the tool's speed limits along and about it.
-        start: the set-point that it goes on from.
-        now_s, duration_s: when it begins, and how long it lasts.
+        planner: the arm's.
+        frame: frame of the axes: the base's or the tool's.
+        speeds: axis → signed share −1 … 1 of the tool's speed limit along or about it.
+        start: the present set-point.
+        now_s, duration_s: begin and duration.
         accel: share 0 … 1 of the acceleration limits, for speeding up; it always brakes with all of them.
 
     Raises:
@@ -176,7 +174,7 @@ class LineJog:
     def _begin(self, q: np.ndarray, dq: np.ndarray) -> None:
         self._pose, self._rest_q = self._planner.pose(q), q
         self._twist = self._planner.kinematics.twist(q, dq)
-        self._brake_ease = 1.0  # with which the place where it would come to rest was found free
+        self._brake_ease = 1.0  # ease at which the pose at rest was free
 
     def renewed_by(self, newer: Stream) -> bool:
         """See `JointJog.renewed_by`."""
@@ -185,11 +183,10 @@ class LineJog:
         return np.array_equal(newer._shares, self._shares) and _renew(self, newer)
 
     def ended(self, now_s: float) -> bool:
-        """See `Stream`."""
         return now_s >= self._until_s
 
     def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> State:
-        """The set-point (n,) rad and its speed (n,) rad/s one tick after these."""
+        """Return the set-point (n,) rad and its speed (n,) rad/s one tick later."""
         if self._off_line:
             return self._brake(q, dq, dt_s)
         if now_s < self._until_s and not self._blocked:
@@ -207,7 +204,7 @@ class LineJog:
         return self._brake(q, dq, dt_s) if there is None else there
 
     def _wanted(self) -> np.ndarray:
-        """(6,) the tool's speed that is asked for, m/s and rad/s in the axes of the base."""
+        """Return the tool's wanted speed (6,), m/s and rad/s in the axes of the base."""
         wanted = _SPEEDS * self._shares
         if not self._in_tool:
             return wanted
@@ -215,12 +212,12 @@ class LineJog:
         return np.concatenate([turn @ wanted[:3], turn @ wanted[3:]])
 
     def _ease(self, twist: np.ndarray, q: np.ndarray) -> float:
-        """Share of the tool's speed limits, in the direction of a twist (6,), at which no joint turns too fast at q."""
+        """Return the share of the tool's speed limits, along a twist (6,), at which no joint turns too fast at q."""
         rates = self._planner.kinematics.rates(q, twist / max(_level(twist), _TINY))
         return min(1.0, float((_JOINT_SHARE * self._planner.limits.speed / np.maximum(np.abs(rates), _TINY)).min()))
 
     def _try(self, wanted: np.ndarray, ease: float, q: np.ndarray, dq: np.ndarray, dt: float) -> State | None:
-        """One tick on; None if that, or the place where it would come to rest afterwards, is out of the question.
+        """Return the set-point one tick later; None if it, or the pose at rest after it, is not allowed.
 
         ease: share of the acceleration limits that the joints can follow.
         """
@@ -250,7 +247,7 @@ class LineJog:
         return there_q, speed
 
     def _brake(self, q: np.ndarray, dq: np.ndarray, dt: float) -> State:
-        """Where the tool's line cannot be kept any more, each joint comes to rest on its own."""
+        """Bring each joint to rest on its own, when the tool's line cannot be kept."""
         step = STOP_FACTOR * self._planner.limits.acceleration * dt
         speed = dq - np.clip(dq, -step, step)
         lower, upper = np.minimum(self._planner.lower, q), np.maximum(self._planner.upper, q)
@@ -261,7 +258,7 @@ class LineJog:
 
 
 def _renew(jog: JointJog | LineJog, newer: JointJog | LineJog) -> bool:
-    """Give a jog the end of a newer one of the same motion, unless it had ended before that."""
+    """Give a jog the end of a newer one of the same motion; return False if it had ended before."""
     if newer._from_s > jog._until_s:
         return False
     jog._until_s, jog._accel = newer._until_s, newer._accel
@@ -277,17 +274,17 @@ def _duration(duration_s: float) -> float:
 
 
 def _speed_within(room: np.ndarray, deceleration: np.ndarray, dt: float) -> np.ndarray:
-    """The speed at which one more tick still leaves room to brake:  v dt + v² / 2a = room;  0 without any room."""
+    """Return the speed at which one more tick leaves room to brake:  v dt + v² / 2a = room;  0 without room."""
     return deceleration * (np.sqrt(dt**2 + 2.0 * np.maximum(room, 0.0) / deceleration) - dt)
 
 
 def _level(twist: np.ndarray) -> float:
-    """The share of the tool's speed limits that a twist (6,) is."""
+    """Return the share of the tool's speed limits in a twist (6,)."""
     return max(float(np.linalg.norm(twist[:3])) / LINE_SPEED_M_S, float(np.linalg.norm(twist[3:])) / LINE_SPEED_RAD_S)
 
 
 def _moved(pose: np.ndarray, twist: np.ndarray, linear_s: float, angular_s: float) -> np.ndarray:
-    """A pose (4, 4) after a time at a speed (6,), shifts and turns for a time of their own."""
+    """Return a pose (4, 4) after a speed (6,), for separate times of shift and turn."""
     out = pose.copy()
     out[:3, 3] += twist[:3] * linear_s
     out[:3, :3] = rotation_matrix(twist[3:] * angular_s) @ pose[:3, :3]

@@ -1,14 +1,14 @@
-"""A straight line of the tool, as a motion of the joints: first where they are on it, then when.
+"""A straight line of the tool, as a motion of the joints: first the joints along it, then the timing.
 
     p(s) = p0 + s Δp        R(s) = exp(s φ) R0        0 ≤ s ≤ 1,  φ the rotation vector from start to end
 
 The joints at some shares come from inverse kinematics, each seeded from the one before; between them they move on the
-cubics through q and dq/ds = J⁻¹ (Δp, φ). The middle of each piece is looked at, and pieces are halved until all are
-straight. Where that does not succeed, or the joints would have to race, the line passes a singularity: two ways of
-holding the tool meet there, and an arm cannot go on at a finite speed.
+cubics through q and dq/ds = J⁻¹ (Δp, φ). The middle of each piece is checked, and pieces are halved until all are
+straight. Where that fails, or the joints would have to race, the line passes a singularity: two ways of holding the
+tool meet there, and an arm cannot go on at a finite speed.
 
 With the share s of the way, joints turn with q' ds/dt and accelerate with q'' (ds/dt)² + q' d²s/dt². One speed holds
-for all of a line: the highest that the tool may have, and that every joint can do everywhere on it.
+for a whole line: the highest that the tool may have, and that each joint can do everywhere on it.
 """
 
 import math
@@ -32,18 +32,18 @@ from lerobot_robot_yam.waldo.planning.motion_plan import (
 from lerobot_robot_yam.waldo.planning.tool_kinematics import ToolKinematics
 
 STRAIGHT_M, STRAIGHT_RAD = 1e-4, 1e-3
-"""How far the middle of a piece may be off the line: a fifth of what is promised, 0.5 mm and 0.3°."""
+"""Largest error in the middle of a piece: a fifth of the promised 0.5 mm and 0.3°."""
 
-_PIECE_M, _PIECE_RAD = 0.01, 0.05  # of the first division
-_DIVISIONS = 3  # how often it is halved
-_AHEAD_RAD = 0.5  # from one share to the next, that the rate there is believed
+_PIECE_M, _PIECE_RAD = 0.01, 0.05  # largest pieces of the first division
+_DIVISIONS = 3  # most halvings
+_AHEAD_RAD = 0.5  # largest extrapolation from one share to the next
 _AT_LIMIT_RAD = 1e-6
-_SLOWEST = 0.1  # of the tool's full speed: where a joint allows no more than this, a singularity is near
+_SLOWEST = 0.1  # share of the tool's full speed below which a joint shows that a singularity is near
 _TINY = 1e-9
 
 
 class Line(NamedTuple):
-    """From a pose (4, 4) of the tool: way (3,) m, and turn (3,), a rotation vector in the axes of the base."""
+    """A line from a pose (4, 4) of the tool: way (3,) m, and turn (3,), a rotation vector in the axes of the base."""
 
     start: np.ndarray
     way: np.ndarray
@@ -51,16 +51,16 @@ class Line(NamedTuple):
 
     @classmethod
     def between(cls, start: np.ndarray, end: np.ndarray) -> "Line":
-        """From one pose (4, 4) to another, the shorter way round."""
+        """Return the line from one pose (4, 4) to another, with the shorter turn."""
         return cls(start, end[:3, 3] - start[:3, 3], rotation_vector(end[:3, :3] @ start[:3, :3].T))
 
     @property
     def size(self) -> tuple[float, float]:
-        """Its length in m, and its turn in rad."""
+        """Length in m, and turn in rad."""
         return float(np.linalg.norm(self.way)), float(np.linalg.norm(self.turn))
 
     def at(self, share: float) -> np.ndarray:
-        """The pose (4, 4) of the tool at a share of the way."""
+        """Return the pose (4, 4) of the tool at a share of the way."""
         pose = self.start.copy()
         pose[:3, :3] = rotation_matrix(share * self.turn) @ self.start[:3, :3]
         pose[:3, 3] = self.start[:3, 3] + share * self.way
@@ -68,19 +68,19 @@ class Line(NamedTuple):
 
     @property
     def twist(self) -> np.ndarray:
-        """(6,) per share: speed and rate of turn."""
+        """Speed and rate of turn (6,) per share."""
         return np.concatenate([self.way, self.turn])
 
 
 def joint_path(arm: ToolKinematics, line: Line, start_q: np.ndarray, names: list[str]) -> Plan:
-    """The joints along a line, as a `Plan` whose times are shares of the way.
+    """Return the joints along a line, as a `Plan` whose times are shares of the way.
 
     Args:
-        start_q: (n,) rad, where the tool is at the line's start; outside its range a joint may only come back.
-        names: of the joints.
+        start_q: (n,) rad at the line's start; a joint outside its range may only come back.
+        names: the joints'.
 
     Raises:
-        PlanError: it leaves the reach or a joint's range, or passes a singularity.
+        PlanError: the line leaves the reach or a joint's range, or passes a singularity.
     """
     length, turn = line.size
     pieces = max(math.ceil(length / _PIECE_M), math.ceil(turn / _PIECE_RAD), 2)
@@ -97,14 +97,14 @@ def joint_path(arm: ToolKinematics, line: Line, start_q: np.ndarray, names: list
 def timed(
     path: Plan, line: Line, joints: Limits, share: tuple[float, float], duration_s: float, names: list[str]
 ) -> Plan:
-    """The motion along a line, as fast as the tool and each joint may go.
+    """Return the motion along a line, as fast as the tool and each joint may go.
 
     Args:
-        path: of the joints, see `joint_path`.
+        path: the joints along the line, see `joint_path`.
         joints: their limits.
-        share: of the limits of speed and of acceleration.
-        duration_s: 0 as short as the limits allow.
-        names: of the joints.
+        share: shares of the limits of speed and of acceleration.
+        duration_s: 0 for as short as the limits allow.
+        names: the joints'.
 
     Raises:
         PlanError: a joint would have to race, or it takes longer than `duration_s`.
@@ -133,7 +133,7 @@ def timed(
 
 
 def _divided(arm: ToolKinematics, line: Line, start_q: np.ndarray, names: list[str], pieces: int) -> Plan:
-    """The path through this many equal pieces; where the joints jump, it is not straight in between."""
+    """Return the path through this many equal pieces; if the joints jump, it is not straight in between."""
     shares = np.linspace(0.0, 1.0, pieces + 1)
     q, rate = np.empty((2, pieces + 1, len(start_q)))
     q[0], rate[0] = start_q, arm.rates(start_q, line.twist)
@@ -156,7 +156,7 @@ def _straight(arm: ToolKinematics, line: Line, path: Plan) -> bool:
 
 
 def _why_not(arm: ToolKinematics, q: np.ndarray, names: list[str], share: float) -> str:
-    """Why there was no solution but q (n,), which is as near as the arm comes."""
+    """Explain why there was no solution but q (n,), the nearest one."""
     room = np.minimum(q - arm.lower, arm.upper - q)
     where = f"at {100 * share:.0f} % of the line"
     stopped = [f"{names[i]} at {math.degrees(q[i]):.1f}°" for i in np.flatnonzero(room <= _AT_LIMIT_RAD).tolist()]

@@ -1,15 +1,15 @@
-"""A planned motion: what the dry run draws, the simulator plays, and a real arm is sent, all from one value.
+"""A planned motion: one value that the dry run draws, the simulator plays, and a real arm follows.
 
 Motions are time-optimal under limits of speed, acceleration and jerk, by ruckig. From rest to rest all coordinates keep
 the same share of their way (phase synchronisation), so that the way is a straight line in joint space and does not
-depend on the speed. From a motion they only end at the same time.
+depend on the speed. From a moving start they only end at the same time.
 
-Two motions become one where the second begins before the first has come to rest. The corner between them is rounded:
+Two motions become one if the second begins before the first has come to rest. The corner between them is rounded:
 
     q(t) = first(t) + second(t − t_b) − corner
 
-so it leaves the first motion and enters the second smoothly, and is at both only where the tool is within a radius of
-the corner.
+so it leaves the first motion and enters the second smoothly, and differs from both only while the tool is within a
+radius of the corner.
 """
 
 import math
@@ -24,48 +24,48 @@ from lerobot_robot_yam.waldo.poses import number
 
 JOINT_ACCELERATION_RAD_S2 = 6.0  # ours: 1.5 rad/s after 0.35 s; the control loop's set-point can do 30
 JOINT_JERK_RAD_S3 = 60.0  # ours: full acceleration after 0.1 s
-STOP_FACTOR = 2.0  # of both when the arm is stopped: from 1.5 rad/s it is still after 0.23 s
+STOP_FACTOR = 2.0  # factor on both for a stop: from 1.5 rad/s to rest in 0.23 s
 LINE_SPEED_M_S, LINE_SPEED_RAD_S = 0.25, 1.2  # ours: a hand beside the arm can follow it
 LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2 = 1.0, 5.0  # ours: full speed after 0.35 s
-LINE_RAMP_S = 0.1  # to full acceleration
-JOG_SHARE = 0.5  # of the joints' speed limits, for jogging
-DEFAULT_SPEED = 0.5  # share of the limits, for a command that says 0
-LEAST_ACCELERATION = 0.05  # share: Commander's slider goes down to 0
+LINE_RAMP_S = 0.1  # duration of the ramp to full acceleration
+JOG_SHARE = 0.5  # share of the joints' speed limits for jogging
+DEFAULT_SPEED = 0.5  # share of the limits for a command with speed 0
+LEAST_ACCELERATION = 0.05  # least share, as Commander's slider goes down to 0
 HOME_RAD = np.radians([0.0, 60.0, 60.0, -29.0, 0.0, 0.0])
-"""Where `home` goes, off every limit and off gimbal lock: the upper arm raised, the tool 29° below the level."""
+"""Pose of `home`, away from limits and gimbal lock: the upper arm raised, the tool 29° below the level."""
 
-_LONGEST_S = 3600.0  # that a motion may be asked to take
+_LONGEST_S = 3600.0  # longest duration of a motion
 _SAMPLE_S = 0.01  # between two points of a plan; a cubic through them is off by less than 1e-5 rad
-_LOOKS = 100  # at each motion, for where it is within the radius
-_LATE = 1.05  # share of the duration asked for: a motion that takes longer is refused
+_LOOKS = 100  # samples of each motion that are compared with the radius
+_LATE = 1.05  # factor on the wanted duration beyond which a motion is refused
 _TINY = 1e-9
 _JERK_SHARES = (1.0, 0.999, 0.99, 0.9)
 
 
 class Limits(NamedTuple):
-    """Of n coordinates: speed (n,) unit/s, acceleration (n,) unit/s², jerk (n,) unit/s³."""
+    """Limits of n coordinates: speed (n,) unit/s, acceleration (n,) unit/s², jerk (n,) unit/s³."""
 
     speed: np.ndarray
     acceleration: np.ndarray
     jerk: np.ndarray
 
     def scaled(self, speed: float, acceleration: float) -> "Limits":
-        """These shares of them; the jerk goes with the acceleration."""
+        """Return these shares of the limits; the jerk goes with the acceleration."""
         return Limits(speed * self.speed, acceleration * self.acceleration, acceleration * self.jerk)
 
 
 def joint_limits(speed_rad_s: np.ndarray) -> Limits:
-    """Of joints that may turn with speed_rad_s (n,)."""
+    """Return the limits of joints that may turn with speed_rad_s (n,)."""
     n = len(speed_rad_s)
     return Limits(speed_rad_s.copy(), np.full(n, JOINT_ACCELERATION_RAD_S2), np.full(n, JOINT_JERK_RAD_S3))
 
 
 def shares(speed: float, accel: float, duration_s: float) -> tuple[float, float]:
-    """Shares of the speed and acceleration limits that a command asks for.
+    """Return a command's shares of the speed and acceleration limits.
 
     Args:
         speed, accel: 0 … 1; a speed of 0 is `DEFAULT_SPEED`.
-        duration_s: above 0 it counts in place of the speed.
+        duration_s: above 0 it replaces the speed.
 
     Raises:
         PlanError: not numbers, or outside these ranges.
@@ -90,11 +90,11 @@ class Plan(NamedTuple):
 
     @property
     def duration_s(self) -> float:
-        """How long it takes, s."""
+        """Duration, s."""
         return float(self.times_s[-1])
 
     def at(self, t_s: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """q (n,) rad and dq (n,) rad/s at a time; at the ends before and after. Of many times (m,): (m, n) each."""
+        """Return q (n,) rad and dq (n,) rad/s at a time, clamped to the plan; for times (m,), (m, n) each."""
         t = np.clip(t_s, 0.0, self.times_s[-1])
         i = np.clip(np.searchsorted(self.times_s, t, side="right") - 1, 0, len(self.times_s) - 2)
         h = np.asarray(self.times_s[i + 1] - self.times_s[i])[..., None]
@@ -105,7 +105,7 @@ class Plan(NamedTuple):
         return q, (before + u * (2.0 * square + 3.0 * u * cube)) / h
 
     def cut(self, t_s: float) -> "tuple[Plan, Plan]":
-        """Itself up to a time within it, and from then on."""
+        """Split the plan at a time within it."""
         i = int(np.searchsorted(self.times_s, t_s))
         q, dq = (value[None] for value in self.at(t_s))
         before = Plan(np.append(self.times_s[:i], t_s), np.append(self.q[:i], q, 0), np.append(self.dq[:i], dq, 0))
@@ -114,21 +114,21 @@ class Plan(NamedTuple):
 
 
 def standing(q: np.ndarray) -> Plan:
-    """The plan of a move to where the arm is, q (n,) rad: it takes no time that matters."""
+    """Return the plan of a move from q (n,) rad to itself, of 1 ms."""
     return Plan(np.array([0.0, 1e-3]), np.array([q, q]), np.zeros((2, len(q))))
 
 
 def sample_times(duration_s: float) -> np.ndarray:
-    """(k,) s, evenly from 0 to a duration, at most `_SAMPLE_S` apart."""
+    """Return (k,) s, evenly from 0 to a duration, at most `_SAMPLE_S` apart."""
     return np.linspace(0.0, duration_s, max(math.ceil(duration_s / _SAMPLE_S), 1) + 1)
 
 
 def overlap_s(first: Plan, second: Plan, pose: Callable[[np.ndarray], np.ndarray], radius_m: float) -> float:
-    """How long the two may run together, s.
+    """Return the time for which the two motions may run together, s.
 
     Args:
-        pose: of the tool at joints (k, n) rad, (k, 4, 4) m.
-        radius_m: how far from the corner the tool may leave them. No motion is shortened by more than half of it.
+        pose: maps joints (k, n) rad to poses (k, 4, 4) m of the tool.
+        radius_m: distance to the corner within which the tool may leave them. No motion is shortened by more than half.
     """
     looks = [plan.at(np.linspace(0.0, plan.duration_s, _LOOKS + 1))[0] for plan in (first, second)]
     first_m, second_m = (pose(q)[:, :3, 3] for q in looks)
@@ -142,7 +142,7 @@ def overlap_s(first: Plan, second: Plan, pose: Callable[[np.ndarray], np.ndarray
 
 
 def superposed(first: Plan, second: Plan, overlap: float) -> Plan:
-    """Both, the second begun `overlap` s before the first ends."""
+    """Return both motions as one, the second begun `overlap` s before the first ends."""
     begin = first.duration_s - overlap
     times = sample_times(begin + second.duration_s)
     (q, dq), (further, further_dq) = first.at(times), second.at(times - begin)
@@ -150,10 +150,9 @@ def superposed(first: Plan, second: Plan, overlap: float) -> Plan:
 
 
 def move(start: np.ndarray, speed: np.ndarray, target: np.ndarray, limits: Limits, duration_s: float = 0.0) -> Plan:
-    """From start (n,), moving with speed (n,), to rest at target (n,).
+    """Plan from start (n,), moving with speed (n,), to rest at target (n,).
 
-    Args:
-        duration_s: how long it takes; 0 as short as the limits allow.
+    duration_s: wanted duration; 0 for as short as the limits allow.
 
     Raises:
         PlanError: it takes longer than `duration_s`.
@@ -182,9 +181,9 @@ def move(start: np.ndarray, speed: np.ndarray, target: np.ndarray, limits: Limit
 
 
 def brake(start: np.ndarray, speed: np.ndarray, deceleration: np.ndarray) -> Plan:
-    """To rest from start (n,), moving with speed (n,), each coordinate evenly with its deceleration (n,).
+    """Plan to rest from start (n,), moving with speed (n,), each coordinate evenly with its deceleration (n,).
 
-    No ramp of the deceleration: whatever could brake before a limit with less of it still can.
+    The deceleration has no ramp, so that any motion that could brake before a limit still can.
     """
     lasts_s = np.abs(speed) / deceleration
     if lasts_s.max() < _TINY:
@@ -196,7 +195,7 @@ def brake(start: np.ndarray, speed: np.ndarray, deceleration: np.ndarray) -> Pla
 
 
 def _trajectory(given: ruckig.InputParameter) -> ruckig.Trajectory:
-    """By ruckig, which fails where two of its cases meet to the last bit; a little less jerk gets it out of there."""
+    """Compute by ruckig, which fails where two of its cases meet to the last bit; slightly less jerk avoids that."""
     trajectory = ruckig.Trajectory(given.degrees_of_freedom)
     jerk = np.array(given.max_jerk)
     for share in _JERK_SHARES:

@@ -1,6 +1,6 @@
 """Plans of one arm: the only place where commands become motions, for the dry run, the simulator and a real arm alike.
 
-Nothing here reads a clock or a motor, and the same calls give the same plans. What cannot be done is refused before
+Nothing here reads a clock or a motor, and the same calls give the same plans. Impossible commands are refused before
 anything moves.
 """
 
@@ -29,32 +29,31 @@ from lerobot_robot_yam.waldo.planning.motion_plan import (
 from lerobot_robot_yam.waldo.planning.tool_kinematics import ToolKinematics
 from lerobot_robot_yam.waldo.poses import numbers
 
-_ROUNDING_RAD = 1e-4  # by which a target may miss a limit: degrees as text
-_SAME_M, _SAME_RAD = 1e-6, 1e-6  # a line to where the tool is
-_SAME_S = 1e-3  # to come to rest in
+_ROUNDING_RAD = 1e-4  # allowed excess over a limit, for degrees rounded as text
+_SAME_M, _SAME_RAD = 1e-6, 1e-6  # length and turn of a line that count as none
+_SAME_S = 1e-3  # braking time that counts as none
 _RESTS_RAD_S = 1e-6
 _SPEED_ROUNDING = 1.001
-_LOOK_RAD = 0.05  # joint motion between two looks; `Clearance` looks in between where something is near
+_LOOK_RAD = 0.05  # joint motion between two checks; `Clearance` checks in between near obstacles
 
 
 class Planner:
-    """Plans motions of an arm. Not thread-safe.
+    """Planner of an arm's motions. Not thread-safe.
 
     All angles in rad, lengths in m; poses are (4, 4) of the tool's tip in the frame of the arm's base.
 
     Args:
         hardware: the arm.
-        workspace: what it keeps away from; None: as its configuration says.
+        workspace: limits in space; None for those of its configuration.
 
     Attributes:
-        hardware: the arm.
-        kinematics: of the arm and its tool; as made, of the bare flange.
+        kinematics: the arm's and its tool's; the bare flange's at first.
         lower, upper: (n,) limits of the joints.
-        limits: of the joints' motion.
-        home_q: (n,) where `home` goes.
+        limits: limits of the joints' motion.
+        home_q: (n,) target of `home`.
 
     Raises:
-        ConfigError: it has not six joints, or its workspace cannot be used.
+        ConfigError: it does not have six joints, or its workspace cannot be used.
     """
 
     def __init__(self, hardware: ResolvedArm, workspace: WorkspaceConfig | None = None):
@@ -79,7 +78,7 @@ class Planner:
         self._clearance = Clearance([guarded]) if workspace.limits_anything else None
 
     def conflict(self, q: np.ndarray) -> tuple[str, str] | None:
-        """Names of the two parts that a way through joints (k, n) brings too near first; None: the way is clear."""
+        """Return the names of the first two parts that joints (k, n) bring too near; None for a clear way."""
         if self._clearance is None:
             return None
         kept = [0]
@@ -100,14 +99,13 @@ class Planner:
             )
 
     def pose(self, q: np.ndarray) -> np.ndarray:
-        """(…, 4, 4) of the tool's tip at joints (…, n)."""
+        """Return (…, 4, 4) of the tool's tip at joints (…, n)."""
         return self.kinematics.pose(q)
 
     def inverse(self, pose: np.ndarray, near_q: np.ndarray, turn_over: bool = True) -> np.ndarray:
-        """(n,) joints that put the tool's tip at a pose, near `near_q` if they can be.
+        """Return joints (n,) that put the tool's tip at a pose, if possible near `near_q`.
 
-        Args:
-            turn_over: look for them elsewhere too.
+        turn_over: search farther away, too.
 
         Raises:
             PlanError: out of reach.
@@ -132,22 +130,22 @@ class Planner:
         duration_s: float = 0.0,
         start_dq: np.ndarray | None = None,
     ) -> Plan:
-        """A move of the joints: from rest on a straight line in joint space.
+        """Plan a move of the joints: from rest on a straight line in joint space.
 
         Args:
             start_q: (n,) the set-point.
             target_q: (n,).
             speed, accel: shares 0 … 1 of the limits; a speed of 0 is `motion_plan.DEFAULT_SPEED`.
-            duration_s: above 0 it counts in place of `speed`.
-            start_dq: (n,) rad/s, of a set-point that moves; None: it rests.
+            duration_s: above 0 it replaces `speed`.
+            start_dq: (n,) rad/s of a set-point that moves; None for one at rest.
 
         Raises:
-            PlanError: malformed, beyond a limit, too fast, or in the way of something.
+            PlanError: malformed, beyond a limit, too fast, or blocked.
         """
         target, limits = self.within(target_q), self.limits.scaled(*shares(speed, accel, duration_s))
         resting = np.zeros(len(target))
         plan = motion_plan.move(start_q, resting if start_dq is None else start_dq, target, limits, duration_s)
-        if start_dq is not None:  # it may swing out first
+        if start_dq is not None:  # a moving start may overshoot
             self._check_range(plan, start_q)
         self._check_clear(plan.q)
         return plan
@@ -161,15 +159,14 @@ class Planner:
         accel: float = 1.0,
         duration_s: float = 0.0,
     ) -> Plan:
-        """A move of the tool's tip along a straight line, turning evenly; from rest.
+        """Plan a move of the tool's tip along a straight line, turning evenly; from rest.
 
         Args:
             target: (4, 4).
-            speed, accel, duration_s: as for `joints`; the speed also of the tool's limits.
+            speed, accel, duration_s: as for `joints`; the speed also scales the tool's limits.
 
         Raises:
-            PlanError: malformed, out of reach or through a singularity somewhere on the line, too fast, or in the way
-                of something.
+            PlanError: malformed, out of reach or through a singularity somewhere on the line, too fast, or blocked.
         """
         share = shares(speed, accel, duration_s)
         line = Line.between(self.pose(start_q), target)
@@ -181,32 +178,32 @@ class Planner:
         return timed(path, line, self.limits, share, duration_s, self._names)
 
     def home(self, start_q: np.ndarray, *, speed: float = 0.0, accel: float = 1.0) -> Plan:
-        """A move of the joints to `home_q`; as `joints`."""
+        """Plan a move of the joints to `home_q`, as `joints` does."""
         return self.joints(start_q, self.home_q, speed=speed, accel=accel)
 
     def stop(self, q: np.ndarray, dq: np.ndarray) -> Plan:
-        """From any set-point (n,) that moves with dq (n,) rad/s to rest, harder than a move brakes."""
+        """Plan from a set-point (n,) that moves with dq (n,) rad/s to rest, braking harder than a move."""
         return motion_plan.brake(q, dq, STOP_FACTOR * self.limits.acceleration)
 
     def stop_on(self, plan: Plan, t_s: float) -> Plan:
-        """To rest from a plan that is being carried out, t_s after its begin, without leaving its path.
+        """Plan to rest from t_s within a running plan, on its path.
 
-        Its time runs ever more slowly:  τ = t + u − u² / 2T,  until after T it stands.
+        The plan's time runs ever more slowly:  τ = t + u − u² / 2T,  and stands after T.
         """
         q, dq = plan.at(t_s)
         lasts_s = float((np.abs(dq) / self.limits.acceleration).max())
         if lasts_s < _SAME_S:
             return standing(q)
         if t_s + lasts_s / 2.0 > plan.duration_s and np.abs(plan.dq[-1]).max() > _RESTS_RAD_S:
-            return self.stop(q, dq)  # its path goes on in another plan
+            return self.stop(q, dq)  # the path continues in another plan
         times = sample_times(lasts_s)
         way, speed = plan.at(t_s + times - times**2 / (2.0 * lasts_s))
         return Plan(times, way, speed * (1.0 - times / lasts_s)[:, None])
 
     def joined(self, first: Plan, second: Plan, radius_m: float) -> Plan:
-        """Two moves, the second from where the first ends, as one that rounds the corner within `radius_m`.
+        """Join two moves, the second from the first one's end, and round the corner within `radius_m`.
 
-        Where rounding would break a limit or come too near to something, less of the corner is rounded, or none.
+        Less of the corner is rounded, or none, if rounding would break a limit or come too near to something.
         """
         overlap = overlap_s(first, second, self.pose, radius_m)
         for share in (1.0, 0.5, 0.25):
@@ -218,10 +215,10 @@ class Planner:
         return superposed(first, second, 0.0)
 
     def within(self, q: np.ndarray) -> np.ndarray:
-        """`q` as (n,) floats, rounding at the limits taken off.
+        """Return `q` as (n,) floats, with rounding beyond the limits removed.
 
         Raises:
-            PlanError: names the joint that is beyond its limit, or says what is malformed.
+            PlanError: malformed, or beyond a limit; names the joint.
         """
         given = numbers(f"{self.hardware.name}: a target, angles of joints,", q, len(self.lower))
         over = self._outside(given)
@@ -235,7 +232,7 @@ class Planner:
         return np.clip(given, self.lower, self.upper)
 
     def _outside(self, q: np.ndarray) -> np.ndarray:
-        """(n,) by how much each joint of q (…, n) is outside its range at most, rad; below 0 inside."""
+        """Return each joint's largest excess over its range in q (…, n): (n,) rad, below 0 inside."""
         over = np.maximum(self.lower - q, q - self.upper)
         return over.reshape(-1, over.shape[-1]).max(axis=0)
 
