@@ -63,7 +63,7 @@ class MotionRequests:
         return await self._planned(command, lambda p, q: program.pause(q, seconds), blends=False)
 
     async def _planned(self, command: Command, plan: Callable[[Planner, np.ndarray], Plan], blends: bool = True) -> int:
-        """Plan a command from the end of those before it, round the corner if allowed, and queue it; return the index."""
+        """Plan a command from the end of those before it, round the corner if allowed; return its queue index."""
         motion, epoch = self._motion, self._motion.epoch
         async with self._in_turn:
             self._controller.check_enabled()
