@@ -80,7 +80,6 @@ def test_an_emergency_stop_ends_the_pressing(rig, running):
     assert abs(session[CHANNEL].observe().tau_nm[0]) < 6.0
 
 
-@pytest.mark.long
 def test_an_emergency_stop_counts_what_a_hold_has_added(rig, running):
     session = running()
     track(session, {CHANNEL: NEAR}, 1.2)

@@ -167,7 +167,6 @@ def test_a_reset_between_two_tool_poses_begins_a_new_path(tmp_path):
         env.close()
 
 
-@pytest.mark.long
 def test_a_finished_environment_freezes_until_a_new_rollout(tmp_path):
     config = YamEnvConfig(robot=robot(tmp_path, cameras={}), lockstep=True, time_limit_s=0.1)
     (vector,) = config.create_envs(1)["yam"].values()

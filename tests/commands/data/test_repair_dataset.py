@@ -117,7 +117,6 @@ def test_a_repaired_data_set_can_be_resumed_and_killed_again(tmp_path):
     assert load(tmp_path / "wreck_repaired").num_episodes == 3
 
 
-@pytest.mark.long
 def test_metadata_that_were_flushed_without_a_footer(tmp_path):
     wreck(create(tmp_path / "whole", ()), tmp_path / "wreck", (3,) * 12)
     (flushed,) = (tmp_path / "wreck" / "meta" / "episodes").rglob("*.parquet")

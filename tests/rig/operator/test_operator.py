@@ -183,7 +183,6 @@ def test_a_missed_grasp_is_tried_again(task, world):
     assert kinds(world)[-1] == "transfer"
 
 
-@pytest.mark.long
 def test_a_prop_out_of_reach_is_put_back(task, world):
     world.put_back(np.array([0.75, 0.0, 0.02]))
     assert not task.work()
