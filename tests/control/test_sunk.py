@@ -83,7 +83,6 @@ def test_a_joint_that_is_heard_again_is_held_where_it_is(rig, sunk):
     assert there > REST[1] + 0.15
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("heard", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_who_takes_over_knows_of_it(rig, sunk, heard):
     session, controller = sunk

@@ -80,7 +80,6 @@ def test_an_arm_lands_whose_model_is_wrong(rig, pose, fields, load_kg):
     assert np.median(speeds.max(axis=1)) < LANDING_SPEED_RAD_S
 
 
-@pytest.mark.long
 def test_gains_that_are_given_while_an_arm_lands_are_refused(rig):
     """Soft ones would let it fall: its model carries less than it weighs."""
     session = session_on(rig, sim_config(rig, CHANNEL, gravity_factor=[0.8] * 6))

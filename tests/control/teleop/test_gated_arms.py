@@ -107,7 +107,6 @@ def test_after_an_emergency_stop_both_are_led_home(rig, started):
     assert np.abs(pose(rig, LEADER)).max() < 0.1 and np.abs(pose(rig, FOLLOWER)).max() < 0.05
 
 
-@pytest.mark.long
 def test_nothing_moves_before_somebody_passes_the_action_on(rig, started):
     session, arms = started(gate="auto")
     for _ in range(60):
