@@ -1,4 +1,4 @@
-"""The newest picture of a camera, read in a thread. A camera that drops out is opened again as soon as it is back."""
+"""Feed of a camera: a thread reads the newest picture. A camera that drops out is opened again when it is back."""
 
 import logging
 import threading
@@ -10,24 +10,24 @@ from lerobot_robot_yam.errors import CameraError, StaleStateError, YamError
 
 logger = logging.getLogger(__name__)
 
-_RETRY_S = 0.05  # pause between two looks for a camera that is gone, s
+_RETRY_S = 0.05  # pause between two attempts to open a camera that is gone, s
 _JOIN_S = 2.0  # wait for the reading thread to end, s
 
 
 class CameraFeed:
-    """Reads a camera from `start` to `stop`.
+    """Feed that reads a camera from `start` to `stop`.
 
     Args:
         name: for messages.
         open_source: finds and opens the camera; raises a YamError if it cannot.
-        finish: turns each picture into what the caller wants, in the reading thread.
+        finish: converts each picture for the caller, in the reading thread.
     """
 
     def __init__(self, name: str, open_source: Callable[[], PictureSource], finish: Callable[[Picture], Picture]):
         self._name, self._open, self._finish = name, open_source, finish
         self._news = threading.Condition()
         self._picture: Picture | None = None
-        self._number = 0  # pictures until now
+        self._number = 0  # number of pictures until now
         self._trouble = ""
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
@@ -37,18 +37,14 @@ class CameraFeed:
         return self._thread is not None
 
     def start(self) -> None:
-        """Open the camera and wait for its first picture.
-
-        Raises:
-            YamError: as `open_source` and the camera say.
-        """
+        """Open the camera and wait for its first picture. Raises YamError: see `open_source` and the camera."""
         source = self._opened()
         self._ended.clear()
         self._thread = threading.Thread(target=self._run, args=(source,), name=f"camera {self._name}", daemon=True)
         self._thread.start()
 
     def latest(self, max_age_s: float) -> Picture:
-        """The newest picture, at once.
+        """Return the newest picture at once.
 
         Raises:
             StaleStateError: it is older than max_age_s; says what is wrong with the camera.
@@ -61,7 +57,7 @@ class CameraFeed:
         return picture
 
     def wait_new(self, after: int, timeout_s: float) -> tuple[Picture, int]:
-        """A picture that came after number `after`, with its number.
+        """Wait for a picture after number `after`; returns the newest one and its number.
 
         Raises:
             StaleStateError: none within timeout_s.
@@ -74,7 +70,7 @@ class CameraFeed:
 
     @property
     def number(self) -> int:
-        """How many pictures have come."""
+        """Number of pictures until now."""
         return self._number
 
     def stop(self) -> None:
@@ -100,7 +96,7 @@ class CameraFeed:
             source = self._opened_again()
 
     def _opened_again(self) -> PictureSource | None:
-        """The camera once it is back and has given a picture; None when it is stopped first."""
+        """Wait until the camera is back and has given a picture; None when the feed is stopped first."""
         since_s = time.monotonic()
         while not self._ended.wait(_RETRY_S):
             try:
@@ -114,7 +110,7 @@ class CameraFeed:
         return None
 
     def _opened(self) -> PictureSource:
-        """The camera, which has given a picture."""
+        """Open the camera, and publish its first picture."""
         source = self._open()
         try:
             self._publish(source.read())

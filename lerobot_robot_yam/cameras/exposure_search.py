@@ -1,4 +1,4 @@
-"""The exposure at which a picture is as bright as wanted, and nearly nothing of it is clipped."""
+"""Search for the exposure at which a picture is as bright as wanted, and nearly nothing of it is clipped."""
 
 import math
 from collections.abc import Callable
@@ -6,16 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-CLIPPED_AT = 250  # value of a colour, 0 to 255, from which a pixel counts as clipped
-MOST_CLIPPED = 0.02  # share of clipped pixels that is accepted
-TARGET, CLOSE = 0.45, 0.04  # mean brightness, 0 to 1: middle grey in a picture's own scale (sRGB), and its tolerance
+CLIPPED_AT = 250  # least value of a colour, 0 to 255, at which a pixel counts as clipped
+MOST_CLIPPED = 0.02  # largest accepted share of clipped pixels
+TARGET, CLOSE = 0.45, 0.04  # wanted mean brightness, 0 to 1, and its tolerance: middle grey in sRGB
 MOST_TRIES = 12
-_LUMA = (0.299, 0.587, 0.114)  # of red, green and blue, ITU-R BT.601
+_LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue in brightness, ITU-R BT.601
 
 
 @dataclass(frozen=True)
 class Brightness:
-    """Brightness of a picture: the mean of all pixels, 0 to 1, and the share of pixels that are clipped."""
+    """Brightness of a picture: mean of all pixels, 0 to 1, and share of clipped pixels."""
 
     mean: float
     clipped: float
@@ -24,7 +24,7 @@ class Brightness:
         return f"brightness {self.mean:.2f}, {self.clipped:.1%} clipped"
 
     def bad(self, target: float) -> float:
-        """How far from what is wanted, 0 when it is met. 1 % too much that is clipped counts as 0.1 of brightness."""
+        """Distance from the wanted brightness, 0 when met. 1 % too many clipped pixels count as 0.1 of brightness."""
         return abs(self.mean - target) + 10.0 * max(0.0, self.clipped - MOST_CLIPPED)
 
 
@@ -39,7 +39,7 @@ def find_exposure(
     """Halve the range of exposures, on a logarithmic scale, until the picture is right or nothing is left to halve.
 
     Args:
-        measure: sets an exposure and measures what comes of it.
+        measure: sets an exposure and measures the picture.
         limits: least and greatest exposure of the camera.
         target: mean brightness, 0 to 1. A window or a lamp in the picture makes it darker than that, at most by half.
 

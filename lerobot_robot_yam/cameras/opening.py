@@ -1,4 +1,4 @@
-"""Finding a camera by its serial number, and opening it: with librealsense where that sees it, else as UVC."""
+"""Finds a camera by its serial number, and opens it: with librealsense if that sees it, else as UVC."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from lerobot_robot_yam.system.own_commands import as_root
 
 @dataclass(frozen=True)
 class Plugged:
-    """A camera that is plugged in: as sysfs shows it, as librealsense does, or both."""
+    """Camera that is plugged in, as seen by sysfs, by librealsense, or by both."""
 
     seen: VideoDevice | None
     device: Any | None = None
@@ -26,28 +26,24 @@ class Plugged:
 
     @property
     def model(self) -> str:
-        """D405 of a RealSense, else the name that the maker gave it."""
+        """Model: "D405" for a RealSense, else the maker's name of the camera."""
         return self.seen.model if self.seen else model_of(info(self.device, "name") or "camera")
 
     @property
     def serial(self) -> str | None:
-        """The number on a RealSense's label if librealsense tells it, else that of the USB device."""
+        """Serial number: the one on a RealSense's label if librealsense reads it, else that of the USB device."""
         label = serials(self.device)[0] if self.device is not None else None
         return label or (self.seen.serial if self.seen else None)
 
     def is_called(self, name: str) -> bool:
-        """Whether it has this serial number, of label or USB device, or is this model."""
+        """Whether `name` is its serial number (of label or USB device) or its model."""
         names = {self.model, *([self.seen.serial] if self.seen else [])}
         if self.device is not None:
             names |= {*serials(self.device), info(self.device, "name")}
         return name in names
 
     def modes(self) -> list[str]:
-        """Its colour formats; none where it does not tell.
-
-        Raises:
-            CameraError: it cannot be opened.
-        """
+        """List its colour formats; empty if they are unknown. Raises CameraError: it cannot be opened."""
         if self.device is not None:
             sizes = modes_of(self.device, library().stream.color)
             return [f"{width}x{height} at {fps} fps" for width, height, fps in sizes]
@@ -55,7 +51,7 @@ class Plugged:
         return [str(mode) for node in nodes for mode in v4l2.modes(node)]
 
     def open(self, wanted: Wanted) -> PictureSource:
-        """Open it.
+        """Open the camera.
 
         Raises:
             CameraError: no rights, in use; says what to do.
@@ -63,17 +59,17 @@ class Plugged:
         """
         if self.device is not None:
             return RealSenseSource(self.device, wanted, self.seen)
-        from lerobot_robot_yam.cameras.uvc_source import UvcSource  # with OpenCV, which takes long to load
+        from lerobot_robot_yam.cameras.uvc_source import UvcSource  # loads OpenCV, which takes long
 
         assert self.seen is not None
         return UvcSource(self.seen, wanted)
 
 
 def plugged_cameras(root: Path = ROOT) -> list[Plugged]:
-    """Every camera that is plugged in.
+    """List every camera that is plugged in.
 
     Args:
-        root: of the computer's files. librealsense looks at this very computer, so that it is asked for "/" only.
+        root: root of the computer's files. librealsense always sees this computer, so it is used only for "/".
     """
     seen = video_devices(root)
     found = []
@@ -85,10 +81,10 @@ def plugged_cameras(root: Path = ROOT) -> list[Plugged]:
 
 
 def find_camera(name: str, root: Path = ROOT) -> Plugged:
-    """The camera with this serial number, or the one of this model.
+    """Find the camera with this serial number, or the only one of this model.
 
     Raises:
-        CameraError: there is none, which says what there is; or there are two.
+        CameraError: there is none (lists the cameras), or there are two.
     """
     cameras = plugged_cameras(root)
     found = [camera for camera in cameras if camera.is_called(name)]
@@ -108,19 +104,15 @@ def find_camera(name: str, root: Path = ROOT) -> Plugged:
 
 
 def open_camera(wanted: Wanted, root: Path = ROOT) -> PictureSource:
-    """Find a camera and open it.
-
-    Raises:
-        CameraError, ConfigError: as `find_camera` and `Plugged.open` say.
-    """
+    """Find a camera and open it. Raises CameraError, ConfigError: see `find_camera` and `Plugged.open`."""
     return find_camera(wanted.serial, root).open(wanted)
 
 
 def config_of(camera: Plugged, root: Path = ROOT) -> dict[str, Any]:
-    """What a config says to find a camera again. A webcam without a serial number of its own goes by its USB port.
+    """Make the config fields that find a camera again; a webcam without a unique serial number goes by its USB port.
 
     Raises:
-        CameraError: nothing tells it from another.
+        CameraError: nothing distinguishes it from another camera.
     """
     same = [other for other in plugged_cameras(root) if other.serial == camera.serial]
     if camera.serial and len(same) == 1:
@@ -133,12 +125,12 @@ def config_of(camera: Plugged, root: Path = ROOT) -> dict[str, Any]:
 
 
 def listed(cameras: Sequence[Plugged]) -> str:
-    """What is plugged in, for a message."""
+    """List cameras for a message."""
     return ", ".join(map(str, cameras)) or "none"
 
 
 def _why_no_label() -> str:
-    """Why the number on a RealSense's label is not known: librealsense alone tells it."""
+    """Say why the number on a RealSense's label is unknown; only librealsense reads it."""
     try:
         library()
     except CameraError as error:

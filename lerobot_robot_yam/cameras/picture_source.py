@@ -1,4 +1,4 @@
-"""What reads pictures from a camera: one class for UVC, one for librealsense; and what a person asks of it."""
+"""Interface of open cameras (classes for UVC and librealsense implement it), and the settings that a person wants."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,11 +11,11 @@ from lerobot_robot_yam.system.own_commands import install_extra
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is asked of a camera. None leaves a value as the camera has it.
+    """Wanted settings of a camera. None leaves a setting as it is in the camera.
 
     Attributes:
-        serial: number, or the model where there is one of it.
-        width, height: of the pictures as the camera takes them, pixels.
+        serial: serial number, or the model if there is only one of it.
+        width, height: size of the pictures in the camera, pixels.
         fps: pictures per second.
         exposure: manual; in µs where the colour comes from the stereo module (D405), else in 100 µs.
         gain: manual, in the camera's own unit.
@@ -40,10 +40,10 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Picture:
-    """What a camera saw at one moment.
+    """Picture of one moment.
 
     Attributes:
-        stamp_s: when, in monotonic time.
+        stamp_s: monotonic time.
         colour: (height, width, 3) uint8 RGB.
         depth: (height, width, 1) uint16, mm.
     """
@@ -54,33 +54,21 @@ class Picture:
 
 
 def no_depth(camera: str) -> ConfigError:
-    """The error of a camera that is asked for depth, which librealsense does not read."""
+    """Error for depth from a camera that librealsense does not read."""
     return ConfigError(f"{camera}: depth takes librealsense: set use_depth to false, or {install_extra('realsense')}")
 
 
 class PictureSource(Protocol):
-    """An open camera."""
+    """Open camera."""
 
     def read(self) -> Picture:
-        """Wait for the next picture.
-
-        Raises:
-            CameraError: the camera is gone, or gives none. Close it then.
-        """
+        """Wait for the next picture. Raises CameraError: the camera is gone, or gives none; close it then."""
 
     def exposure_range(self) -> tuple[int, int]:
-        """Least and greatest exposure, in the unit of `Wanted.exposure`.
-
-        Raises:
-            CameraError: no exposure can be set.
-        """
+        """Least and greatest exposure, in the unit of `Wanted.exposure`. Raises CameraError: no exposure can be set."""
 
     def set_exposure(self, exposure: int) -> None:
-        """Set a manual exposure.
-
-        Raises:
-            CameraError: the camera does not take it.
-        """
+        """Set a manual exposure. Raises CameraError: the camera does not accept it."""
 
     def close(self) -> None:
         """Release the camera. Idempotent."""

@@ -1,4 +1,4 @@
-"""A RealSense read through its maker's library, colour and depth. On a D405 the colour comes from the stereo module."""
+"""RealSense read through its maker's library, colour and depth. On a D405 the colour comes from the stereo module."""
 
 import time
 from types import ModuleType
@@ -11,24 +11,20 @@ from lerobot_robot_yam.cameras.video_devices import VideoDevice, in_use
 from lerobot_robot_yam.errors import CameraError, ConfigError
 from lerobot_robot_yam.system.own_commands import install_extra
 
-_POLL_MS = 200  # wait for a picture before looking whether the camera is still there, ms
-_SILENT_S = 1.0  # time without a picture after which a camera that is plugged in is started again, s
+_POLL_MS = 200  # wait for a picture before checking that the camera is still there, ms
+_SILENT_S = 1.0  # time without a picture after which a camera counts as stalled and is opened again, s
 _MM = 1e-3  # m
-# librealsense's name of what sets each control of `Wanted` automatically.
+# librealsense's option that sets each control of `Wanted` automatically.
 _AUTOMATIC = {
     "exposure": "enable_auto_exposure",
     "gain": "enable_auto_exposure",
     "white_balance": "enable_auto_white_balance",
 }
-_BUSY = ("busy", "power state", "errno=16")  # words of librealsense when another program has the camera
+_BUSY = ("busy", "power state", "errno=16")  # words in librealsense's error when another program has the camera
 
 
 def library() -> ModuleType:
-    """The module pyrealsense2.
-
-    Raises:
-        CameraError: it is not installed, or lacks a library of the system.
-    """
+    """Import the module pyrealsense2. Raises CameraError: it is not installed, or lacks a library of the system."""
     try:
         import pyrealsense2
     except ModuleNotFoundError as error:
@@ -41,7 +37,7 @@ def library() -> ModuleType:
 
 
 def plugged_in() -> list[Any]:
-    """librealsense's devices; none without the library."""
+    """List librealsense's devices; empty without the library."""
     try:
         rs = library()
     except CameraError:
@@ -53,33 +49,33 @@ def plugged_in() -> list[Any]:
 
 
 def info(device: Any, name: str) -> str | None:
-    """What a device says of itself, such as "serial_number", None if it does not."""
+    """Read a text of a device, such as "serial_number"; None if it has none."""
     key = getattr(library().camera_info, name)
     return device.get_info(key) if device.supports(key) else None
 
 
 def serials(device: Any) -> tuple[str | None, str | None]:
-    """The number on the label, and that of the USB device."""
+    """Serial number on the label, and that of the USB device."""
     return info(device, "serial_number"), info(device, "asic_serial_number")
 
 
 def modes_of(device: Any, kind: Any) -> list[tuple[int, int, int]]:
-    """Width, height and rate of each picture of a kind (`stream.color`, `stream.depth`), small to large."""
+    """List width, height and rate of the streams of a kind (`stream.color`, `stream.depth`), small to large."""
     profiles = [p for sensor in device.query_sensors() for p in sensor.get_stream_profiles() if p.stream_type() == kind]
     videos = [p.as_video_stream_profile() for p in profiles]
     return sorted({(v.width(), v.height(), v.fps()) for v in videos})
 
 
 class RealSenseSource:
-    """An open RealSense.
+    """Open RealSense.
 
     Args:
-        device: of `plugged_in`.
+        device: a device of `plugged_in`.
         wanted: streams, size, rate and controls.
         seen: the same camera in sysfs, None if it is not there.
 
     Raises:
-        ConfigError: a size, rate or value that it does not offer; says which it does.
+        ConfigError: a size, rate or value that the camera does not offer; says which it does.
         CameraError: no rights, in use.
     """
 
@@ -110,7 +106,7 @@ class RealSenseSource:
         self._running = True
 
     def read(self) -> Picture:
-        """The next picture: colour and depth of one moment.
+        """Wait for the next picture, with colour and depth of one moment.
 
         Raises:
             CameraError: the camera is gone, or gives none.
@@ -129,11 +125,7 @@ class RealSenseSource:
             raise CameraError(f"{self._name}: {error}") from error
 
     def exposure_range(self) -> tuple[int, int]:
-        """Least and greatest exposure that the sensor of the colour takes.
-
-        Raises:
-            CameraError: no exposure can be set.
-        """
+        """Least and greatest exposure of the colour sensor. Raises CameraError: no exposure can be set."""
         span = self._sensor("exposure").get_option_range(self._rs.option.exposure)
         return int(span.min), int(span.max)
 
@@ -164,7 +156,7 @@ class RealSenseSource:
         return Picture(stamp_s, colour, depth)
 
     def _sensor(self, name: str) -> Any:
-        """The module that gives colour, if it has this option."""
+        """Find the module that gives colour. Raises CameraError: it does not have this option."""
         colour = self._rs.stream.color
         for sensor in self._device.query_sensors():
             if any(p.stream_type() == colour for p in sensor.get_stream_profiles()) and sensor.supports(

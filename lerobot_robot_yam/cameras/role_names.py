@@ -1,4 +1,4 @@
-"""Cameras by their roles (top, wrist_left, …) in a YAML file. The rest of the file stays as it is, comments too."""
+"""Cameras by their roles (top, wrist_left, …) in a YAML file. Edits keep the rest of the file, comments too."""
 
 import io
 from collections.abc import Mapping
@@ -15,15 +15,11 @@ from ruamel.yaml.util import load_yaml_guess_indent
 from lerobot_robot_yam.errors import ConfigError, SetupError
 
 ROLES = ("top", "wrist_left", "wrist_right")
-_NO_LIMIT = 10**6  # characters of a line
+_NO_LIMIT = 10**6  # longest line, characters
 
 
 def read_config(path: Path) -> str:
-    """Text of a file, empty when there is none.
-
-    Raises:
-        SetupError: it cannot be read.
-    """
+    """Read the text of a file, empty when there is none. Raises SetupError: it cannot be read."""
     try:
         return path.read_text()
     except FileNotFoundError:
@@ -33,11 +29,7 @@ def read_config(path: Path) -> str:
 
 
 def named_cameras(text: str) -> dict[str, Mapping[str, Any]]:
-    """The cameras of a run config, by role.
-
-    Raises:
-        ConfigError: the text is no YAML.
-    """
+    """Read the cameras of a run config, by role. Raises ConfigError: the text is no YAML."""
     cameras: Any = _loaded(text)
     for key in _place(cameras):
         cameras = cameras.get(key) if isinstance(cameras, Mapping) else None
@@ -46,12 +38,12 @@ def named_cameras(text: str) -> dict[str, Mapping[str, Any]]:
 
 
 def with_cameras(text: str, cameras: Mapping[str, Mapping[str, Any]]) -> str:
-    """The text of a run config with these cameras, by role, under `robot.cameras`; without `robot`, under `cameras`.
+    """Add cameras, by role, to the text of a run config, under `robot.cameras` or, without `robot`, under `cameras`.
 
-    A role that is there keeps what it says beside these fields, unless it is of another type.
+    A role that exists keeps its other fields, unless it is of another type.
 
     Raises:
-        ConfigError: the text is no YAML, or written in a way that this cannot change.
+        ConfigError: the text is no YAML, or written in a way that cannot be edited.
     """
     if not _loaded(text):  # comments at most
         text = f"{text.rstrip()}\ncameras:\n".lstrip()
@@ -66,7 +58,7 @@ def with_cameras(text: str, cameras: Mapping[str, Mapping[str, Any]]) -> str:
     editor.indent(mapping=indent or 2, sequence=indent or 2, offset=offset or 0)
     place = _place(wanted)
     group = _group(document, place)
-    for role, fields in reversed(list(cameras.items())):  # each new one comes before those that are there
+    for role, fields in reversed(list(cameras.items())):  # each new one is put before the existing ones
         same = before.get(role, {}).get("type") == fields.get("type")
         wanted = _put(wanted, [*place, role], {**(before[role] if same else {}), **fields})
         if not same:
@@ -83,11 +75,11 @@ def with_cameras(text: str, cameras: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def _group(document: Any, place: list[str]) -> CommentedMap:
-    """The group of keys at a place of the document, made where it is missing."""
+    """Find the group of keys at a place of the document; make it if it is missing."""
     group = document
     for depth, key in enumerate(["the file", *place]):
         if depth and group.get(key) is None:
-            _made(group, key, at=len(group) if depth == 1 else 0)  # a comment at the end of a group is about the next
+            _made(group, key, at=len(group) if depth == 1 else 0)  # a comment at a group's end is about the next
         group = group[key] if depth else document
         if not isinstance(group, CommentedMap):
             raise ConfigError(f"{'.'.join(place[:depth]) or key} is no group of keys: correct it first")
@@ -95,7 +87,7 @@ def _group(document: Any, place: list[str]) -> CommentedMap:
 
 
 def _made(group: CommentedMap, key: str, at: int = 0, flow: bool = False) -> None:
-    """Put an empty group of keys into another one, in place of what this key had; a new key comes at an index."""
+    """Put an empty group of keys into another one, in place of the key's old value; a new key goes to index `at`."""
     new = CommentedMap()
     if flow:
         new.fa.set_flow_style()
@@ -106,7 +98,7 @@ def _made(group: CommentedMap, key: str, at: int = 0, flow: bool = False) -> Non
 
 
 def _put(group: Any, path: list[str], value: Any) -> dict[str, Any]:
-    """The same with a value at this place; what shares an anchor with it stays."""
+    """Copy a group with a value at this path; values that share an anchor with it stay."""
     key, *rest = path
     group = group or {}
     return {**group, key: _put(group.get(key), rest, value) if rest else value}
@@ -117,7 +109,7 @@ def _place(config: Any) -> list[str]:
 
 
 def _scalar(value: Any) -> Any:
-    """A value that YAML 1.1 (PyYAML's) reads back as it is: a serial number may look like a number, or like `on`."""
+    """Quote a text that YAML 1.1 (PyYAML's) would read as another type, such as a serial number of digits, or `on`."""
     return SingleQuotedScalarString(value) if isinstance(value, str) and yaml.safe_load(value) != value else value
 
 

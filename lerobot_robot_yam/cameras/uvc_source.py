@@ -1,4 +1,4 @@
-"""A camera read as a USB video device through OpenCV: any webcam, and a RealSense without its library, colour only."""
+"""Camera read as a USB video device through OpenCV: any webcam, and a RealSense without its library, colour only."""
 
 import os
 import time
@@ -12,29 +12,29 @@ from lerobot_robot_yam.cameras.video_devices import VideoDevice, check_rights, i
 from lerobot_robot_yam.errors import CameraError, ConfigError
 from lerobot_robot_yam.system.own_commands import install_extra
 
-# Wait of OpenCV for a picture of V4L2, s (10 by default). It reads this once, when it is loaded.
+# OpenCV's wait for a picture of V4L2, s (10 by default). OpenCV reads this once, when it is loaded.
 os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 
-# V4L2's numbers for each control of `Wanted`: its own, that of its automatic, and the value that switches this off.
+# V4L2's ids for each control of `Wanted`: its own, that of its automatic, and the value that switches the latter off.
 _CONTROLS = {
     "exposure": (v4l2.EXPOSURE, v4l2.AUTO_EXPOSURE, v4l2.MANUAL),
     "gain": (v4l2.GAIN, v4l2.AUTO_EXPOSURE, v4l2.MANUAL),
     "white_balance": (v4l2.WHITE_BALANCE, v4l2.AUTO_WHITE_BALANCE, v4l2.OFF),
 }
 _COLOUR = ("YUYV", "MJPG", "NV12", "RGB3", "BGR3")  # formats that OpenCV converts, the best first
-_OLDEST_S = 10.0  # a picture's own time stamp is believed up to this age
-_UNITS_PER_STEP = 100  # µs in a step of V4L2's exposure: on a D405, `Wanted.exposure` is in µs
+_OLDEST_S = 10.0  # greatest plausible age of a picture's own time stamp, s
+_UNITS_PER_STEP = 100  # µs per step of V4L2's exposure: on a D405, `Wanted.exposure` is in µs
 
 
 class UvcSource:
-    """An open camera of `video_devices`.
+    """Open camera of `video_devices`.
 
     Args:
-        device: which.
+        device: the camera.
         wanted: size, rate and controls.
 
     Raises:
-        ConfigError: a size, rate, depth or value that it does not offer; says which it does.
+        ConfigError: a size, rate, depth or value that the camera does not offer; says which it does.
         CameraError: no rights, in use, no colour node.
     """
 
@@ -63,7 +63,7 @@ class UvcSource:
             raise
 
     def read(self) -> Picture:
-        """The next picture, colour only.
+        """Wait for the next picture, colour only.
 
         Raises:
             CameraError: there is none: the camera is unplugged or has stalled, or another program reads it.
@@ -72,17 +72,13 @@ class UvcSource:
         now_s = time.monotonic()
         if not read:
             raise CameraError(f"{self._device} gives no picture: unplugged, stalled, or read by another program")
-        # V4L2 stamps a picture when it begins; pictures that have waited in its queue are no new ones.
+        # V4L2's stamp is the time at which the picture began, however long it waited in the queue.
         age_s = now_s - self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
         stamp_s = now_s - age_s if self._node.is_char_device() and 0.0 <= age_s < _OLDEST_S else now_s
         return Picture(stamp_s, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
     def exposure_range(self) -> tuple[int, int]:
-        """Least and greatest exposure that V4L2 takes, in our unit.
-
-        Raises:
-            CameraError: no node of the camera has an exposure.
-        """
+        """Least and greatest exposure, in the unit of `Wanted.exposure`. Raises CameraError: it has none."""
         _, low, high = self._control("exposure")
         return low * self._unit("exposure"), high * self._unit("exposure")
 
@@ -103,7 +99,7 @@ class UvcSource:
         return _UNITS_PER_STEP if name == "exposure" and self._device.stereo_colour else 1
 
     def _control(self, name: str) -> tuple[Path, int, int]:
-        """The node that has a control, its least and greatest value; the colour's node first.
+        """Find the node that has a control, with its least and greatest value; the colour's node first.
 
         A D405 has its exposure on the node of depth.
         """
@@ -139,7 +135,7 @@ class UvcSource:
 
 
 def _colour_node(device: VideoDevice) -> tuple[Path, list[v4l2.Mode]]:
-    """The node that gives colour, and what it offers: nothing where it is a file, of a tree made for a test.
+    """Find the node that gives colour, and list its formats; none for a plain file in a test's tree.
 
     Raises:
         CameraError: there is none, or no right to open it.

@@ -1,6 +1,6 @@
-"""What a V4L2 node offers: picture formats, sizes, rates and controls, asked with the ioctls of linux/videodev2.h.
+"""Formats, sizes, rates and controls of a V4L2 node, read with the ioctls of linux/videodev2.h.
 
-OpenCV reads pictures, but tells neither formats nor the ranges of controls. (linuxpy does, under the GPL.)
+OpenCV reads pictures, but neither formats nor the ranges of controls. (linuxpy does, under the GPL.)
 """
 
 import errno
@@ -16,7 +16,7 @@ from typing import Any
 
 from lerobot_robot_yam.errors import CameraError
 
-# Request numbers and structs as linux/videodev2.h has them on 64-bit computers, native byte order.
+# Request numbers and structs of linux/videodev2.h on 64-bit computers, in native byte order.
 ENUM_FMT, FMT = 0xC0405602, struct.Struct("=III32sI16x")  # index, type, flags, description, fourcc
 ENUM_FRAMESIZES, SIZE = 0xC02C564A, struct.Struct("=IIIII16x8x")  # index, fourcc, type, width, height
 ENUM_FRAMEINTERVALS, INTERVAL = 0xC034564B, struct.Struct("=IIIIIII16x8x")  # …, width, height, type, rate
@@ -26,15 +26,15 @@ _CAPTURE, _DISCRETE = 1, 1  # V4L2_BUF_TYPE_VIDEO_CAPTURE, V4L2_FRMSIZE_TYPE_DIS
 _DISABLED = 0x1
 _NO_ANSWER = (errno.EINVAL, errno.ENOTTY, errno.ERANGE, errno.EACCES, errno.EBUSY)
 
-# V4L2's numbers of the controls that have names here; exposure is in 100 µs.
+# V4L2's control ids; exposure is in 100 µs.
 EXPOSURE, GAIN, WHITE_BALANCE = 0x9A0902, 0x980913, 0x98091A
 AUTO_EXPOSURE, AUTO_WHITE_BALANCE = 0x9A0901, 0x98090C
-MANUAL, OFF = 1, 0  # values of these two
+MANUAL, OFF = 1, 0  # values of AUTO_EXPOSURE and AUTO_WHITE_BALANCE
 
 
 @dataclass(frozen=True)
 class Mode:
-    """A picture format at a size: `fourcc` such as "YUYV", pixels, and pictures per second."""
+    """Picture format at a size: `fourcc` such as "YUYV", pixels, and pictures per second."""
 
     fourcc: str
     width: int
@@ -46,10 +46,10 @@ class Mode:
 
 
 def modes(node: Path) -> list[Mode]:
-    """What a node offers of discrete sizes; nothing where it is no V4L2 capture node (one of metadata, a file).
+    """List a node's formats with discrete sizes; empty for a node that is no V4L2 capture node.
 
     Raises:
-        CameraError: it cannot be opened.
+        CameraError: the node cannot be opened.
     """
     found = []
     with _opened(node) as device:
@@ -62,7 +62,7 @@ def modes(node: Path) -> list[Mode]:
 
 
 def control_range(node: Path, number: int) -> tuple[int, int] | None:
-    """Least and greatest value of a control of a node, in its own unit; None where it has none.
+    """Read least and greatest value of a node's control, in its own unit; None if the node has no such control.
 
     Raises:
         CameraError: the node cannot be opened.
@@ -73,11 +73,7 @@ def control_range(node: Path, number: int) -> tuple[int, int] | None:
 
 
 def set_control(node: Path, number: int, value: int) -> None:
-    """Give a control a value.
-
-    Raises:
-        CameraError: the camera does not take it.
-    """
+    """Set a control to a value. Raises CameraError: the camera does not accept it."""
     with _opened(node) as device:
         if _ask(device, S_CTRL, CONTROL, number, value) is None:
             raise CameraError(f"{node} does not take {value} for its control {number:#x}")
@@ -90,7 +86,7 @@ def _rates(device: int, fourcc: int, width: int, height: int) -> tuple[float, ..
 
 
 def _enumerated(device: int, request: int, form: struct.Struct, *values: Any) -> Iterator[tuple[Any, ...]]:
-    """Every answer to a question that begins with an index."""
+    """Generate the answers of an ioctl whose request begins with an index."""
     for index in count():
         answer = _ask(device, request, form, index, *values)
         if answer is None:
@@ -99,7 +95,7 @@ def _enumerated(device: int, request: int, form: struct.Struct, *values: Any) ->
 
 
 def _ask(device: int, request: int, form: struct.Struct, *values: Any) -> tuple[Any, ...] | None:
-    """The answer of an ioctl; None where the device does not know it, or nothing more."""
+    """Run an ioctl and return its answer; None if the device does not know it, or has nothing more."""
     buffer = bytearray(form.pack(*values))
     try:
         fcntl.ioctl(device, request, buffer)

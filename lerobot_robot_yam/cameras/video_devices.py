@@ -1,7 +1,7 @@
-"""Cameras that are plugged in, and who may use and who has open their device files. None is opened.
+"""Cameras that are plugged in, and rights and users of their device files. No camera is opened.
 
-The serial number is that of the USB device. A RealSense has another one on its label, which librealsense shows as
-`serial_number`; the USB device has its `asic_serial_number` (librealsense's issue 4369).
+Serial numbers are those of the USB device. A RealSense has another one on its label, librealsense's `serial_number`;
+its USB device has the `asic_serial_number` (librealsense's issue 4369).
 """
 
 import grp
@@ -17,21 +17,21 @@ from lerobot_robot_yam.system.sysfs import UsbDevice, text_of, usb_device
 
 ROOT = Path("/")
 USB3_MBIT = 5000.0
-_INTEL = "8086"  # its number as a maker of USB devices
+_INTEL = "8086"  # Intel's USB vendor id
 _LINKS = ("by-id", "by-path")
 _REALSENSE = re.compile(r"RealSense.*\bD?(4\d\d[a-z]?)\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class VideoDevice:
-    """One camera.
+    """Camera in sysfs.
 
     Attributes:
-        name: what the kernel calls it, None if sysfs does not tell.
+        name: the kernel's name, None if sysfs has none.
         usb: its USB device, None when it is not USB.
         nodes: /dev/video0, …; several per camera are usual.
         links: stable paths of the nodes below /dev/v4l, by-id first.
-        usb_node: /dev/bus/usb/001/004, by which librealsense reads it; None if sysfs does not tell.
+        usb_node: /dev/bus/usb/001/004, which librealsense opens; None if sysfs has no numbers.
     """
 
     name: str | None
@@ -45,7 +45,7 @@ class VideoDevice:
 
     @property
     def place(self) -> str:
-        """Where it is: the USB port, else its nodes."""
+        """Place of the camera: the USB port, else its nodes."""
         return f"USB {self.usb.port}" if self.usb else ", ".join(map(str, self.nodes))
 
     @property
@@ -56,7 +56,7 @@ class VideoDevice:
 
     @property
     def model(self) -> str:
-        """ "D405" of a RealSense, else the name that the maker gave it."""
+        """Model: "D405" for a RealSense, else the maker's name of the camera."""
         return model_of((self.usb.product if self.usb else None) or self.name or "camera")
 
     @property
@@ -66,7 +66,7 @@ class VideoDevice:
 
     @property
     def speed_mbit(self) -> float | None:
-        """Speed of its USB link as negotiated; None if sysfs does not tell."""
+        """Negotiated speed of its USB link, Mbit/s; None if sysfs has none."""
         return self.usb.speed_mbit if self.usb else None
 
     @property
@@ -86,11 +86,12 @@ class VideoDevice:
 
 
 def video_devices(root: Path = ROOT, sysfs: Path | None = None) -> list[VideoDevice]:
-    """Every camera: each device with a video node, and each RealSense without one (its library may have taken it).
+    """List every camera: each device with a video node, and each RealSense without one (librealsense may have taken
+    it).
 
     Args:
-        root: of the computer's files.
-        sysfs: where sysfs is; by default `sys` below the root.
+        root: root of the computer's files.
+        sysfs: root of sysfs; by default `sys` below the root.
     """
     sysfs = sysfs or root / "sys"
     found: dict[str, tuple[str | None, UsbDevice | None, list[Path]]] = {}
@@ -119,13 +120,13 @@ def video_devices(root: Path = ROOT, sysfs: Path | None = None) -> list[VideoDev
 
 
 def model_of(name: str) -> str:
-    """D435i for the name that a RealSense has on the USB bus or in librealsense; other names as they are."""
+    """Shorten a RealSense's name on the USB bus or in librealsense, such as to "D435i"; other names stay."""
     number = _REALSENSE.search(name)
     return f"D{number[1].lower()}" if number else name
 
 
 def holders(paths: Sequence[Path]) -> list[tuple[int, str]]:
-    """Number and name of each other process that has one of these files open. Of other users, root alone sees them."""
+    """List number and name of other processes that have one of these files open; other users' only for root."""
     wanted = {os.path.realpath(path) for path in paths}
     found = []
     for process in Path("/proc").glob("[0-9]*"):
@@ -134,12 +135,12 @@ def holders(paths: Sequence[Path]) -> list[tuple[int, str]]:
             if int(process.name) != os.getpid() and files & wanted:
                 found.append((int(process.name), (process / "comm").read_text().strip()))
         except OSError:
-            continue  # it has ended, or is somebody else's
+            continue  # it has ended, or belongs to another user
     return sorted(found)
 
 
 def in_use(paths: Sequence[Path]) -> str:
-    """Who has the files open, and what to do, for a message."""
+    """Say which processes have the files open, and what to do."""
     who = [f"process {pid} ({name})" for pid, name in holders(paths)]
     if not who:
         return "no process of yours has it open; `sudo fuser -v /dev/video*` shows others. Else plug it in again"
@@ -150,7 +151,7 @@ def check_rights(path: Path) -> None:
     """Refuse a device file that this user may not read and write.
 
     Raises:
-        CameraError: names the group that may, or says that the file is not there.
+        CameraError: names the group that may, or says that the file is missing.
     """
     try:
         status = path.stat()
