@@ -1,4 +1,4 @@
-"""Whether the names of the CAN adapters are tied to the adapters: otherwise arms are swapped silently."""
+"""Check that the names of the CAN adapters are tied to the adapters: otherwise arms are swapped silently."""
 
 import re
 from collections.abc import Sequence
@@ -9,12 +9,12 @@ from lerobot_robot_yam.system.own_commands import as_root
 from lerobot_robot_yam.system.sysfs import KERNEL_NAME, CanAdapter, text_of
 
 RULES_DIRECTORIES = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"))
-_PORT = re.compile(r'KERNELS==|ID_PATH|DEVPATH=="[^"]*-[\d*]')  # "*:1.0/net/*" is a function of any device
+_PORT = re.compile(r'KERNELS==|ID_PATH|DEVPATH=="[^"]*-[\d*]')  # not "*:1.0/net/*", a function of any device
 _NAME = as_root("yam-setup-can --no-rights")
 
 
 def read_rules(directories: Sequence[Path]) -> list[str]:
-    """Lines of all udev rules."""
+    """Read the lines of all udev rules, without comments."""
     lines: list[str] = []
     for directory in directories:
         for path in sorted(directory.glob("*.rules")):
@@ -25,7 +25,7 @@ def read_rules(directories: Sequence[Path]) -> list[str]:
 def check_adapters(
     adapters: Sequence[CanAdapter], wanted: Sequence[str], rules: Sequence[str], section: Section
 ) -> None:
-    """Rows for all adapters, findings for the wanted ones: names that may shuffle, serial numbers that repeat."""
+    """Add rows for all adapters, findings for the wanted ones: names that may shuffle, serial numbers that repeat."""
     for adapter in adapters:
         usb = adapter.usb
         section.rows.append(
@@ -66,7 +66,7 @@ def _check_name(adapter: CanAdapter, adapters: Sequence[CanAdapter], rules: Sequ
 
 
 def _named_by(adapter: CanAdapter, rules: Sequence[str]) -> str | None:
-    """The property by which a udev rule gives this name; None is unknown."""
+    """Property by which a udev rule gives this name; None: unknown."""
     naming = [line for line in rules if re.search(rf'NAME:?="{re.escape(adapter.name)}"', line)]
     if any(_PORT.search(line) for line in naming):
         return "USB port"

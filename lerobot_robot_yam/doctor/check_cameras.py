@@ -1,4 +1,4 @@
-"""Cameras and the USB links that they hang on. No camera is opened.
+"""Check of cameras and their USB links. No camera is opened.
 
 A RealSense on a USB 2 link offers fewer streams at lower rates; two cameras on one USB 2 bus share 480 Mbit/s.
 """
@@ -18,7 +18,7 @@ DEV = Path("/dev")
 def check_cameras(
     cameras: Sequence[VideoDevice], configured: Mapping[str, Mapping[str, Any]], dev: Path, section: Section
 ) -> None:
-    """Rows for all cameras; findings about slow links and about configured cameras that are not there."""
+    """Add rows for all cameras; findings about slow links and about configured cameras that are missing."""
     slow: dict[int | None, list[str]] = {}
     for camera in cameras:
         usb = camera.usb
@@ -52,7 +52,7 @@ def check_cameras(
         section.problem(f"cameras {', '.join(wanted)}", what, install_extra("realsense"))
     for name, options in configured.items():
         serial = str(options.get("serial_number_or_name"))
-        # On its label, a RealSense has another number than sysfs shows.
+        # A RealSense has another number on its label than in sysfs.
         if options.get("type") == "yam_realsense" and not present and serial not in [c.serial for c in cameras]:
             remedy = "plug it in, or correct the serial number (yam-cameras list)"
             section.problem(f"camera {name}", f"there is no camera {serial}", remedy)

@@ -1,4 +1,4 @@
-"""One channel: is it free? Then ask what is on it; otherwise watch the session that drives it."""
+"""Check of one channel: queries the arm if the channel is free, else watches the session that drives it."""
 
 import dataclasses
 from collections.abc import Callable
@@ -21,13 +21,12 @@ from lerobot_robot_yam.errors import ChannelInUseError, YamError
 from lerobot_robot_yam.state.records import lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock
 
-_LISTEN_S = 0.3  # longer than a session's 50 ms: a slow foreign poller is heard too
+_LISTEN_S = 0.3  # time of listening for other drivers, s; longer than a session's 50 ms, to hear slow pollers, too
 
 
 def examine_channel(
     target: Target, link: Link | None, samples: int, report: Report, say: Callable[[str], None]
 ) -> None:
-    """Examine one channel."""
     config = target.config
     row = {"channel": target.channel, "arm": config.arm, "gripper": config.gripper, "examined": "asked"}
     report["channels"].rows.append(row)
@@ -64,7 +63,7 @@ def examine_channel(
 
 
 def _ask(bus: can.BusABC, target: Target, samples: int, report: Report, say: Callable[[str], None]) -> Target:
-    """Ask everything; returns the target as it turned out to be."""
+    """Query everything; returns the target with the gripper that was found."""
     channel = target.channel
     say(f"{channel}: listening")
     listen(bus, _LISTEN_S, range(1, 16), channel)
@@ -94,7 +93,7 @@ def _ask(bus: can.BusABC, target: Target, samples: int, report: Report, say: Cal
 
 
 def _bus_remedy(target: Target, link: Link | None) -> str:
-    """The remedy for a channel that failed while it was asked."""
+    """Remedy for a channel that failed while it was queried."""
     if not target.real:
         return "check the names of channel and rig"
     return (link or Link(name=target.channel, up=True)).repair()

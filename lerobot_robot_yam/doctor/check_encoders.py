@@ -1,4 +1,4 @@
-"""Encoders of one channel: a teaching handle, or a leader without motors. Their settings are left as they are."""
+"""Check of the encoders of one channel: a teaching handle, or a leader without motors. Changes no settings."""
 
 import shlex
 from typing import Any
@@ -16,14 +16,14 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
 _REPORT_BYTES = 6
-_BEYOND = 1.15  # share of the trigger's travel that a trigger with the right zero cannot exceed
-_RELEASED = 0.1  # share of its travel up to which a trigger counts as released
-_BEYOND_RAD = 0.2  # distance of a passive leader's own stops from its follower's range
+_BEYOND = 1.15  # share of its travel that a trigger with a correct zero cannot exceed
+_RELEASED = 0.1  # largest share of its travel at which a trigger counts as released
+_BEYOND_RAD = 0.2  # tolerance of a passive leader's joints beyond its follower's range, rad: its stops lie outside
 _CABLE = "check power and cable of the passive leader, and that this is its channel"
 
 
 def handle_firmware(questions: Questions) -> tuple[int, int, int] | None:
-    """Firmware version of the handle on the channel, None when none answers."""
+    """Read the firmware version of the handle on the channel; None when none answers."""
     request = handle_encoder.encode_version_request()
     return questions.handle(request, handle_encoder.REQUEST_ID, handle_encoder.decode_version)
 
@@ -31,7 +31,7 @@ def handle_firmware(questions: Questions) -> tuple[int, int, int] | None:
 def inspect_handle(
     questions: Questions, target: Target, firmware: tuple[int, int, int] | None, section: Section
 ) -> None:
-    """Ask the handle, and check firmware, report mode and trigger."""
+    """Read the handle's state and settings, and check firmware, report mode and trigger."""
     where = f"{target.channel} teaching handle"
     report = questions.handle(handle_encoder.encode_report_request(), handle_encoder.REPORT_ID, _report)
     if firmware is None and report is None:
@@ -70,7 +70,7 @@ def inspect_handle(
 
 
 def inspect_passive(questions: Questions, target: Target, config: PassiveConfig, section: Section) -> None:
-    """Listen to the encoders of a leader without motors, ask those that do not report by themselves, and check them."""
+    """Read the encoders of a leader without motors, ask those that do not report by themselves, and check them."""
     channel, joints = target.channel, target.hardware.joints
     encoders, quiet = questions.encoders(joints)
     silent = encoders.silent(0.0)

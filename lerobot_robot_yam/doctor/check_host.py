@@ -1,4 +1,4 @@
-"""Whether this computer grants a control loop real-time scheduling, locked memory and CPUs; the emergency stop."""
+"""Check of this computer: real-time scheduling, locked memory and CPUs for a control loop; the emergency stop."""
 
 import os
 import platform
@@ -15,10 +15,10 @@ from lerobot_robot_yam.system.own_commands import as_root
 from lerobot_robot_yam.system.sysfs import SYSFS, text_of
 
 _RIGHTS = f"{as_root('yam-setup-can --rights')} (then log in again)"
-_STATES = Path("/sys/power/state")  # what the kernel can do, such as "freeze mem disk"
+_STATES = Path("/sys/power/state")  # sleep states that the kernel offers, such as "freeze mem disk"
 _SUSPEND = Path("/etc/systemd/system/suspend.target")
-_CPUS_MIN = 4  # the loop, LeRobot, the video encoder and the system
-# In another process, since what is granted stays granted.
+_CPUS_MIN = 4  # CPUs for the loop, LeRobot, the video encoder and the system
+# Program for another process, since scheduling stays granted to the process that has requested it.
 _ASK = (
     "import sys; from lerobot_robot_yam.system.realtime import request_realtime; "
     f"sys.stdout.write(request_realtime({RT_PRIORITY}))"
@@ -27,7 +27,7 @@ _ASK_TIMEOUT_S = 30.0
 
 
 def check_host(sysfs: Path, section: Section) -> None:
-    """Ask for what the control loop asks for, in a short-lived process, and say what was granted."""
+    """Request the control loop's scheduling and memory in a short-lived process, and report what was granted."""
     granted = _granted()
     cpus = len(os.sched_getaffinity(0))
     governor = text_of(sysfs / "devices/system/cpu/cpu0/cpufreq/scaling_governor")
@@ -44,7 +44,7 @@ def check_host(sysfs: Path, section: Section) -> None:
     if granted is None:
         section.warn(where, "what the kernel grants is unknown: asking for it failed", _RIGHTS)
     elif "SCHED_FIFO" not in granted:
-        short = "slices" in granted  # as good as SCHED_FIFO beside one busy process
+        short = "slices" in granted  # slices are as good as SCHED_FIFO beside one busy process
         what = f"the control loop gets {granted}; SCHED_FIFO is not permitted"
         (section.note if short else section.warn)(where, what, _RIGHTS)
     if granted is not None and "memory not locked" in granted:
@@ -77,7 +77,7 @@ def _granted() -> str | None:
 
 
 def _can_sleep() -> bool:
-    """Whether this computer can be suspended: a virtual machine often cannot, and systemd's target may be masked."""
+    """Whether this computer can be suspended: many virtual machines cannot, and systemd's target may be masked."""
     return bool((text_of(_STATES) or "").split()) and _SUSPEND.resolve() != Path("/dev/null")
 
 

@@ -1,4 +1,4 @@
-"""How long motors take to answer, one question at a time."""
+"""Latency of the motors' answers, one question at a time."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -9,13 +9,13 @@ from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.questions import Questions
 from lerobot_robot_yam.doctor.kit.targets import Target
 
-BIN_EDGES_MS = (0.3, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # upper edges; one more bin takes the rest
+BIN_EDGES_MS = (0.3, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # upper edges of the bins; one more bin is for the rest
 BLOCKS = "·▁▂▃▄▅▆▇█"
 _LABELS = (*(f"≤{edge:g}" for edge in BIN_EDGES_MS), "more")
 _TIMEOUT_S = 0.25
-_GIVE_UP = 3  # replies lost in a row after which a motor is asked no more
-_LOST_MAX = 0.01  # share of replies that may be lost
-_TICK_MS = 4.0  # tick of a loop at 250 Hz
+_GIVE_UP = 3  # lost replies in a row after which a motor is skipped
+_LOST_MAX = 0.01  # largest tolerable share of lost replies
+_TICK_MS = 4.0  # tick of a loop at 250 Hz, ms
 _QUICKER = (
     "use another adapter; of a serial one, lower the latency timer: "
     "echo 1 | sudo tee /sys/bus/usb-serial/devices/ttyUSB*/latency_timer"
@@ -25,8 +25,8 @@ _QUICKER = (
 def measure_latency(
     questions: Questions, target: Target, motors: Sequence[MotorSpec], samples: int, section: Section
 ) -> None:
-    """Ask each motor `samples` times for feedback, in turn; rows and findings."""
-    answers: dict[int, list[float | None]] = {spec.can_id: [] for spec in motors}  # ms, None of a lost one
+    """Request feedback of each motor `samples` times, in turn; add rows and findings."""
+    answers: dict[int, list[float | None]] = {spec.can_id: [] for spec in motors}  # ms, None: lost
     for _ in range(samples):
         for can_id, told in answers.items():
             if told[-_GIVE_UP:] != [None] * _GIVE_UP:
@@ -69,18 +69,18 @@ def _report(target: Target, spec: MotorSpec, times_ms: Sequence[float], asked: i
 
 
 def histogram(times_ms: Sequence[float]) -> list[int]:
-    """Counts per bin of `BIN_EDGES_MS`, and of what lies above."""
+    """Count the times per bin of `BIN_EDGES_MS`, and those above."""
     edges = (float("-inf"), *BIN_EDGES_MS, float("inf"))
     return [sum(low < value <= high for value in times_ms) for low, high in pairwise(edges)]
 
 
 def percentile(ordered: Sequence[float], share: float) -> float | None:
-    """The value below which `share` of an ordered list lies, ms; None of an empty one."""
+    """Value below which `share` of an ordered list lies, ms; None for an empty list."""
     return round(ordered[min(int(share * len(ordered)), len(ordered) - 1)], 3) if ordered else None
 
 
 def bars(counts: Sequence[int]) -> str:
-    """A block per bin, as high as its count, below the bin's label; a bin with anything in it shows at least a line."""
+    """Draw a block per bin, as high as its count, as wide as its label; a bin with any count shows at least a line."""
     most, steps = max(max(counts), 1), len(BLOCKS) - 1
     blocks = (BLOCKS[-(-count * steps // most)] for count in counts)
     return " ".join(block.ljust(len(label)) for block, label in zip(blocks, _LABELS, strict=True)).rstrip()

@@ -1,4 +1,4 @@
-"""State of the CAN interfaces, as the system's own tools tell it: `ip` for the link, `tc` for its queue.
+"""Check of the CAN interfaces with the system's own tools: `ip` for the link, `tc` for its queue.
 
 Field names: iproute2's `ip/iplink_can.c` (link) and `tc/tc_qdisc.c` (queue).
 """
@@ -16,13 +16,13 @@ from lerobot_robot_yam.doctor.kit.findings import Section
 IP_COMMAND = ("ip", "-details", "-statistics", "-json", "link", "show", "type", "can")
 TC_COMMAND = ("tc", "-statistics", "-json", "qdisc", "show")
 RESTART_MS = 100
-# A tick of the loop puts 8 frames into the queue at once. The kernel's default of 10 leaves no room for a late tick;
-# a very long queue would hand stale commands to motors that come back after a while.
+# Least and recommended length of the transmit queue, frames. A tick of the loop queues 8 frames at once. The kernel's
+# default of 10 leaves no room for a late tick; a very long queue sends stale commands to motors that come back.
 QUEUE_MIN, QUEUE_LENGTH = 32, 100
 # Drivers without a restart handler: newer kernels refuse `restart-ms` (older ones crash when it takes effect:
 # "can: netlink: can_changelink(): fix NULL pointer deref of struct can_priv::do_set_mode", 2025).
 NO_RESTART = frozenset({"gs_usb"})
-# Controller modes that the arms do not want, and `ip`'s names of them; the first two cut the motors off.
+# Controller modes that disturb the arms, and `ip`'s names of them; the first two cut the motors off.
 _WRONG_MODES = {"LISTEN-ONLY": "listen-only", "LOOPBACK": "loopback", "FD": "fd", "ONE-SHOT": "one-shot"}
 _DEAF_MODES = {"LISTEN-ONLY", "LOOPBACK"}
 _STOPPED = ("BUS-OFF", "STOPPED", "SLEEPING")
@@ -33,15 +33,15 @@ _TOOL_TIMEOUT_S = 10.0
 
 @dataclass(frozen=True)
 class Link:
-    """One CAN interface. None: the system does not tell.
+    """CAN interface. None: the system does not say.
 
     Attributes:
         driver: driver of the controller, such as "gs_usb".
         state: "ERROR-ACTIVE" (healthy), "ERROR-WARNING", "ERROR-PASSIVE", "BUS-OFF", "STOPPED", "SLEEPING".
         modes: controller modes that are on ("FD", "LISTEN-ONLY", …).
-        queue_length: frames that may wait (txqueuelen); waiting: frames that do.
+        queue_length: longest queue, frames (txqueuelen); waiting: frames in it.
         refused: frames refused because the queue was full; dropped: by the driver; lost_rx: by the adapter.
-        device: its place, such as USB interface "1-2:1.0".
+        device: place, such as USB interface "1-2:1.0".
     """
 
     name: str
@@ -63,7 +63,7 @@ class Link:
 
     @property
     def usable(self) -> bool:
-        """Whether asking motors through it makes sense and does no harm (a wrong bit-rate disturbs the bus)."""
+        """Whether querying motors through it makes sense and is harmless (a wrong bit-rate disturbs the bus)."""
         return (
             self.up
             and self.state not in _STOPPED
@@ -78,18 +78,18 @@ class Link:
         return bool(self.queue_length) and (self.waiting or 0) >= (self.queue_length or 0)
 
     def repair(self) -> str:
-        """The command that puts the interface (back) into the state that the arms need."""
+        """Format the command that brings the interface (back) into the state that the arms need."""
         wrong = [f"{option} off" for mode, option in _WRONG_MODES.items() if mode in self.modes]
         if not wrong:
             return f"{RESET_LINK} {self.name}"
         up = f"sudo ip link set {self.name} up txqueuelen {QUEUE_LENGTH} type can bitrate {BITRATE}"  # in this order
-        if self.driver is not None and self.driver not in NO_RESTART:  # refused, it would leave the link down
+        if self.driver is not None and self.driver not in NO_RESTART:  # a refused option would leave the link down
             wrong.append(f"restart-ms {RESTART_MS}")
         return " ".join([f"sudo ip link set {self.name} down &&", up, *wrong])
 
 
 def tool_output(command: Sequence[str]) -> tuple[str | None, str]:
-    """Standard output of a tool that only reads, None with the reason when it cannot be had."""
+    """Run a tool that only reads; returns its standard output, or None with the reason."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_TOOL_TIMEOUT_S, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -100,11 +100,7 @@ def tool_output(command: Sequence[str]) -> tuple[str | None, str]:
 
 
 def parse_links(ip_json: str, tc_json: str | None = None) -> list[Link]:
-    """Links out of the JSON that `IP_COMMAND` and, for the queues, `TC_COMMAND` print.
-
-    Raises:
-        ValueError: not the JSON of these tools.
-    """
+    """Parse the JSON of `IP_COMMAND` and, for the queues, `TC_COMMAND`. Raises ValueError: other JSON."""
     queues = {row.get("dev", ""): row for row in _rows(tc_json or "[]") if row.get("root")}
     return [_link(row, queues.get(row["ifname"], {})) for row in _rows(ip_json) if "ifname" in row]
 
@@ -126,7 +122,7 @@ def _link(row: dict[str, Any], queue: dict[str, Any]) -> Link:
         up="UP" in row.get("flags", ()),
         driver=(data.get("bittiming_const") or {}).get("name"),
         state=data.get("state"),
-        # The second form: controllers that know a few fixed bit-rates only.
+        # The second form is for controllers with a few fixed bit-rates.
         bitrate=(data.get("bittiming") or {}).get("bitrate") or data.get("bittiming_bitrate"),
         modes=tuple(data.get("ctrlmode") or ()),
         restart_ms=data.get("restart_ms"),
@@ -143,7 +139,7 @@ def _link(row: dict[str, Any], queue: dict[str, Any]) -> Link:
 
 
 def check_links(links: Sequence[Link], wanted: Sequence[str], section: Section) -> None:
-    """Rows for all links, findings for the wanted ones that are there."""
+    """Add rows for all links, findings for the wanted ones."""
     for link in links:
         row = {key: getattr(link, key) for key in Link.__dataclass_fields__}
         section.rows.append({**row, "modes": list(link.modes), "link": "up" if link.up else "down"})

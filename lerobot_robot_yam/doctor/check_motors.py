@@ -1,4 +1,4 @@
-"""The motors of one channel: who is there, what they hold in their registers, and what contradicts the profile."""
+"""Check of the motors of one channel: which are there, their registers, and contradictions to the profile."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,11 +14,11 @@ from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
 
 _ROUNDS = 3
 _TIMEOUT_S, _SETTLE_S = 0.25, 0.03
-# The maker says so; others have seen that a motor takes it at once.
+# Hint after a change of the time-out. The maker requires it; others have seen motors apply the value at once.
 _POWER_CYCLE = " (then switch the arm's power off and on: until then the motor may go by the old value)"
-_WARM_C = 15.0  # distance to the motor's own limit at which it counts as warm, °C
-_SUPPLY_MARGIN = 1.05  # ratio of the supply to a limit of the motor, below which it counts as near
-_SILENT_MAX = 3  # registers that a motor leaves unanswered in a row before it is asked for no more
+_WARM_C = 15.0  # distance to its own limit at which a motor counts as warm, °C
+_SUPPLY_MARGIN = 1.05  # ratio of the supply to a motor's limit below which it counts as near
+_SILENT_MAX = 3  # unanswered registers in a row after which a motor's other registers are skipped
 _READ = {
     Register.SW_VER: "firmware",
     Register.SUB_VER: "firmware_sub",
@@ -50,7 +50,7 @@ _FAULT_REMEDIES: dict[int, str] = {
 
 
 def inspect_motors(questions: Questions, target: Target, handle_answers: bool, section: Section) -> list[MotorSpec]:
-    """Ask all motors of a channel and check what they say; returns those of the profile that are there."""
+    """Query all motors of a channel and check their answers; returns the profile's motors that are there."""
     specs = target.hardware.motors
     answers = _roll_call(questions, [spec.can_id for spec in specs])
     present = [spec for spec in specs if spec.can_id in answers]
@@ -88,9 +88,9 @@ def _identity(target: Target, spec: MotorSpec) -> dict[str, Any]:
 
 
 def _roll_call(questions: Questions, expected: Sequence[int]) -> dict[int, tuple[list[Answer], int]]:
-    """Per id that answers: its answers, and how often it was asked."""
+    """Query all ids; returns, per id that answers, its answers and the number of queries."""
     answers: dict[int, list[Answer]] = {}
-    unexpected = [can_id for can_id in MOTOR_IDS if can_id not in expected]  # asked once, with less time
+    unexpected = [can_id for can_id in MOTOR_IDS if can_id not in expected]  # queried once, with less time
     calls = [(list(expected), _TIMEOUT_S)] * _ROUNDS + [(unexpected, _SETTLE_S)]
     for ids, timeout_s in calls:
         for answer in questions.refresh(ids, timeout_s, _SETTLE_S):
@@ -113,7 +113,7 @@ def _check_missing(
         remedy = f"name it --channel {target.channel}:{target.config.arm}:{LEADER_GRIPPER}, or swap the cables back"
         section.problem(_where(target, missing[-1]), what, remedy)
         missing = missing[:-1]
-    # The motors form a chain: from a broken cable on, all are silent. A handle hangs behind the last one.
+    # The motors form a chain: behind a broken cable all are silent. A handle comes behind the last motor.
     behind = missing[1:] if not handle and list(missing) == list(specs[-len(missing) :]) else ()
     for spec in missing[:1] if behind else missing:
         before = names.get(spec.can_id - 1)
@@ -184,7 +184,7 @@ def _check_registers(target: Target, spec: MotorSpec, answer: Answer, row: Mappi
 
 
 def _set_register(target: Target, motor_id: int, register: Register, value: float) -> str:
-    """The command that sets a register of a motor and stores it. The doctor prints it and changes nothing."""
+    """Format the command that sets a register of a motor and stores it. The doctor prints it and changes nothing."""
     where = target.config.on_command_line
     if register is Register.MST_ID:
         return _set_id(target, motor_id, motor_id)
@@ -194,7 +194,7 @@ def _set_register(target: Target, motor_id: int, register: Register, value: floa
 
 
 def _set_id(target: Target, motor_id: int, new: int | str) -> str:
-    """The command that gives a motor an id, and the identifier for its answers that belongs to it."""
+    """Format the command that gives a motor an id, and the identifier of its answers that goes with it."""
     return f"yam-motors set-id {target.config.on_command_line} {motor_id} {new}"
 
 
@@ -207,7 +207,7 @@ def _consequence(register: Register, found: float) -> str:
 
 
 def _check_firmware(target: Target, present: Sequence[MotorSpec], section: Section) -> None:
-    """Motors of one type with different firmware are worth knowing about."""
+    """Note motors of one type with different firmware."""
     rows = [row for row in section.rows if row["channel"] == target.channel and row.get("firmware") is not None]
     for kind in sorted({spec.type for spec in present}):
         versions = sorted({row["firmware"] for row in rows if row["type"] == kind})

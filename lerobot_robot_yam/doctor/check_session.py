@@ -1,4 +1,4 @@
-"""Watching a live session from outside: its state block is read, nothing is written and nothing asked on the bus."""
+"""Check of a live session from outside: reads its state block, and sends nothing on the bus."""
 
 import math
 import os
@@ -18,14 +18,14 @@ from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, lock_path, st
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _WATCH_S = 0.5
-_LOST_MAX = 0.01  # share of lost replies
-_ENCODER_SILENT_MS = 100.0  # 20 reports
-_LATE_SHARE = 0.9  # of the configured rate
+_LOST_MAX = 0.01  # largest tolerable share of lost replies
+_ENCODER_SILENT_MS = 100.0  # silence after which an encoder counts as lost, ms: 20 reports
+_LATE_SHARE = 0.9  # share of the configured rate below which a loop counts as slow
 _REARM = "remove the cause, then re-arm the session or connect again"
 
 
 def driver_of(target: Target) -> str:
-    """The holder of the channel's lock: "process 1234 (python -m …)"."""
+    """Name the holder of the channel's lock: "process 1234 (python -m …)"."""
     try:
         pid = lock_path(target.key).read_text().strip()
     except OSError:
@@ -40,7 +40,7 @@ def driver_of(target: Target) -> str:
 
 
 def watch_session(target: Target, driver: str, section: Section) -> None:
-    """Rows and findings about the session that drives the channel."""
+    """Add rows and findings about the session that drives the channel."""
     channel = target.channel
     try:
         block = SharedBlock(state_path(target.key), STATE_DTYPE, create=False)
@@ -83,7 +83,7 @@ def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, 
     }
     lost_before = first["lost"][hardware.slots].tolist()
     for row, before in zip(_motor_rows(target, record, now), lost_before, strict=True):
-        if passive_of(target.config) is not None:  # joints with encoders alone
+        if passive_of(target.config) is not None:  # joints have encoders, but no motors
             row["state"] = row["fault"] = None
             _check_encoder(channel, row, section)
         else:
@@ -107,7 +107,7 @@ def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, 
 
 
 def _motor_rows(target: Target, record: np.ndarray, now: float) -> list[dict[str, Any]]:
-    """One per motor of the profile; a session without a config may drive fewer."""
+    """Make a row per motor of the profile; a session without a config may drive fewer."""
     hardware = target.hardware
     fields = ("motor_stamp_s", "fault", "lost", "temp_mos_c", "temp_rotor_c")
     columns = (hardware.motors, *(record[field][hardware.slots].tolist() for field in fields))
@@ -134,7 +134,7 @@ def _check_encoder(channel: str, row: dict[str, Any], section: Section) -> None:
 
 
 def _check_motor(channel: str, row: dict[str, Any], mode: Mode, lost: int, ticks: int, section: Section) -> None:
-    """`lost` of `ticks` replies were lost while the session was watched."""
+    """Check one motor; `lost` of `ticks` replies were lost while the session was watched."""
     if row["motor_age_ms"] is None:
         return  # the session has no such motor: the channel's arm was not named
     where = f"{channel} motor {row['name']} (id {row['id']})"
@@ -142,7 +142,7 @@ def _check_motor(channel: str, row: dict[str, Any], mode: Mode, lost: int, ticks
         section.problem(where, f"reports {row['state']}", _REARM)
     elif row["fault"] == Fault.DISABLED and mode in ENERGISED - {Mode.FAULT}:
         section.problem(where, "is disabled in a running session", "connect again")
-    if lost > _LOST_MAX * ticks:  # a warning: of a motor that is really lost the session itself speaks
+    if lost > _LOST_MAX * ticks:  # only a warning: the session itself reports lost motors
         what = f"{lost} of {ticks} replies were lost while it was watched"
         section.warn(where, what, "reseat the CAN cables of the arm and check the terminators (120 Ω at both ends)")
 

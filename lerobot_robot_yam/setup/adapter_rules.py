@@ -1,9 +1,9 @@
 """Names of CAN adapters as udev rules: each name is tied to one adapter, by serial number or else by USB port.
 
-A rules file, and not a systemd .link file: those cannot tell the channels of an adapter apart, and do not rename where
+systemd's .link files would not do: they cannot distinguish the channels of an adapter, and do not rename where
 predictable names are switched off, as on Raspberry Pi OS.
 
-Other rules, .link files and interfaces may have a name already, or name the same adapter: `check_free` looks.
+Other rules, .link files and interfaces may have a name already, or name the same adapter: `check_free` checks.
 """
 
 import re
@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from lerobot_robot_yam.errors import SetupError
 from lerobot_robot_yam.system.sysfs import CAN_TYPE, KERNEL_NAME, CanAdapter
 
-RULES = "etc/udev/rules.d/70-yam-can.rules"  # before 80-net-setup-link.rules, which leaves a name that is given
+RULES = "etc/udev/rules.d/70-yam-can.rules"  # runs before 80-net-setup-link.rules, which keeps a name that is given
 _RULES_FOLDERS = ("etc/udev/rules.d", "run/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d")
 _LINK_FOLDERS = ("etc/systemd/network", "run/systemd/network", "usr/lib/systemd/network", "lib/systemd/network")
 _HEAD = (
@@ -23,18 +23,17 @@ _HEAD = (
 )
 _ENTRY = re.compile(r"# (\w+): serial (.+), channel (.+), place (/devices/\S+)")
 _NONE = "-"
-_NAME = re.compile(r"[A-Za-z]\w{0,14}", re.ASCII)  # an interface's name has 15 characters at most
-_SAFE_SERIAL = re.compile(r"[\w.:+-][\w .:+-]*", re.ASCII)  # nothing that udev takes for a pattern or a quote
+_NAME = re.compile(r"[A-Za-z]\w{0,14}", re.ASCII)  # name of an interface, 15 characters at most
+_SAFE_SERIAL = re.compile(r"[\w.:+-][\w .:+-]*", re.ASCII)  # serial number without udev's patterns and quotes
 
 
 @dataclass(frozen=True)
 class NamedAdapter:
-    """A name and the adapter that it is tied to.
+    """Name, and the adapter that it is tied to.
 
     Attributes:
-        serial: None where it has none that can be used.
-        channel: what tells it from the other channels of its adapter: "dev_id 0x1", "dev_port 1", or "function 1.1" of
-            the USB device; None when it has one channel.
+        serial: serial number; None: none that is usable.
+        channel: channel of an adapter with several: "dev_id 0x1", "dev_port 1", or "function 1.1" of the USB device.
         place: directory of its hardware below sysfs.
     """
 
@@ -45,12 +44,12 @@ class NamedAdapter:
 
     @property
     def device(self) -> str:
-        """Place of the USB device, of which this is one function; of other hardware, its own."""
+        """Place of the USB device, of which this is one function; its own place for other hardware."""
         place = PurePosixPath(self.place)
         return str(place.parent if ":" in place.name else place)
 
     def same_hardware(self, other: "NamedAdapter") -> bool:
-        """Whether no rule could tell them apart."""
+        """Whether no rule could distinguish the two adapters."""
         return (self.serial, self.channel, _glob(self.place)) == (other.serial, other.channel, _glob(other.place))
 
 
@@ -58,7 +57,7 @@ def identify(name: str, adapter: CanAdapter, adapters: Sequence[CanAdapter]) -> 
     """Tie a name to one of the adapters that are plugged in.
 
     Raises:
-        SetupError: the name is none for an interface, or the kernel does not tell this adapter from another.
+        SetupError: the name does not fit an interface, or the kernel does not distinguish this adapter from another.
     """
     if not _NAME.fullmatch(name) or KERNEL_NAME.fullmatch(name):
         raise SetupError(
@@ -88,13 +87,13 @@ def identify(name: str, adapter: CanAdapter, adapters: Sequence[CanAdapter]) -> 
 
 
 def with_adapter(present: Sequence[NamedAdapter], new: NamedAdapter) -> list[NamedAdapter]:
-    """The names with a new one, which replaces that name's adapter and that adapter's name."""
+    """Add a new name, which replaces that name's adapter and that adapter's name."""
     kept = [named for named in present if named.name != new.name and not named.same_hardware(new)]
     return sorted([*kept, new], key=lambda named: named.name)
 
 
 def where_they_are(named: Sequence[NamedAdapter], adapters: Sequence[CanAdapter]) -> list[NamedAdapter]:
-    """The names with their present places: an adapter that is named by its serial number may have been moved."""
+    """Update the places of the names: an adapter that is named by its serial number may have been moved."""
 
     def moved(entry: NamedAdapter) -> NamedAdapter:
         places = {a.name: a.place for a in adapters if a.usb and a.place and a.usb.serial == entry.serial}
@@ -104,7 +103,7 @@ def where_they_are(named: Sequence[NamedAdapter], adapters: Sequence[CanAdapter]
 
 
 def rules_text(named: Sequence[NamedAdapter], adapters: Sequence[CanAdapter]) -> str | None:
-    """The rules file for these names, given what is plugged in; None when there is no name.
+    """Format the rules file for these names, given what is plugged in; None when there is no name.
 
     Raises:
         SetupError: two names would be tied to one USB port.
@@ -125,7 +124,7 @@ def rules_text(named: Sequence[NamedAdapter], adapters: Sequence[CanAdapter]) ->
 
 
 def parse_rules(text: str | None) -> list[NamedAdapter]:
-    """The names in a rules file that `rules_text` has made."""
+    """Parse the names in a rules file of `rules_text`."""
     return [
         NamedAdapter(name, None if serial == _NONE else serial, None if channel == _NONE else channel, place)
         for name, serial, channel, place in _ENTRY.findall(text or "")
@@ -143,8 +142,8 @@ def _lines(named: NamedAdapter, by_place: bool) -> str:
             match.append(f'DEVPATH=="*:{value}/net/*"')
     if key in ("dev_id", "dev_port"):
         match.append(f'ATTR{{{key}}}=="{value}"')
-    # udev renames at "add"; systemd looks at the properties of the "move" that follows.
-    # NetworkManager leaves it alone; systemd starts the unit that brings it up.
+    # udev renames at "add"; systemd reads the properties of the "move" that follows.
+    # NM_UNMANAGED keeps NetworkManager away; systemd starts the unit that brings the link up.
     give = [f'NAME="{named.name}"', 'ENV{NM_UNMANAGED}="1"', 'TAG+="systemd"']
     give.append(f'ENV{{SYSTEMD_WANTS}}+="yam-can@{named.name}.service"')
     entry = f"# {named.name}: serial {named.serial or _NONE}, channel {named.channel or _NONE}, place {named.place}"
@@ -152,7 +151,7 @@ def _lines(named: NamedAdapter, by_place: bool) -> str:
 
 
 def _glob(place: str) -> str:
-    """A place without the numbers that follow the order of discovery: of USB buses, and of controllers (xhci-hcd.1)."""
+    """Replace numbers in a place that follow the order of discovery: USB buses and controllers (xhci-hcd.1)."""
     return re.sub(r"(?<=/)\d+(?=-)", "*", re.sub(r"(?<=/usb)\d+|(?<=/xhci-hcd\.)\d+", "*", place))
 
 
@@ -160,9 +159,9 @@ def check_free(root: Path, named: NamedAdapter, interface: str, ours: Collection
     """Refuse a name that something else gives, and an adapter that something else names.
 
     Args:
-        root: of the computer.
+        root: root of the computer's files.
         named: the name, and the adapter that shall have it.
-        interface: what the adapter is called now.
+        interface: present name of the adapter.
         ours: names that our rules give already.
 
     Raises:
@@ -187,7 +186,7 @@ def check_free(root: Path, named: NamedAdapter, interface: str, ours: Collection
 
 
 def _lines_in(root: Path, directories: tuple[str, ...], pattern: str) -> Iterator[tuple[str, int, str]]:
-    """Path below the root, number and text of each line that is no comment."""
+    """Generate path below the root, number and text of each line that is no comment."""
     seen = set()
     for directory in directories:
         for path in sorted((root / directory).glob(pattern)):
@@ -196,7 +195,7 @@ def _lines_in(root: Path, directories: tuple[str, ...], pattern: str) -> Iterato
             seen.add(path.resolve())
             try:
                 text = path.read_text(errors="replace")
-            except OSError:  # a link to nothing, or not for this user: `yam-setup-can --dry-run` needs no rights
+            except OSError:  # a broken link, or no right to read: `yam-setup-can --dry-run` needs no rights
                 continue
             for number, line in enumerate(text.splitlines(), 1):
                 if not line.lstrip().startswith(("#", ";")):

@@ -1,6 +1,6 @@
-"""Finding an adapter that a person shows, by plugging it in or by moving the wrist of its arm.
+"""Detection of an adapter that a person shows, by plugging it in or by moving the wrist of its arm.
 
-sysfs tells what is plugged in. Of arms the motors are asked where they are, and nothing else.
+sysfs shows what is plugged in. Arms are only asked for the positions of their motors.
 """
 
 import time
@@ -15,20 +15,20 @@ from lerobot_robot_yam.doctor.kit.questions import Questions
 from lerobot_robot_yam.errors import MotorError
 from lerobot_robot_yam.system.sysfs import CanAdapter, read_adapters
 
-_PLUGS_S = 0.2  # between looks at what is plugged in
-_SETTLE_S = 0.8  # an adapter's channels come one after another, and udev renames them
-MOVED_RAD = 0.3  # on purpose; less than half of it may be a table that shakes
+_PLUGS_S = 0.2  # period of reading what is plugged in, s
+_SETTLE_S = 0.8  # wait for all channels of a new adapter, and for udev to rename them, s
+MOVED_RAD = 0.3  # motion that counts as deliberate, rad; less than half of it may be a table that shakes
 _WRIST_IDS, _WRIST_MOTOR = (4, 5, 6), "DM4310"
 _POLL_S, _ANSWER_S = 0.05, 0.02
 _RESTS_S, _RESTS_RAD = 0.3, 0.02
-_RESTLESS_S = 10.0  # an arm that hangs may sway for long; its wrist hardly does
+_RESTLESS_S = 10.0  # longest wait for rest, s: a hanging arm may sway for long, though its wrist hardly does
 
 
 class PlugWatch:
-    """What is plugged in after this was made. Make it before the person is asked to plug.
+    """Adapters that are plugged in after this was made. Make it before the person is asked to plug.
 
     Args:
-        sysfs: of the computer.
+        sysfs: root of sysfs.
     """
 
     def __init__(self, sysfs: Path):
@@ -40,7 +40,7 @@ class PlugWatch:
 
         Args:
             answer: waits at most so many seconds for a typed line; None when there is none.
-            tell: takes a line of text.
+            tell: receives a line of text.
 
         Returns:
             The channels of the adapter, or the line.
@@ -61,17 +61,17 @@ class PlugWatch:
 
 
 def _places(sysfs: Path) -> dict[tuple[str | None, ...], CanAdapter]:
-    """What is plugged in, by place and channel: names change."""
+    """Adapters that are plugged in, by place and channel, since names change."""
     return {(a.place, *a.number, None if a.place else a.name): a for a in read_adapters(sysfs)}
 
 
 class WristWatch:
     """Arms whose wrists are moved after this was made. Make it before the person is asked to. Energises nothing.
 
-    It waits for the hand that still moves the arm before this one: that would be taken for an answer.
+    It first waits until all wrists rest: the motion of an arm that was shown before would count as an answer.
 
     Args:
-        buses: open, by channel; nobody else drives them.
+        buses: open buses by channel; nobody else drives them.
 
     Raises (every method):
         MotorError: no motor answers, or one is energised, so that a hand would work against it.
@@ -90,7 +90,7 @@ class WristWatch:
 
         Args:
             answer: waits at most so many seconds for a typed line; None when there is none.
-            tell: takes a line of text.
+            tell: receives a line of text.
 
         Returns:
             The channel, or the line; the other is None.
@@ -107,7 +107,7 @@ class WristWatch:
         return None, line
 
     def _await_rest(self) -> None:
-        """Wait until no wrist moves, and begin from there."""
+        """Wait until no wrist moves, and store the positions there."""
         until_s = time.monotonic() + _RESTLESS_S
         while True:
             self._start.clear()
@@ -117,7 +117,7 @@ class WristWatch:
                 return
 
     def _moved_rad(self) -> dict[str, float]:
-        """How far any joint of each wrist is from where it was first."""
+        """Largest distance of a wrist joint from its stored position, rad, per channel."""
         moved = dict.fromkeys(self._questions, 0.0)
         for channel, questions in self._questions.items():
             for answer in questions.refresh(_WRIST_IDS, _ANSWER_S, 0.0):

@@ -20,7 +20,7 @@ _USERS = "etc/passwd"
 
 
 def rights_changes(files: SystemFiles, user: str) -> list[Change]:
-    """The changes that give a user the rights.
+    """List the changes that give a user the rights.
 
     Raises:
         SetupError: there is no such user or group, or a file cannot be read.
@@ -43,6 +43,6 @@ def rights_changes(files: SystemFiles, user: str) -> list[Change]:
 
 
 def user_of(environment: Mapping[str, str]) -> str | None:
-    """Who has called sudo, else who is logged in; None for root."""
+    """User who has called sudo, else who is logged in; None for root."""
     name = environment.get("SUDO_USER") or environment.get("USER") or environment.get("LOGNAME")
     return None if name in (None, "root") else name

@@ -1,6 +1,6 @@
-"""Files of a computer that are changed as one: shown first, written whole, remembered, and undone exactly.
+"""Files of a computer that are changed together: shown first, written whole, remembered, and undone exactly.
 
-What was changed is remembered in a journal, before it is changed. So an interrupted run can be run again or undone.
+A journal remembers each change before it is made, so an interrupted run can be run again or undone.
 """
 
 import contextlib
@@ -23,11 +23,11 @@ _AS_ROOT = f"it takes root: {as_root('yam-setup-can')}"
 
 @dataclass(frozen=True)
 class FileChange:
-    """What becomes of one file.
+    """Change of one file.
 
     Attributes:
-        path: below the root, "etc/udev/rules.d/70-yam-can.rules".
-        before, after: its text; None where there is no file.
+        path: path below the root, "etc/udev/rules.d/70-yam-can.rules".
+        before, after: text; None where there is no file.
     """
 
     path: str
@@ -35,7 +35,7 @@ class FileChange:
     after: str | None
 
     def shown(self) -> str:
-        """The change for a person to read."""
+        """Format the change for a person."""
         how = "is new" if self.before is None else "goes" if self.after is None else "changes"
         before, after = ((text or "").splitlines() for text in (self.before, self.after))
         lines = list(difflib.unified_diff(before, after, n=0, lineterm=""))[2:]
@@ -51,7 +51,7 @@ class GroupChange:
     joins: bool = True
 
     def shown(self) -> str:
-        """The change for a person to read."""
+        """Format the change for a person."""
         verb = "joins" if self.joins else "leaves"
         return f"/{_GROUPS}: " + ", ".join(f"{self.user} {verb} the group {group}" for group in self.groups)
 
@@ -60,7 +60,7 @@ Change = FileChange | GroupChange
 
 
 class SystemFiles:
-    """The files below a root: "/", or a directory that stands for it.
+    """Files below a root: "/", or a directory that stands for it.
 
     Raises (every method):
         SetupError: a file cannot be read or written.
@@ -71,18 +71,18 @@ class SystemFiles:
 
     @property
     def live(self) -> bool:
-        """Whether this is the computer that we run on."""
+        """Whether the root is that of this computer."""
         return self.root.resolve() == Path("/")
 
     def check_writable(self) -> None:
-        """Refuse, before anything is asked, to begin what cannot be ended."""
+        """Refuse a root that is no system's or not writable, before anything is asked or changed."""
         if not (self.root / "etc").is_dir():
             raise SetupError(f"{self.root} is no root of a system: it has no directory etc")
         if not os.access(self.root / "etc", os.W_OK, effective_ids=True):
             raise SetupError(f"no right to write to {self.root / 'etc'}: {_AS_ROOT}, or look at --dry-run")
 
     def read(self, path: str) -> str | None:
-        """Text of a file, None when there is none."""
+        """Read a file, None when there is none."""
         try:
             return (self.root / path).read_text()
         except FileNotFoundError:
@@ -91,17 +91,16 @@ class SystemFiles:
             raise SetupError(f"/{path} cannot be read: {error}; {_advice(error)}") from error
 
     def members(self) -> dict[str, list[str]]:
-        """Members of each group."""
         lines = [line.split(":") for line in (self.read(_GROUPS) or "").splitlines()]
         return {fields[0]: fields[3].split(",") for fields in lines if len(fields) == 4}
 
     def change_to(self, path: str, after: str | None) -> list[Change]:
-        """The change that gives a file this text; none when it has it."""
+        """Change that gives a file this text; none when the file has it."""
         before = self.read(path)
         return [] if before == after else [FileChange(path, before, after)]
 
     def apply(self, changes: Sequence[Change]) -> None:
-        """Write the files, each whole. All changes can be undone from before the first is made."""
+        """Write the files, each whole, after the journal: all changes can be undone from before the first is made."""
         if not changes:
             return
         journal = self._journal()
@@ -116,7 +115,7 @@ class SystemFiles:
         self.write(changes)
 
     def write(self, changes: Sequence[Change]) -> None:
-        """Write the files, each whole, unless another program has changed one since the changes were made up."""
+        """Write the files, each whole, unless another program has changed one since the changes were prepared."""
         for change in changes:
             if isinstance(change, FileChange):
                 if self.read(change.path) != change.before:
@@ -124,7 +123,7 @@ class SystemFiles:
                 self._write(change.path, change.after)
 
     def undo_changes(self) -> tuple[list[Change], list[str]]:
-        """The changes that take back all that was applied, and the files that others have changed since."""
+        """List the changes that undo all that was applied, and the files that others have changed since."""
         journal, changes, left = self._journal(), [], []
         for path, entry in journal["files"].items():
             now = self.read(path)
@@ -138,7 +137,7 @@ class SystemFiles:
         return changes, left
 
     def forget(self) -> None:
-        """Remove the journal: all is undone."""
+        """Remove the journal, once all is undone."""
         (self.root / JOURNAL).unlink(missing_ok=True)
         with contextlib.suppress(OSError):
             (self.root / JOURNAL).parent.rmdir()

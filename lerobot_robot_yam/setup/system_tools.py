@@ -1,4 +1,4 @@
-"""Making changes take effect with the system's own tools. With another root than "/" all but usermod are only told."""
+"""System tools that make changes take effect. With a root other than "/" only usermod runs, others are only shown."""
 
 import shutil
 import subprocess
@@ -17,11 +17,11 @@ _TIMEOUT_S = 30.0
 
 
 class SystemTools:
-    """Runs the system's tools on the computer that `files` belong to.
+    """Runner of the system's tools on the computer that `files` belong to.
 
     Args:
-        tell: takes each command before it is run, as a line of text.
-        dry: only tell them.
+        tell: receives each command as a line of text, before it is run.
+        dry: whether to show the commands only.
     """
 
     def __init__(self, files: SystemFiles, tell: Callable[[str], None], dry: bool):
@@ -30,12 +30,12 @@ class SystemTools:
         self._dry = dry or not files.live
 
     def load(self, changes: Sequence[Change]) -> None:
-        """Change groups, which works below another root too, and make udev and systemd read what has changed."""
+        """Change groups, also below another root, and make udev and systemd read changed files."""
         for change in changes:
             if isinstance(change, GroupChange):
                 root = [] if self._files.live else ["--prefix", str(self._files.root)]
                 how = "--append" if change.joins else "--remove"
-                usermod = shutil.which("usermod") or "/usr/sbin/usermod"  # which is not on everybody's PATH
+                usermod = shutil.which("usermod") or "/usr/sbin/usermod"  # not on every PATH
                 self._run([usermod, *root, how, "--groups", ",".join(change.groups), change.user], self._dry_run)
         paths = {change.path for change in changes if not isinstance(change, GroupChange)}
         if paths & {RULES, RULES_OF_DEVICES}:
@@ -46,13 +46,13 @@ class SystemTools:
             self._run("systemctl daemon-reload".split())
 
     def rename(self, interface: str, name: str) -> bool:
-        """Have a plugged-in adapter named by its rule and brought up; returns whether it is, or would be.
+        """Let udev name a plugged-in adapter by its rule, and bring it up; returns whether it is, or would be.
 
         It is not while another adapter has the name, such as when two swap theirs.
         """
         index = self._index(interface)
         if interface != name:
-            self._run(["ip", "link", "set", interface, "down"])  # an interface that is up keeps its name
+            self._run(["ip", "link", "set", interface, "down"])  # an interface cannot be renamed while it is up
             self._run(["udevadm", "trigger", "--action=add", f"/sys/class/net/{interface}"])
             self._run(["udevadm", "settle"])
         if not self._dry and (index is None or self._index(name) != index):
@@ -61,12 +61,11 @@ class SystemTools:
         return True
 
     def reset(self, adapter: CanAdapter) -> None:
-        """Take a link down and bring it up."""
         for command in bring_up(adapter):
             self._run(command)
 
     def _index(self, interface: str) -> str | None:
-        """The kernel's number of an interface, which a renaming leaves; None when there is none."""
+        """The kernel's number of an interface, which survives a renaming; None when there is none."""
         return text_of(self._files.root / "sys/class/net" / interface / "ifindex")
 
     def _run(self, command: Sequence[str], dry: bool | None = None) -> None:

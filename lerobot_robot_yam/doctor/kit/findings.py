@@ -1,4 +1,4 @@
-"""The doctor's report, as a table or JSON: facts in rows, and findings, each with the one thing that repairs it."""
+"""Report of the doctor, as text or JSON: facts in rows, and findings, each with one remedy."""
 
 import json
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from typing import Any
 
 
 class Severity(StrEnum):
-    """How much a finding matters. Only problems change the exit status."""
+    """Severity of a finding. Only problems change the exit status."""
 
     PROBLEM = "problem"  # a session would fail, or be unsafe
     WARNING = "warning"  # it works, but not well or not for long
@@ -17,11 +17,11 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing found.
+    """One finding.
 
     Attributes:
         where: interface, channel, motor, file or device.
-        what: what is so, with the numbers.
+        what: the fact, with numbers.
         remedy: one command, or one thing to do.
     """
 
@@ -31,7 +31,7 @@ class Finding:
     remedy: str
 
 
-# Per section its title and the columns of its table: keys of the rows, and the headings of those that differ.
+# Per section its title and the columns of its table: keys of the rows, with "=heading" if that differs.
 _TABLES = {
     "interfaces": (
         "CAN interfaces",
@@ -78,11 +78,11 @@ _TABLES = {
 
 @dataclass
 class Section:
-    """One part of the report.
+    """Part of the report.
 
     Attributes:
-        name: key in the JSON form, and in the table above.
-        rows: facts, JSON values; None is "unknown". The JSON form shows all of a row, the table its columns.
+        name: key in the JSON form, and in `_TABLES`.
+        rows: facts, JSON values; None is "unknown". JSON shows all of a row, the table its columns.
     """
 
     name: str
@@ -90,15 +90,12 @@ class Section:
     findings: list[Finding] = field(default_factory=list)
 
     def problem(self, where: str, what: str, remedy: str) -> None:
-        """Add a problem."""
         self.findings.append(Finding(Severity.PROBLEM, where, what, remedy))
 
     def warn(self, where: str, what: str, remedy: str) -> None:
-        """Add a warning."""
         self.findings.append(Finding(Severity.WARNING, where, what, remedy))
 
     def note(self, where: str, what: str, remedy: str) -> None:
-        """Add a note."""
         self.findings.append(Finding(Severity.NOTE, where, what, remedy))
 
 
@@ -107,7 +104,7 @@ Report = dict[str, Section]
 
 
 def empty_report() -> Report:
-    """A section for each table."""
+    """Make a report with an empty section for each table."""
     return {name: Section(name) for name in _TABLES}
 
 
@@ -122,12 +119,12 @@ def _counts(found: Sequence[Finding]) -> dict[str, int]:
 
 
 def exit_status(report: Report) -> int:
-    """0 when there is no problem, else 1."""
+    """Exit status: 0 when there is no problem, else 1."""
     return int(any(finding.severity is Severity.PROBLEM for finding in _findings(report)))
 
 
 def as_json(report: Report) -> str:
-    """One JSON object: healthy, counts, findings, and per section its rows."""
+    """Format one JSON object: healthy, counts, findings, and per section its rows."""
     found = _findings(report)
     document: dict[str, Any] = {
         "healthy": exit_status(report) == 0,
@@ -139,7 +136,7 @@ def as_json(report: Report) -> str:
 
 
 def as_text(report: Report, verbose: bool = False) -> str:
-    """The verdict; the findings, each with its remedy on the next line; and with `verbose` the tables."""
+    """Format the verdict; the findings, each with its remedy on the next line; and with `verbose` the tables."""
     found = _findings(report)
     counts = _counts(found)
     words = ", ".join(f"{count} {name}{'' if count == 1 else 's'}" for name, count in counts.items())

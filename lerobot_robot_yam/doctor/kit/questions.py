@@ -1,4 +1,4 @@
-"""The only place from which the doctor sends: questions that motors and handles answer and that change nothing.
+"""Questions of the doctor, its only way to send: motors and handles answer them, and they change nothing.
 
 Every frame passes `harmless` before it is sent, so that no mistake elsewhere can enable, move or set anything.
 """
@@ -18,7 +18,7 @@ from lerobot_robot_yam.damiao.registers import Opcode, decode_reply, encode_read
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
 from lerobot_robot_yam.errors import LifeCycleError
 
-_BATCH = 4  # questions sent at once: a transmit queue may hold ten frames only
+_BATCH = 4  # questions sent at once: a transmit queue may hold only ten frames
 _BATCH_PAUSE_S = 0.002
 _REGISTER_TIMEOUT_S, _REGISTER_ATTEMPTS = 0.2, 2
 _HANDLE_TIMEOUT_S = 0.1
@@ -27,7 +27,7 @@ _TO_HANDLE = frozenset({handle_encoder.OP_REPORT, handle_encoder.OP_VERSION, han
 
 
 class Answer(NamedTuple):
-    """A feedback frame: identifier it came with, id nibble and fault nibble inside, its eight bytes, arrival time."""
+    """Feedback frame: identifier it came with, id nibble and fault nibble inside, its eight bytes, arrival time."""
 
     identifier: int
     nibble: int
@@ -44,7 +44,7 @@ def harmless(identifier: int, data: bytes) -> bool:
 
 
 class _QuestionPort(BusPort):
-    """A port that sends what is harmless, and nothing else."""
+    """Port that sends only harmless frames."""
 
     def send(self, messages: Sequence[can.Message]) -> None:
         for message in messages:
@@ -55,7 +55,7 @@ class _QuestionPort(BusPort):
 
 
 class Questions:
-    """Asks on one bus. Not for use while somebody else drives it: answers do not say who has asked.
+    """Questions on one bus. Nobody else may drive the bus meanwhile: answers do not say who has asked.
 
     Raises (every method):
         BusError: the channel is gone or takes no frames.
@@ -66,9 +66,9 @@ class Questions:
         self._port = _QuestionPort(bus, channel)
 
     def refresh(self, motor_ids: Sequence[int], timeout_s: float, settle_s: float) -> list[Answer]:
-        """Ask motors (ids below 16) for feedback; everything that comes until all have answered, and `settle_s` more.
+        """Request feedback of motors (ids below 16); collect answers until all have answered, and for `settle_s` more.
 
-        A second answer of one motor, and one with an unexpected identifier, are among them.
+        The result includes second answers of one motor, and answers with an unexpected identifier.
         """
         self._drain()
         missing = set(motor_ids)
@@ -85,7 +85,7 @@ class Questions:
         return found
 
     def round_trip_s(self, motor_id: int, timeout_s: float) -> float | None:
-        """Time from the question to the arrival of the motor's feedback, None when none comes."""
+        """Time from the question to the arrival of the motor's feedback, s; None without an answer."""
         self._drain()
         self._port.synchronise()
         asked = time.monotonic()
@@ -93,7 +93,7 @@ class Questions:
         return next((max(answer.stamp_s - asked, 0.0) for answer in self._feedback(timeout_s, (motor_id,))), None)
 
     def register(self, motor_id: int, register: int) -> float | None:
-        """Value of a register, whatever identifier the answer has; None when the motor does not tell."""
+        """Read a register, whatever identifier the answer has; None without an answer."""
         for _ in range(_REGISTER_ATTEMPTS):
             self._ask(encode_read(motor_id, register))
             for message in self._frames(_REGISTER_TIMEOUT_S):
@@ -103,11 +103,11 @@ class Questions:
         return None
 
     def handle[T](self, request: bytes, identifier: int, decode: Callable[[bytes], T | None]) -> T | None:
-        """The teaching handle's answer to a question, None without one."""
+        """Send a question to the teaching handle; returns its answer, None without one."""
         return ask_handle(self._port, request, decode, _HANDLE_TIMEOUT_S, identifier)
 
     def encoders(self, joints: int) -> tuple[PassiveEncoders, list[str]]:
-        """A passive leader's reports, and the names of devices that report only when they are asked, or not at all."""
+        """Read a passive leader's reports; returns also the names of devices that do not report by themselves."""
         self._drain()
         found = PassiveEncoders(joints)
         for message in self._frames(_HANDLE_TIMEOUT_S):
@@ -126,7 +126,7 @@ class Questions:
             pass
 
     def _frames(self, timeout_s: float) -> Iterator[can.Message]:
-        """Frames that devices send within a time: no error frames, and no questions of other programs."""
+        """Receive frames of devices within a time: no error frames, and no questions of other programs."""
         deadline = time.monotonic() + timeout_s
         while (remaining := deadline - time.monotonic()) > 0.0:
             message = self._port.recv(remaining)
@@ -134,7 +134,7 @@ class Questions:
                 yield message
 
     def _feedback(self, timeout_s: float, motor_ids: Collection[int]) -> Iterator[Answer]:
-        """Feedback of these motors within a time."""
+        """Receive feedback of these motors within a time."""
         for message in self._frames(timeout_s):
             data, identifier = bytes(message.data), message.arbitration_id
             if len(data) == 8 and identifier not in handle_encoder.HANDLE_IDS and data[0] & 0xF in motor_ids:

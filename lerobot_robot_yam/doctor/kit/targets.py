@@ -1,4 +1,4 @@
-"""The arms that the doctor looks at: named on the command line, read from a LeRobot run config, or all of them."""
+"""Arms that the doctor examines: named on the command line, read from a LeRobot run config, or all of them."""
 
 import dataclasses
 import json
@@ -21,7 +21,7 @@ from lerobot_robot_yam.system.runtime_files import rig_name
 from lerobot_robot_yam.system.strict_yaml import read_yaml
 
 LEADER_GRIPPER = "yam_teaching_handle"
-# Options of an arm that `lerobot-calibrate` has to know.
+# Options of an arm that `lerobot-calibrate` needs.
 _CALIBRATED = ("channel", "interface", "can_options", "arm", "gripper", "calibration_path", "identity_path")
 _CALIBRATED_PASSIVE = ("kind", "joint_sign", "home_rad", "passive_calibration_path")
 # Options that a hand guide shares with its follower, and their defaults.
@@ -35,13 +35,13 @@ _ARM_FIELDS = frozenset(field.name for field in dataclasses.fields(ArmConfig))
 
 @dataclass(frozen=True)
 class Target:
-    """One arm to look at.
+    """Arm to examine.
 
     Attributes:
         config: the arm.
-        declared: whether its arm and gripper were named; else the doctor goes by what answers.
-        calibration: file in which LeRobot's device keeps the gripper's stops, None when that is unknown.
-        calibrate: the command that finds the stops of the grippers of its device, when it is known.
+        declared: whether its arm and gripper were named; else the doctor infers them from the answers.
+        calibration: file in which LeRobot's device keeps the gripper's stops, None when unknown.
+        calibrate: command that finds the stops of the grippers of its device, when known.
     """
 
     config: ArmConfig
@@ -51,7 +51,6 @@ class Target:
 
     @property
     def channel(self) -> str:
-        """The CAN channel."""
         return self.config.channel
 
     @property
@@ -61,22 +60,18 @@ class Target:
 
     @property
     def key(self) -> str:
-        """Name of the channel's lock and blocks."""
+        """Channel key of the lock and the blocks."""
         rig = self.config.can_options.get("rig") if self.config.interface == VIRTUAL else None
         return channel_key(self.config.interface, self.channel, rig)
 
     @cached_property
     def hardware(self) -> ResolvedArm:
-        """Motors and limits as the profiles say.
-
-        Raises:
-            ConfigError: unknown arm or gripper.
-        """
+        """Motors and limits from the profiles. Raises ConfigError: unknown arm or gripper."""
         return ResolvedArm(self.config)
 
     @property
     def driven(self) -> ArmConfig:
-        """Its configuration, with the file of its gripper's stops that LeRobot's device would use."""
+        """Configuration with the file of the gripper's stops that LeRobot's device would use."""
         if self.calibration is None:
             return self.config
         return dataclasses.replace(self.config, calibration_path=str(self.calibration))
@@ -84,14 +79,14 @@ class Target:
 
 @dataclass(frozen=True)
 class Plan:
-    """The arms to look at, and LeRobot's camera configs by name."""
+    """Arms to examine, and LeRobot's camera configs by name."""
 
     targets: tuple[Target, ...] = ()
     cameras: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def followers(self) -> tuple[Target, ...]:
-        """The arms without a teaching handle."""
+        """Arms without a teaching handle."""
         return tuple(target for target in self.targets if target.config.gripper != LEADER_GRIPPER)
 
     @property
@@ -101,16 +96,12 @@ class Plan:
 
     @property
     def real_cameras(self) -> bool:
-        """Whether some cameras are this computer's own, whatever the arms are."""
+        """Whether some cameras belong to this computer, whatever the arms are."""
         return any(camera.get("type") in _REAL_CAMERAS for camera in self.cameras.values())
 
 
 def from_option(text: str, interface: str, rig: str | None) -> Target:
-    """The arm that `NAME[:ARM[:GRIPPER]]` names.
-
-    Raises:
-        ConfigError: it names none, or an unknown arm or gripper.
-    """
+    """Parse `NAME[:ARM[:GRIPPER]]`. Raises ConfigError: malformed, or an unknown arm or gripper."""
     channel, *profiles = text.split(":")
     if not channel or len(profiles) > 2:
         raise ConfigError(f"channel {text!r}: write NAME, NAME:ARM or NAME:ARM:GRIPPER")
@@ -119,22 +110,22 @@ def from_option(text: str, interface: str, rig: str | None) -> Target:
 
 
 def undeclared(channel: str) -> Target:
-    """A CAN interface whose arm was not named."""
+    """Target for a CAN interface whose arm was not named."""
     return Target(ArmConfig(channel=channel, name=channel), declared=False)
 
 
 def from_config(
     path: Path, rig: str | None, check: Callable[[str, Mapping[str, Any], str], None] = lambda *_: None
 ) -> Plan:
-    """Arms and cameras of a LeRobot run config with our robots or teleoperators.
+    """Read arms and cameras from a LeRobot run config with our robots or teleoperators.
 
     Args:
         path: the run config.
         rig: name of the virtual rig, None as the config says.
-        check: looks at each of our devices: section of the config, options, and place for messages.
+        check: called for each of our devices with section of the config, options, and place for messages.
 
     Raises:
-        ConfigError: unreadable, it has none of ours, or what no session would start with.
+        ConfigError: unreadable, none of our devices, or options with which no session would start.
     """
     document = read_yaml(path)
     targets: list[Target] = []
@@ -188,7 +179,7 @@ def calibration_root() -> Path:
 
 
 def _of_one_arm(device: Mapping[str, Any]) -> str:
-    """The type of the device with one arm: "yam_leader" for "bi_i2rt_yam_leader"."""
+    """Device type for one arm: "yam_leader" for "bi_i2rt_yam_leader"."""
     return str(device.get("type")).removeprefix("bi_").replace("i2rt_", "")
 
 
@@ -205,7 +196,7 @@ def _arms(device: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]
 
 
 def _check_guide(guide: Mapping[str, Any], robot: Mapping[str, Any], where: str) -> None:
-    """Refuse a hand guide that speaks of another follower than the config's: it would end at its first action."""
+    """Refuse a hand guide whose follower differs from the config's: it would fail at its first action."""
     if not robot or str(guide["type"]).startswith("bi_") != str(robot["type"]).startswith("bi_"):
         raise ConfigError(
             f"{where}: a hand guides a yam_follower, two hands guide a bi_yam_follower: name that as robot"
@@ -219,7 +210,7 @@ def _check_guide(guide: Mapping[str, Any], robot: Mapping[str, Any], where: str)
 
 
 def _calibrate(section: str, device: Mapping[str, Any], arms: Mapping[str, Mapping[str, Any]]) -> str:
-    """LeRobot's command for this very device: its files are found by type and id."""
+    """Format LeRobot's calibration command for this device, whose files are found by type and id."""
     given = {name: device[name] for name in ("type", "id", "calibration_dir") if device.get(name) is not None}
     names = (*_CALIBRATED, *_CALIBRATED_PASSIVE) if _of_one_arm(device) == _PASSIVE else _CALIBRATED
     for prefix, arm in arms.items():
@@ -238,7 +229,7 @@ def _cameras(options: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 
 def _passive_target(arm: Mapping[str, Any], name: str, rig: str | None, calibration: Path) -> Target:
-    """A leader without motors. `calibration`: where its zeros are, unless its options say so."""
+    """Target for a leader without motors. `calibration`: file of its zeros, unless its options name one."""
     target = _target({**arm, "gripper": LEADER_GRIPPER}, name, rig)
     kind = arm.get("kind", "desk")
     if kind not in JOINT_SIGNS:
@@ -259,11 +250,11 @@ def _target(values: Mapping[str, Any], name: str, rig: str | None) -> Target:
     known = {key: value for key, value in values.items() if key in _ARM_FIELDS}
     options = dict(known.pop("can_options", None) or {})
     if known.get("interface") == VIRTUAL:
-        options.pop("operator", None)  # no leader may move while the doctor looks
+        options.pop("operator", None)  # no leader may move meanwhile
         options["rig"], _ = rig_name(rig or options.get("rig"))
     try:
         target = Target(ArmConfig(**{"name": name, **known, "can_options": options}))
-        _ = target.hardware  # profiles that there are
+        _ = target.hardware  # raises for unknown profiles
     except TypeError as error:  # no channel
         raise ConfigError(f"{name}: {error}") from error
     return target
