@@ -73,9 +73,7 @@ class LinkError(YamError, ConnectionError):
 
 
 class PlanError(YamError, RuntimeError):
-    """A motion cannot be planned as asked: out of reach, beyond a limit, through a singularity, too near; or the
-    command is malformed. Nothing moves.
-    """
+    """A motion cannot be planned: out of reach, beyond a limit, singular, too near, or malformed. Nothing moves."""
 
 
 class ControllerError(YamError, RuntimeError):

@@ -146,7 +146,7 @@ class FollowerBase(ArmDevice, Robot):
             self.clock.sleep(_CATCH_UP_TICK_S)
 
     def _rehearse(self) -> None:
-        """Observe and follow the leaders as a recording does; what fails here fails again, and is told of, there."""
+        """Observe and follow the leaders as a recording does. Errors are only logged: the recording repeats them."""
 
         def step() -> dict[str, Any]:
             self._arms.observe()
@@ -278,7 +278,7 @@ class FollowerBase(ArmDevice, Robot):
         return self._write_targets(target)
 
     def _write_targets(self, target: np.ndarray, leaders: Sequence[str | None] | None = None) -> np.ndarray:
-        """Give the arms a target (n,). leaders: of each arm the channel key of the leader whose action this is."""
+        """Write a target (n,) to the arms. leaders: per arm the channel key of the leader that it comes from."""
         sent = target.copy()
         now = self._arms.clock.now()
         permitted_s = _PERMITTED_S + min(max(now - self._coupled_s, 0.0), _PERMITTED_S)  # and one frame of the caller

@@ -112,11 +112,7 @@ class TakenArms:
 
 
 class WayBack:
-    """The last actions, and the way back along them.
-
-    Args:
-        count: of actions that are kept.
-    """
+    """Store of the last `count` actions, for the way back along them."""
 
     def __init__(self, count: int):
         self._actions: deque[Action] = deque(maxlen=max(count, 1))

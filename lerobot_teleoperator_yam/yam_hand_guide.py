@@ -99,7 +99,7 @@ class HandGuideBase(Uncopied, Teleoperator):
 
     @cached_property
     def action_features(self) -> dict[str, type]:
-        """Those of the follower: `joint_1.pos` … (or `ee_x.pos` …), `gripper.pos`; of two with `left_` and `right_`."""
+        """Features of the follower: `joint_1.pos` … (or `ee_x.pos` …), `gripper.pos`; with prefixes for two."""
         joints, gripper = load_arm(self.config.arm).joint_count, load_gripper(self.config.gripper).motor is not None
         names: list[str] = []
         for prefix in self.config.prefixes():
@@ -126,11 +126,7 @@ class HandGuideBase(Uncopied, Teleoperator):
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
-        """Be the guide of the follower that this process connects next. Energises nothing.
-
-        Raises:
-            ConfigError: there is another guide.
-        """
+        """Announce the guide, without energising, to the next follower. Raises ConfigError: there is another guide."""
         self._guidance.announce()
         self._openings = [None] * len(self._openings)
         self._connected = True

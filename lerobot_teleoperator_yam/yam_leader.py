@@ -42,11 +42,7 @@ _GATE_WORDS = {
 
 
 class GateVoice:
-    """Says aloud what gates do, with LeRobot's voice, where a command's option `play_sounds` has it on.
-
-    Args:
-        together: all leaders have one gate.
-    """
+    """Announcements of gates by LeRobot's voice, if the command's option `play_sounds` is on. together: one for all."""
 
     def __init__(self, together: bool):
         self._together = together
@@ -207,11 +203,7 @@ class LeaderBase(ArmDevice, Teleoperator):
 
     @check_if_not_connected
     def get_teleop_events(self) -> dict[TeleopEvents, bool]:
-        """What LeRobot's RL stack asks at each step: whether a person drives, and how the episode ends.
-
-        Raises:
-            StaleStateError: an arm is silent.
-        """
+        """Events for LeRobot's RL stack: who drives, how the episode ends. Raises StaleStateError: an arm is silent."""
         return self._events.take()
 
     def _led(self, key: str, follower_key: str, state: ArmState) -> tuple[float, ...] | None:
