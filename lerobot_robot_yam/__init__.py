@@ -1,7 +1,6 @@
 """I2RT YAM arms, real or virtual, for LeRobot.
 
-Importing this package costs next to nothing: the types are registered when LeRobot is there (or comes later), and
-the public names are loaded when they are first used.
+Importing this package is cheap: types are registered once LeRobot is imported, and public names load on first use.
 """
 
 import importlib
@@ -36,7 +35,7 @@ _MODULES = {
     "YamRealsenseCameraConfig": "config_yam_realsense",
 }
 __all__ = list(_MODULES)
-# They need waldoctl, so that `import *` leaves them out.
+# Names that `import *` leaves out, since they need waldoctl.
 _MODULES |= {"RobotClient": "waldo.client.sync_client", "AsyncRobotClient": "waldo.client.async_client"}
 
 registration.register()

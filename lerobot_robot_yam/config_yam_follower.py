@@ -23,7 +23,7 @@ class FollowerArmConfig(ArmConfig):
     )
 
     def __post_init__(self) -> None:
-        """No checks yet: they come with the other arm's, and know which side this is."""
+        """Postpone the checks until both arms are known, with their sides."""
 
 
 @register_as(RobotConfig, "yam_follower", spare="i2rt_yam_follower")

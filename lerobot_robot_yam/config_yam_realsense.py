@@ -36,12 +36,12 @@ class YamRealsenseCameraConfig(CameraConfig):
     root: str = option("directory with sys and dev, in place of this computer's: for tests", "/")
 
     def __post_init__(self) -> None:
-        """Refuse what cannot work; under a LeRobot command also a camera that is not there.
+        """Refuse impossible values and, under a LeRobot command, a missing camera.
 
         Raises:
             RefusedConfigError: says what to do.
         """
-        # LeRobot's start must not wait
+        # imported late, to keep LeRobot's start quick
         from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 
         self.color_mode, self.rotation = ColorMode(self.color_mode), Cv2Rotation(self.rotation)

@@ -12,7 +12,7 @@ from lerobot_robot_yam.follower_options import FollowerOptions, refuse_follower
 
 
 class _RemoteFollowers(RemoteOptions, FollowerOptions):
-    """The arms are what the host says."""
+    """Options of followers whose arms the host describes."""
 
     def arms(self) -> Mapping[str, ArmConfig]:
         return {prefix: ArmConfig(**options) for prefix, options in self.hosted.options.items()}

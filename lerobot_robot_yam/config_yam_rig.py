@@ -22,8 +22,8 @@ class YamRigConfig(RobotConfig):
     )
     cameras: bool = option("false: without the file's cameras", True)
 
-    def __new__(cls, **given: Any) -> RobotConfig:  # of the type that the file says
-        # LeRobot's start must not wait for it
+    def __new__(cls, **given: Any) -> RobotConfig:  # returns a config of the type in the file
+        # imported late, to keep LeRobot's start quick
         from lerobot_robot_yam.face.lerobot_command.config_refusal import rig_device
 
         return rig_device(RobotConfig, "robot", given)

@@ -1,4 +1,4 @@
-"""The one error tree. Every message names what failed and says what to check."""
+"""Errors of this package. Every message names what failed and says what to check."""
 
 
 class YamError(Exception):
@@ -8,7 +8,7 @@ class YamError(Exception):
 class ConfigError(YamError):
     """A configuration cannot be used (unknown arm, gripper, channel, wrong value).
 
-    No ValueError: LeRobot's parser would replace those by an error that does not say why.
+    It is no ValueError, since LeRobot's parser replaces those by an error without the reason.
     """
 
 
@@ -17,7 +17,7 @@ class ActionError(YamError, ValueError):
 
 
 class ObservationError(YamError, ValueError):
-    """An observation for a policy lacks something, or has a wrong shape or type; the policy was not asked."""
+    """An observation for a policy lacks something, or has a wrong shape or type; the policy was not run."""
 
 
 class BusError(YamError, OSError):
@@ -49,11 +49,11 @@ class GripperError(YamError, RuntimeError):
 
 
 class SetupError(YamError, RuntimeError):
-    """This computer cannot be set up as asked: no rights, no such adapter, a name that is taken."""
+    """This computer cannot be set up as requested: no rights, no such adapter, a name that is taken."""
 
 
 class RigError(YamError, RuntimeError):
-    """The virtual rig could not be started, reached or asked."""
+    """The virtual rig could not be started or reached, or refused a request."""
 
 
 class EmergencyStopError(YamError, RuntimeError):
@@ -69,7 +69,7 @@ class PolicyServerError(YamError, ConnectionError):
 
 
 class LinkError(YamError, ConnectionError):
-    """The computer that has the arms cannot be reached, does not answer, or said something that is no message."""
+    """The computer that has the arms cannot be reached, does not answer, or sent a malformed message."""
 
 
 class PlanError(YamError, RuntimeError):

@@ -1,6 +1,6 @@
-"""Options of followers, one arm or two, of this computer or of another one, and their checks.
+"""Options of followers, one arm or two, of this computer or another one, and their checks.
 
-Without LeRobot's robots: its registry loads all configs at once.
+Does not import LeRobot's robots, whose registry loads all configs at once.
 """
 
 from abc import ABC, abstractmethod
@@ -52,14 +52,14 @@ class FollowerOptions(ABC):
 
     @abstractmethod
     def arms(self) -> Mapping[str, ArmConfig]:
-        """The arms by feature prefix, in canonical order."""
+        """Arms by feature prefix, in canonical order."""
 
     def runs(self) -> "Isolation":
         """Where the control loop runs, see `ArmSession`."""
         return self.isolation
 
     def all_cameras(self) -> dict[str, CameraConfig]:
-        """Every camera under the name that its images have in observations.
+        """Every camera by the name of its images in observations.
 
         Raises:
             ConfigError: two cameras have the same name, or one lacks its size or rate.
@@ -74,33 +74,29 @@ class FollowerOptions(ABC):
         return names
 
     def action_keys(self) -> list[str]:
-        """Keys of an action, in canonical order.
-
-        Raises:
-            ConfigError: unknown arm or gripper.
-        """
-        from lerobot_robot_yam.face.devices import feature_names  # loads profiles: LeRobot's start must not wait for it
+        """Keys of an action, in canonical order. Raises ConfigError: unknown arm or gripper."""
+        from lerobot_robot_yam.face.devices import feature_names  # loads profiles: late, for a quick start
 
         return feature_names.action_keys(self.arms(), self.action_space)
 
     def state_keys(self) -> list[str]:
-        """Keys of all numbers of an observation: those of an action, then the optional ones."""
+        """Keys of all numbers of an observation: the keys of an action, then the optional ones."""
         from lerobot_robot_yam.face.devices.feature_names import motors_of
 
         return self.action_keys() + self.optional_keys(motors_of(self.arms()))
 
     def optional_keys(self, motors: Sequence[str]) -> list[str]:
-        """Keys of the numbers of an observation that are switched on, of motors in canonical order."""
+        """Keys of the optional numbers that are switched on, of motors in canonical order."""
         kinds = ["vel"] * self.observe_velocity + ["torque"] * self.observe_torque
         kinds += ["temp_mos", "temp_rotor"] * self.observe_temperature
         return [f"{motor}.{kind}" for kind in kinds for motor in motors]
 
 
 def refuse_follower(device: str, config: Any) -> None:
-    """Refuse a config of which no robot can be made; raises RefusedConfigError."""
+    """Refuse a config from which no robot can be made. Raises RefusedConfigError."""
     from lerobot.robots.config import RobotConfig
 
-    # LeRobot's start must not wait for these
+    # imported late, to keep LeRobot's start quick
     from lerobot_robot_yam.face.lerobot_command.command_checks import check_cli
     from lerobot_robot_yam.face.lerobot_command.config_refusal import refuse
 

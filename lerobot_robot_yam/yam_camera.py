@@ -1,4 +1,4 @@
-"""A camera of the virtual rig as a LeRobot camera."""
+"""Camera of the virtual rig as a LeRobot camera."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from lerobot_robot_yam.rig.scene.scene import load_scene
 
 
 class YamSimCamera(Camera):
-    """Images (height, width, 3) uint8 RGB, rendered by the rig in another process."""
+    """Camera whose images (height, width, 3) uint8 RGB the rig renders in another process."""
 
     def __init__(self, config: YamSimCameraConfig):
         super().__init__(config)
@@ -37,7 +37,7 @@ class YamSimCamera(Camera):
 
     @staticmethod
     def find_cameras() -> list[dict[str, Any]]:
-        """The cameras of the default scene."""
+        """List the cameras of the default scene."""
         return [
             {"name": camera.name, "type": "yam_sim", "id": camera.name, "default_fps": 30}
             for camera in load_scene().cameras
@@ -45,35 +45,27 @@ class YamSimCamera(Camera):
 
     @check_if_already_connected
     def connect(self, warmup: bool = True) -> None:
-        """Reach the rig, or start it, and wait for the first image (whatever `warmup` says: it costs nothing more).
+        """Connect to the rig, or start it, and wait for the first image. `warmup` has no effect.
 
         Raises:
-            ConfigError: there is no such camera, or not of that size and rate.
+            ConfigError: there is no such camera, or it cannot have this size and rate.
             RigError: no rig, no OpenGL.
         """
         self._camera.connect()
 
     @check_if_not_connected
     def read(self) -> np.ndarray:
-        """The next image that was not returned yet.
-
-        Raises:
-            StaleStateError: none within a second.
-        """
+        """Wait for the next image that was not returned yet. Raises StaleStateError: none within a second."""
         return self._camera.wait_new(1.0)[0]
 
     @check_if_not_connected
     def async_read(self, timeout_ms: float = 200) -> np.ndarray:
-        """The next image that was not returned yet.
-
-        Raises:
-            StaleStateError: none within timeout_ms; it is a TimeoutError.
-        """
+        """Wait for the next image that was not returned yet. Raises StaleStateError (a TimeoutError): none in time."""
         return self._camera.wait_new(timeout_ms / 1e3)[0]
 
     @check_if_not_connected
     def read_latest(self, max_age_ms: int = 500) -> np.ndarray:
-        """The newest image, at once; a private, writable copy.
+        """Return the newest image at once, as a private, writable copy.
 
         Raises:
             StaleStateError: it is older than max_age_ms; it is a TimeoutError.
@@ -81,5 +73,5 @@ class YamSimCamera(Camera):
         return self._camera.latest(max_age_ms / 1e3)[0]
 
     def disconnect(self) -> None:
-        """Leave the rig. Idempotent."""
+        """Disconnect from the rig. Idempotent."""
         self._camera.close()

@@ -1,4 +1,4 @@
-"""A YAM robot as a gymnasium environment, real or virtual: paced at fps, or in lock-step with a virtual rig."""
+"""YAM robot as a gymnasium environment, real or virtual: paced at fps, or in lock-step with a virtual rig."""
 
 import contextlib
 import copy
@@ -29,23 +29,23 @@ from lerobot_robot_yam.yam_follower import FollowerBase
 logger = logging.getLogger(__name__)
 
 _DEFAULT_TIME_LIMIT_S = 30.0
-_ARRIVED = 0.05  # rad, or of the gripper's stroke
+_ARRIVED = 0.05  # distance from the reset pose that counts as reached, rad or strokes
 _REACH_TIMEOUT_S = 30.0
-_GRIP_S = 2.0  # joints that are there wait so long for grippers: these may have closed on something
-_SPECTATOR_SIZE = 320, 240  # pixels
-_SETTLE_S = 0.5  # at the reset pose, before an episode begins
+_GRIP_S = 2.0  # wait for grippers once the joints are at the reset pose, s: they may have closed on something
+_SPECTATOR_SIZE = 320, 240  # width and height of the spectator's image, pixels
+_SETTLE_S = 0.5  # rest at the reset pose before an episode begins, s
 
 
 class YamEnv(gym.Env):
-    """One robot. It is connected by the first reset and landed by close.
+    """Environment with one robot, connected by the first reset and landed by close.
 
     Observations: {"agent_pos": (n,) float32, "pixels": {camera: (height, width, 3) uint8}}; actions (m,): the robot's
     action vector in canonical order and its units.
 
     Args:
         config: the environment.
-        index: which of `count` environments of a vector this is; virtual ones have a rig each.
-        count: how many there are.
+        index: number of this environment in a vector; virtual ones have a rig each.
+        count: number of environments in the vector.
 
     Raises:
         ConfigError: what the task needs is not there, or an option does not fit the robot.
@@ -79,7 +79,7 @@ class YamEnv(gym.Env):
         if name is not None and name not in there:
             raise ConfigError(f"env.render_camera: there is no camera '{name}'; there are {', '.join(there) or 'none'}")
         self._start_pose: np.ndarray | None = None
-        self.sent = np.zeros(len(self._action_keys))  # the last action, as the robot has taken it
+        self.sent = np.zeros(len(self._action_keys))  # last action that the robot was really sent
         self._rig: RigControl | LockstepRig | None = None
         self._robot: FollowerBase | None = None
         self._referee: Referee | None = None
@@ -91,13 +91,13 @@ class YamEnv(gym.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Move to the reset pose, have the scene laid out, and look.
+        """Move to the reset pose, let the referee arrange the scene, and observe.
 
         Raises:
             YamError: the robot or the rig fails, or the pose is not reached.
         """
         super().reset(seed=seed)
-        if self._config.lockstep:  # the world begins anew, so that nothing of an episode depends on earlier ones
+        if self._config.lockstep:  # restart the world, so that episodes do not depend on earlier ones
             if self._robot is not None:
                 self._robot.discard()
             if isinstance(self._rig, LockstepRig):
@@ -111,7 +111,7 @@ class YamEnv(gym.Env):
         return self._look(robot)[0], {"is_success": False}
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Send one action, let 1 / fps pass, look and judge; the reward is 1 for success.
+        """Send one action, let 1 / fps pass, observe and judge; the reward is 1 for success.
 
         Raises:
             YamError: the action is not finite or not of this robot's size (nothing moves), or the robot fails.
@@ -134,9 +134,9 @@ class YamEnv(gym.Env):
         return observation, float(verdict.success), verdict.over, cut, {"is_success": verdict.success}
 
     def render(self) -> np.ndarray:
-        """The newest image of the render camera, (height, width, 3) uint8: one of the robot's or of the virtual rig.
+        """Newest image of the render camera, (height, width, 3) uint8: one of the robot's or of the virtual rig.
 
-        Black without a camera: `lerobot-eval` always asks for an image, even if no video is made.
+        Black without a camera: `lerobot-eval` always requests an image, even if no video is made.
         """
         if self._frame is not None:
             return self._frame
@@ -157,12 +157,12 @@ class YamEnv(gym.Env):
         return [camera.name for camera in load_scene(self._scene, self._rig_options()).cameras]
 
     def _rig_options(self) -> dict[str, Any]:
-        """Options of the virtual rig that is started; one in lock-step has no arms but the robot's."""
+        """Options for starting the virtual rig; one in lock-step has only the robot's arms."""
         arms = [arm.channel for arm in self._robot_config.arms().values()]
         return {**({"arms": arms} if self._config.lockstep else {}), **self._config.rig_options}
 
     def _task_row(self) -> Task | None:
-        """The task as the scene of a virtual rig describes it."""
+        """Task in the scene of a virtual rig; None without one. Raises ConfigError: the scene has no such task."""
         if not self._virtual or self._config.task is None:
             return None
         task = self._config.task
@@ -177,7 +177,7 @@ class YamEnv(gym.Env):
         return [arm.channel.removeprefix("follower_") for arm in self._robot_config.arms().values()]
 
     def lockstep_task(self) -> tuple[LockstepRig, str]:
-        """The rig in lock-step and its task, after a reset; for scripted operators.
+        """Rig in lock-step and its task, after a reset; for scripted operators.
 
         Raises:
             ConfigError: there is no such rig, or it has no task.
@@ -187,15 +187,15 @@ class YamEnv(gym.Env):
         return self._rig, self._task.name
 
     def action_of(self, joints: np.ndarray) -> np.ndarray:
-        """The action that asks for these joints (rad) and grippers (0 … 1), (n,) in canonical order."""
+        """Convert joints (rad) and grippers (0 … 1), (n,) in canonical order, to an action."""
         robot, _ = self._connected()
         return np.array(list(robot.action_for(joints).values()), np.float32)
 
     def close(self) -> None:
-        """Land the arms (in lock-step their world just ends) and let go of everything. Idempotent."""
+        """Land the arms (in lock-step their world just ends) and release everything. Idempotent."""
         robot, parts = self._robot, (self._rig, self._referee, self._spectator)
         self._robot = self._rig = self._referee = self._spectator = None
-        with contextlib.ExitStack() as rest:  # what comes last here is done first: the arms land before all else
+        with contextlib.ExitStack() as rest:  # runs in reverse order: the arms land first
             for part in parts:
                 if part is not None:
                     rest.callback(part.close)
@@ -203,7 +203,7 @@ class YamEnv(gym.Env):
                 rest.callback(robot.discard if self._config.lockstep else robot.disconnect)
 
     def _connected(self) -> tuple[FollowerBase, Referee]:
-        """Robot and referee; they are made and connected when they are first needed, the rig before all."""
+        """Robot and referee, made and connected when they are first needed; the rig comes first."""
         if self._referee is None:
             self._referee = self._make_referee()
         if self._robot is None:
@@ -233,7 +233,7 @@ class YamEnv(gym.Env):
         return referee
 
     def _person(self) -> Referee:
-        """Lays the scene out on real arms: a person at the keyboard, where there is one."""
+        """Referee for real arms: a person at the keyboard if there is one, who arranges the scene."""
         if not self._virtual:
             try:
                 return OperatorReferee(self._config.task or "")
@@ -256,7 +256,7 @@ class YamEnv(gym.Env):
         return RigControl(next(iter(arms.values())).can_options.get("rig"), self._scene, **self._rig_options())
 
     def _join(self, rig: LockstepRig) -> None:
-        """Make the channels of the robot's arms, and its cameras, those of the rig."""
+        """Assign the channels of the robot's arms, and its cameras, to the rig."""
         rows = {row.channel: row for row in rig.device.scene.arms}
         self._robot_config.isolation = "lockstep"
         for arm in self._robot_config.arms().values():
@@ -267,7 +267,7 @@ class YamEnv(gym.Env):
             calibration = load_gripper(row.gripper).calibration
             if arm.gripper_stops_rad is None and calibration is not None:
                 stops = calibration.nominal_stops_rad if row.stops_rad is None else row.stops_rad
-                arm.gripper_stops_rad = [float(stop) for stop in stops]  # stored ones would make runs differ
+                arm.gripper_stops_rad = [float(stop) for stop in stops]  # stored stops would make runs differ
         for name, camera in self._robot_config.all_cameras().items():
             if camera.type != "yam_sim":
                 raise ConfigError(f"camera {name}: type {camera.type}; in lock-step only yam_sim keeps the rig's time")
@@ -309,13 +309,13 @@ class YamEnv(gym.Env):
                 )
 
     def _reset_pose(self) -> np.ndarray | None:
-        """Joints and grippers from which episodes begin."""
+        """Joints and grippers at which episodes begin; None: anywhere."""
         if self._config.reset_pose is not None:
             return np.array(self._config.reset_pose, float)
         if self._task is None or self._rig is None:
             return None
         setup = make_setup(self._rig.scene(), self._task.name)
-        pose = np.ones(len(self._motors))  # grippers open
+        pose = np.ones(len(self._motors))  # opens the grippers
         pose[self._is_joint] = np.concatenate([setup.home_rad(side) for side in self.sides])
         return pose
 
@@ -326,7 +326,7 @@ class YamEnv(gym.Env):
         return dict(zip(keys, values.tolist(), strict=True))
 
     def _look(self, robot: FollowerBase) -> tuple[dict[str, Any], dict[str, Any]]:
-        """The observation of a policy, and that of the robot."""
+        """Observe; returns the observation of a policy, and that of the robot."""
         seen = robot.get_observation()
         pixels = {name: seen[name] for name in self._cameras}
         self._frame = pixels.get(self._config.render_camera or next(iter(pixels), ""))

@@ -1,4 +1,4 @@
-"""Follower arms as a LeRobot robot: one arm, and what one arm and two have in common."""
+"""Follower arms as a LeRobot robot: one arm, two arms, and their common base class."""
 
 import inspect
 import logging
@@ -30,15 +30,15 @@ from lerobot_robot_yam.system.clock import Clock
 
 logger = logging.getLogger(__name__)
 
-_CAUGHT_UP_RAD = 0.15  # what a follower stays behind a leader that moves
-_CATCH_UP_S = 3.0  # more than the way takes at the speed limit
-_CATCH_UP_TICK_S = 0.02
-_PERMITTED_S = 0.1  # after a leader's action was passed on, to follow that leader without the caller
-_SAME = 1e-6  # rad, of the stroke: what the shared memory's numbers lose
+_CAUGHT_UP_RAD = 0.15  # distance that counts as caught up, rad: the lag behind a moving leader
+_CATCH_UP_S = 3.0  # time for catching up beyond that of the way at the speed limit, s
+_CATCH_UP_TICK_S = 0.02  # period of targets while catching up, s
+_PERMITTED_S = 0.1  # time to follow a leader without the caller after its action was passed on, s
+_SAME = 1e-6  # tolerance of equal targets, rad or strokes: the rounding in shared memory
 
 
 class FollowerBase(ArmDevice, Robot):
-    """One follower arm or two.
+    """Robot with one follower arm or two.
 
     Args:
         config: `YamFollowerConfig` or `BiYamFollowerConfig`.
@@ -50,7 +50,7 @@ class FollowerBase(ArmDevice, Robot):
         options: FollowerOptions = config
         arms = options.arms()
         check_switches(self.name, options)
-        # Data sets of tool poses do not tell a unit of what is beside them.
+        # Data sets of tool poses do not state the unit of further joints.
         self._use_degrees = options.use_degrees and options.action_space == "joint"
         self.name = recorded_name(self.name, options.use_degrees, options.action_space)
         self.robot_type = self.name
@@ -61,7 +61,7 @@ class FollowerBase(ArmDevice, Robot):
         self.cameras = make_cameras_from_configs(self._camera_configs)
         self._images = ImageReader(self.cameras, self._camera_configs)
         self._last_action: dict[str, Any] = {}
-        self._coupled_s = -math.inf  # when a leader's action was passed on last
+        self._coupled_s = -math.inf  # time at which a leader's action was passed on last
         self._extra_keys = options.optional_keys(self._arms.motors)
         self.bus = MotorBus(self._arms, self.send_action)  # for LeRobot's RL stack
         self._episodes, self._desk = EpisodeLog(None), SessionDesk()
@@ -69,7 +69,7 @@ class FollowerBase(ArmDevice, Robot):
 
     @cached_property
     def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
-        """Positions of all arms first, in canonical order; then the optional values; then the images."""
+        """Positions of all arms, in canonical order; then the optional values; then the images."""
         keys = [*self._space.keys, *self._extra_keys]
         return {**dict.fromkeys(keys, float), **self._image_features()}
 
@@ -85,18 +85,18 @@ class FollowerBase(ArmDevice, Robot):
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
-        """Open the cameras, then energise the arms, which hold where they are. All of it or nothing.
+        """Open the cameras, then energise the arms, which hold their pose. All of it or nothing.
 
-        Under a LeRobot command that has connected their leaders the arms then move to where those are: a recording
-        that begins now shows no approach.
+        Under a LeRobot command with connected leaders the arms then move to the leaders' pose, so that a recording does
+        not begin with the approach.
 
         Args:
-            calibrate: seek the grippers' stops where none are known. False: seek nothing, and put stops aside that do
-                not fit; without any, nothing but `calibrate` can follow.
+            calibrate: search the grippers' stops if they are unknown. False: search nothing, and ignore stored stops
+                that do not fit; without stops only `calibrate` can follow.
 
         Raises:
             YamError: an arm cannot be driven.
-            Exception: a camera cannot be opened, as its class says.
+            Exception: a camera cannot be opened; see its class.
         """
         self._episodes = EpisodeLog(inspect.currentframe())
         self._desk.begin(inspect.currentframe())
@@ -122,7 +122,7 @@ class FollowerBase(ArmDevice, Robot):
             raise
 
     def _catch_up(self) -> None:
-        """Go to where the leaders are, if there are any; an arm that has failed says so at the first observation."""
+        """Move to the leaders' pose, if there are leaders; a failed arm is reported by the first observation."""
         leaders = self._arms.leader()
         if leaders is None or leaders.give_action is None:
             return
@@ -162,11 +162,11 @@ class FollowerBase(ArmDevice, Robot):
 
     @property
     def clock(self) -> Clock:
-        """The time in which the arms live: the computer's, or that of a rig in lock-step."""
+        """Clock of the arms: the computer's, or that of a rig in lock-step."""
         return self._arms.clock
 
     def discard(self) -> None:
-        """Leave a world in lock-step that is thrown away: nothing lands. Idempotent."""
+        """End the session in a lock-step world that is thrown away, without landing. Idempotent."""
         if self._guidance is not None:
             self._guidance.detach(self._arms)
         self._arms.discard()
@@ -195,16 +195,16 @@ class FollowerBase(ArmDevice, Robot):
     @check_if_not_connected
     @saves_finished_episode
     def get_observation(self) -> dict[str, Any]:
-        """Measured positions and the newest images; one that is late is waited for, see `images`.
+        """Measured positions and the newest images; waits for a late image, see `images`.
 
         Raises:
             MotorError: a motor has failed.
-            StaleStateError: an arm or a camera has nothing fresh to say; the arms hold.
+            StaleStateError: an arm or a camera has no fresh data; the arms hold.
         """
         states = self._arms.observe()
         images, waited = self._images.read()
         if waited:
-            states = self._arms.observe()  # they have moved on
+            states = self._arms.observe()  # the arms have moved meanwhile
         observation: dict[str, Any] = dict(self._space.action(_measured(states)))
         if self._extra_keys:
             observation.update(zip(self._extra_keys, self._extras(states), strict=True))
@@ -228,13 +228,13 @@ class FollowerBase(ArmDevice, Robot):
     @check_if_not_connected
     @saves_finished_episode
     def send_action(self, action: Mapping[str, Any]) -> dict[str, float]:
-        """Give the arms targets; they move there under their speed limits.
+        """Send targets to the arms; they move there under their speed limits.
 
         Args:
-            action: a number (0-d tensors are numbers) for every key of `action_features`, no others.
+            action: a number (0-d tensors count) for every key of `action_features`, no others.
 
         Returns:
-            The targets really sent, after the arms' reach, joint limits and max_relative_target; what is held, when
+            The targets really sent, after the arms' reach, joint limits and max_relative_target; the held targets when
             LeRobot pauses and repeats its last action.
 
         Raises:
@@ -253,23 +253,23 @@ class FollowerBase(ArmDevice, Robot):
             sent = self._write_targets(target)
         else:
             target, leaders = coupling
-            self._space.begin()  # the next pose is looked for from here, not from before
+            self._space.begin()  # inverse kinematics starts from here next time
             sent = self._write_targets(target, leaders)
         self._episodes.sent(changed=not np.allclose(sent, target, rtol=0.0, atol=_SAME))
         self._last_action = dict(action)
         return self._space.action(sent)
 
     def _is_last(self, action: Mapping[str, Any]) -> bool:
-        """As LeRobot gave it: inverse kinematics would not answer twice bit for bit the same."""
+        """Whether `action` repeats LeRobot's last one; compares actions, since inverse kinematics is not repeatable."""
         last = self._last_action
         return last.keys() == action.keys() and all(np.array_equal(action[key], last[key]) for key in last)
 
     @check_if_not_connected
     def send_joints(self, target: np.ndarray) -> np.ndarray:
-        """Give the arms a target (n,) in canonical order, rad, grippers 0 … 1, whatever the unit of actions is.
+        """Send a target (n,) in canonical order, rad, grippers 0 … 1, whatever the unit of actions is.
 
         Returns:
-            What was really sent, (n,).
+            The target really sent, (n,).
 
         Raises:
             ActionError: not finite; nothing was sent to the arm concerned.
@@ -281,7 +281,7 @@ class FollowerBase(ArmDevice, Robot):
         """Write a target (n,) to the arms. leaders: per arm the channel key of the leader that it comes from."""
         sent = target.copy()
         now = self._arms.clock.now()
-        permitted_s = _PERMITTED_S + min(max(now - self._coupled_s, 0.0), _PERMITTED_S)  # and one frame of the caller
+        permitted_s = _PERMITTED_S + min(max(now - self._coupled_s, 0.0), _PERMITTED_S)  # plus one period of the caller
         if leaders is not None:
             self._coupled_s = now
         for side, leader in zip(self._arms.sides, leaders or [None] * len(self._arms.sides), strict=True):
@@ -294,12 +294,12 @@ class FollowerBase(ArmDevice, Robot):
         return sent
 
     def action_for(self, joints: np.ndarray) -> dict[str, float]:
-        """The action that asks for a target in joint coordinates (n,), as `send_joints` takes it."""
+        """Convert a target in joint coordinates (n,), as for `send_joints`, to an action."""
         return self._space.action(joints)
 
     @check_if_not_connected
     def joints(self) -> np.ndarray:
-        """Measured joints and grippers, (n,) in canonical order, rad and 0 … 1.
+        """Measure joints and grippers, (n,) in canonical order, rad and 0 … 1.
 
         Raises:
             YamError: an arm is silent or has failed.
@@ -329,4 +329,4 @@ class BiYamFollower(FollowerBase):
     name = "bi_yam_follower"
 
 
-I2rtYamFollower, BiI2rtYamFollower = YamFollower, BiYamFollower  # LeRobot finds the devices of the spare types by these
+I2rtYamFollower, BiI2rtYamFollower = YamFollower, BiYamFollower  # LeRobot's lookup of the spare types' devices

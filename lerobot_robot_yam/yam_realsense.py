@@ -1,4 +1,4 @@
-"""A RealSense as a LeRobot camera: with librealsense or as UVC, by serial number, and back after it dropped out."""
+"""RealSense as a LeRobot camera: with librealsense or as UVC, by serial number, opened again after it dropped out."""
 
 import time
 from typing import Any
@@ -18,12 +18,12 @@ from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
-_READ_S = 10.0  # LeRobot's own time-out of read()
+_READ_S = 10.0  # time-out of read(), s: LeRobot's own
 _SIDEWAYS = (Cv2Rotation.ROTATE_90, Cv2Rotation.ROTATE_270)
 
 
 class YamRealsenseCamera(Camera):
-    """Images (height, width, 3) uint8, and depth (height, width, 1) uint16 in mm, as the config asks for them."""
+    """Camera with images (height, width, 3) uint8 and depth (height, width, 1) uint16 in mm, as configured."""
 
     def __init__(self, config: YamRealsenseCameraConfig):
         super().__init__(config)
@@ -44,7 +44,7 @@ class YamRealsenseCamera(Camera):
             white_balance=config.white_balance,
         )
         self._feed = CameraFeed(str(self), lambda: open_camera(self._wanted, user_path(config.root)), self._finished)
-        self._seen = {"colour": 0, "depth": 0}  # numbers of the pictures that async_read has returned
+        self._seen = {"colour": 0, "depth": 0}  # numbers of the last pictures that async_read has returned
 
     def __str__(self) -> str:
         return f"YamRealsenseCamera({self.config.serial_number_or_name})"
@@ -55,7 +55,7 @@ class YamRealsenseCamera(Camera):
 
     @staticmethod
     def find_cameras() -> list[dict[str, Any]]:
-        """The cameras that are plugged in, by the serial numbers of their USB devices."""
+        """List the cameras that are plugged in, by the serial numbers of their USB devices."""
         return [{"name": d.model, "type": "yam_realsense", "id": d.serial} for d in video_devices() if d.serial]
 
     @check_if_already_connected
@@ -63,11 +63,11 @@ class YamRealsenseCamera(Camera):
         """Open the camera and wait for the first image.
 
         Args:
-            warmup: wait until exposure and white balance have settled, `warmup_s` of the config.
+            warmup: whether to wait until exposure and white balance have settled, `warmup_s` of the config.
 
         Raises:
-            CameraError: it is not there, in use, no rights; says what to do.
-            ConfigError: it does not offer what the config asks for; says what it offers.
+            CameraError: it is missing, in use, no rights; says what to do.
+            ConfigError: it does not offer what is configured; says what it offers.
         """
         self._feed.start()
         self._seen = dict.fromkeys(self._seen, 0)
@@ -80,21 +80,17 @@ class YamRealsenseCamera(Camera):
 
     @check_if_not_connected
     def read(self) -> np.ndarray:
-        """An image that comes after this call.
-
-        Raises:
-            StaleStateError: none within 10 s; it is a TimeoutError.
-        """
+        """Wait for an image that comes after this call. Raises StaleStateError (a TimeoutError): none within 10 s."""
         return self._of(self._feed.wait_new(self._feed.number, _READ_S)[0], "colour")
 
     @check_if_not_connected
     def read_depth(self) -> np.ndarray:
-        """As `read`, depth."""
+        """Wait for a depth image, as `read`."""
         return self._of(self._feed.wait_new(self._feed.number, _READ_S)[0], "depth")
 
     @check_if_not_connected
     def async_read(self, timeout_ms: float = 200) -> np.ndarray:
-        """The newest image, if this has not returned it yet, else the next.
+        """Return the newest image, or wait for the next if that was returned already.
 
         Raises:
             StaleStateError: none within timeout_ms; it is a TimeoutError.
@@ -103,21 +99,21 @@ class YamRealsenseCamera(Camera):
 
     @check_if_not_connected
     def async_read_depth(self, timeout_ms: float = 200) -> np.ndarray:
-        """As `async_read`, depth."""
+        """Return a depth image, as `async_read`."""
         return self._unseen("depth", timeout_ms)
 
     @check_if_not_connected
     def read_latest(self, max_age_ms: int = 500) -> np.ndarray:
-        """The newest image, at once.
+        """Return the newest image at once.
 
         Raises:
-            StaleStateError: it is older than max_age_ms, and why; it is a TimeoutError.
+            StaleStateError: it is older than max_age_ms, with the reason; it is a TimeoutError.
         """
         return self._of(self._feed.latest(max_age_ms / 1e3), "colour")
 
     @check_if_not_connected
     def read_latest_depth(self, max_age_ms: int = 500) -> np.ndarray:
-        """As `read_latest`, depth."""
+        """Return a depth image, as `read_latest`."""
         return self._of(self._feed.latest(max_age_ms / 1e3), "depth")
 
     def disconnect(self) -> None:

@@ -1,4 +1,4 @@
-"""Follower arms of another computer as a LeRobot robot: as the local ones, whose names they have in data sets."""
+"""Follower arms of another computer as a LeRobot robot; data sets call them by the names of local arms."""
 
 from lerobot_robot_yam.config_yam_remote import BiYamRemoteConfig, YamRemoteConfig
 from lerobot_robot_yam.face.devices.remote_device import RemoteDevice

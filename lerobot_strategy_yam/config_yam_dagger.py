@@ -11,7 +11,7 @@ from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigE
 from lerobot_robot_yam.face.registration import register_as
 
 TAKES_PLUGINS = hasattr(RolloutStrategyConfig, "dataset_mode")
-"""Whether this LeRobot takes rollout strategies from plugins."""
+"""Whether this version of LeRobot accepts rollout strategies from plugins."""
 
 
 @register_as(RolloutStrategyConfig, "yam_dagger")
@@ -19,7 +19,7 @@ TAKES_PLUGINS = hasattr(RolloutStrategyConfig, "dataset_mode")
 class YamDaggerStrategyConfig(RolloutStrategyConfig):
     """A policy drives; a person takes over any arm, and gives it back, at any moment. All of it is recorded."""
 
-    # What LeRobot arranges for the strategy.
+    # Resources that LeRobot provides to the strategy.
     dataset_mode: ClassVar[str] = "required"
     requires_teleop: ClassVar[bool] = True
 
@@ -35,10 +35,10 @@ class YamDaggerStrategyConfig(RolloutStrategyConfig):
     hand_back_s: float = option("in which an arm that is given back blends to the policy, s; joints only", 0.5)
 
     def __post_init__(self) -> None:
-        """Check.
+        """Check the options.
 
         Raises:
-            RefusedConfigError: this LeRobot takes no strategies from plugins, or a value cannot be.
+            RefusedConfigError: this LeRobot accepts no strategies from plugins, or a value is impossible.
         """
         if not TAKES_PLUGINS:
             raise RefusedConfigError(
@@ -49,7 +49,7 @@ class YamDaggerStrategyConfig(RolloutStrategyConfig):
         self.check()
 
     def check(self) -> None:
-        """Raises RefusedConfigError: a value cannot be."""
+        """Refuse impossible values. Raises RefusedConfigError."""
         if self.rewind_button == self.take_over_button:
             raise RefusedConfigError("yam_dagger: take_over_button and rewind_button are the same; give each its own")
         for name in ("rewind_s", "hand_back_s"):
@@ -57,9 +57,9 @@ class YamDaggerStrategyConfig(RolloutStrategyConfig):
                 raise RefusedConfigError(f"yam_dagger: {name} takes a time within 0 … 60 s, not {getattr(self, name)}")
 
     def requires_streaming_encoding(self) -> bool:
-        """Frames are added by the control loop, which must not wait for an encoder."""
+        """True: the control loop adds the frames, and must not wait for an encoder."""
         return True
 
     def extra_dataset_features(self) -> dict[str, dict[str, Any]]:
-        """A column that says whether a person had taken over an arm, as LeRobot's own `dagger` has it."""
+        """Column for whether a person has taken over an arm, as in LeRobot's own `dagger`."""
         return {"intervention": {"dtype": "bool", "shape": (1,), "names": None}}

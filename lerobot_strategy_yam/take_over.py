@@ -1,6 +1,6 @@
-"""Taking arms over: what a person asks for by handles and keys, and the action made of the policy's and the person's.
+"""Take-over of arms: requests of a person by handles and keys, and the action made from the policy's and the person's.
 
-An arm that is given back blends from where the person has left it:
+An arm that is given back blends from the pose in which the person has left it:
 
     action = left + s (policy − left),  s = (1 − cos(π t / T)) / 2
 
@@ -24,7 +24,7 @@ from lerobot_teleoperator_yam.yam_leader import LeaderBase
 
 Action = dict[str, float]
 _ARM_KEYS = {"space": ("", "left_", "right_"), "l": ("left_",), "r": ("right_",)}
-_ASKED = {  # by a page: the key, and what it does
+_ASKED = {  # requests of a page: the key for each, and what it does
     Meaning.CORRECT: ("space", "takes all arms over, or gives them back"),
     Meaning.NEXT: ("n", "ends the episode, and saves it"),
     Meaning.DISCARD: ("x", "drops the episode"),
@@ -34,11 +34,11 @@ HELP = "space=take over or give back all arms, l/r=the left or right one, n=save
 
 
 class TakenArms:
-    """Arms of one robot that a person has taken over, and the action of all.
+    """Arms of one robot that a person has taken over, and the common action of all arms.
 
     Args:
         prefixes: prefix of each arm: "" for a single arm, "left_" and "right_".
-        hand_back_s: T; 0: no blend.
+        hand_back_s: duration T of a blend, s; 0: no blend.
 
     Attributes:
         taken: prefixes of the arms that a person drives.
@@ -48,32 +48,32 @@ class TakenArms:
         self._prefixes, self._hand_back_s = prefixes, hand_back_s
         self.taken: set[str] = set()
         self._last: Action = {}
-        self._left: dict[str, Action] = {}  # by prefix, of the arms that blend
-        self._since_s: dict[str, float] = {}  # when the policy said something for them first
+        self._left: dict[str, Action] = {}  # by prefix, action at which the person left the arm
+        self._since_s: dict[str, float] = {}  # by prefix, time of the policy's first action after that
 
     @property
     def all_taken(self) -> bool:
-        """Whether nothing is left to the policy."""
+        """Whether the person drives all arms."""
         return len(self.taken) == len(self._prefixes)
 
     def take(self, prefix: str) -> None:
-        """The person drives this arm from the next action on."""
+        """Let the person drive this arm from the next action on."""
         self.taken.add(prefix)
         self._left.pop(prefix, None)
 
     def give_back(self, prefix: str) -> None:
-        """The policy drives this arm from the next action on."""
+        """Let the policy drive this arm from the next action on."""
         self.taken.discard(prefix)
         self._left[prefix] = self._of(prefix, self._last)
         self._since_s.pop(prefix, None)
 
     def action(self, now: float, policy: Mapping[str, float] | None, person: Mapping[str, float] | None) -> Action:
-        """What all arms are asked to do; an arm whose driver says nothing is asked to stay. Empty before the first.
+        """Combine the action of all arms; an arm whose driver has no action stays. Empty before the first action.
 
         Args:
             now: s.
-            policy: None: it has nothing to say.
-            person: the leaders' action; None: no arm is taken.
+            policy: action of the policy, if it has one.
+            person: action of the leaders; None: no arm is taken.
         """
         action: Action = {}
         for prefix in self._prefixes:
@@ -101,7 +101,7 @@ class TakenArms:
         return {key: left[key] + share * (value - left[key]) for key, value in asked.items()}
 
     def resume(self, action: Action) -> None:
-        """Something else has moved all arms meanwhile, to this action: blend from there."""
+        """Blend from `action`, to which something else has moved all arms meanwhile."""
         self._last = dict(action)
         for prefix in self._prefixes:
             self.give_back(prefix)
@@ -118,16 +118,16 @@ class WayBack:
         self._actions: deque[Action] = deque(maxlen=max(count, 1))
 
     def went(self, action: Action) -> None:
-        """The arms were asked for this."""
+        """Store an action that was sent."""
         self._actions.append(action)
 
     def back(self) -> Action | None:
-        """The action before; None: it is at its end."""
+        """Remove and return the last action; None at the end."""
         return self._actions.pop() if self._actions else None
 
 
 class Wish(StrEnum):
-    """What a person wishes, beside taking arms over."""
+    """Wish of a person, beside taking arms over."""
 
     KEEP = "keep"  # end the episode and save it
     DISCARD = "discard"  # drop the episode
@@ -139,11 +139,11 @@ _KEYS = {"n": Wish.KEEP, "x": Wish.DISCARD, "b": Wish.REWIND, "esc": Wish.STOP}
 
 
 class TakeOverSignals:
-    """Signals from these leaders and the keyboard. Keys may come from any thread.
+    """Signals of a person from leaders and keyboard. Keys may come from any thread.
 
     Args:
         leaders: LeRobot's teleoperator.
-        config: says which button does what.
+        config: assigns buttons.
 
     Attributes:
         prefixes: prefix of each arm.
@@ -176,20 +176,20 @@ class TakeOverSignals:
         self._toggled, self._opened = set[str](), set[str]()
 
     def key(self, name: str) -> None:
-        """A key, as LeRobot's listeners call it."""
+        """Store a key; LeRobot's listeners call this."""
         self._keys.append(name)
 
     def ask(self, press: Press) -> None:
-        """Do what a page asks for, see `requests.Doer`."""
+        """Do what a page requests, see `requests.Doer`."""
         if press.meaning in _ASKED:
             self.key(_ASKED[press.meaning][0])
 
     def offers(self, now: Situation, first: int) -> dict[str, str]:
-        """Say in words what can be asked for now, see `requests.Doer`."""
+        """Describe what a page can request now, see `requests.Doer`."""
         return {meaning.value: words for meaning, (_, words) in _ASKED.items()}
 
     def look(self) -> tuple[set[str], set[Wish]]:
-        """Prefixes of the arms that the person wants to drive, and what else was asked for since the last look."""
+        """Prefixes of the arms that the person wants to drive, and the wishes since the last call."""
         wishes, states = set[Wish](), self._leaders.arm_states()
         pressed = self._edges.pressed(buttons_of(states))
         for prefix in states:
@@ -207,6 +207,6 @@ class TakeOverSignals:
         return self._toggled | self._opened, wishes
 
     def give_all_back(self) -> set[str]:
-        """Forget which arms were taken over by button or key; those that a gate has taken over."""
+        """Forget arms that were taken over by button or key; returns those that a gate has taken over."""
         self._toggled.clear()
         return set(self._opened)

@@ -1,8 +1,8 @@
-"""The rollout strategy `yam_dagger`: a policy drives the followers, and a person takes any arm over at any moment.
+"""Rollout strategy `yam_dagger`: a policy drives the followers, and a person takes any arm over at any moment.
 
 LeRobot's own `dagger` takes over all arms at once, through a pause that is not recorded. Here each frame is recorded,
 and an arm goes over to its leader, or back to the policy, from one frame to the next. The leaders have to lead their
-followers (option `follower`); with `mirror` they are where the followers are when a take-over begins.
+followers (option `follower`); with `mirror` they are in the followers' pose when a take-over begins.
 """
 
 import logging
@@ -32,13 +32,13 @@ class _Episodes:
     """Episodes of the data set: frames are added without a gap, then the episode is kept or dropped.
 
     Args:
-        dataset: LeRobot's, open to write.
-        features: LeRobot's, of its frames.
-        task: of each frame.
-        longest: frames of an episode at most.
+        dataset: LeRobot's data set, open for writing.
+        features: LeRobot's features of its frames.
+        task: task of each frame.
+        longest: most frames of an episode.
 
     Attributes:
-        saved: how many were kept.
+        saved: number of kept episodes.
     """
 
     def __init__(self, dataset: Any, features: Mapping[str, Any], task: str, longest: int):
@@ -47,18 +47,18 @@ class _Episodes:
 
     @property
     def full(self) -> bool:
-        """Whether the present one is as long as it may be."""
+        """Whether the present episode has its greatest length."""
         return self._frames >= self._longest
 
     def add(self, observation: Mapping[str, Any], action: Mapping[str, float], intervention: bool) -> None:
-        """Add a frame: what was seen, and what was asked for then; by whom."""
+        """Add a frame: observation, action, and whether a person made it."""
         frame = build_dataset_frame(self._features, observation, prefix=OBS_STR)
         frame |= build_dataset_frame(self._features, action, prefix=ACTION)
         self._dataset.add_frame(frame | {"task": self._task, "intervention": np.array([intervention])})
         self._frames += 1
 
     def keep(self) -> bool:
-        """Save the present one, unless it is empty; whether there was one."""
+        """Save the present episode, unless it is empty; returns whether there was one."""
         if not self._frames:
             return False
         self._dataset.save_episode()
@@ -67,7 +67,6 @@ class _Episodes:
         return True
 
     def discard(self) -> None:
-        """Drop the present one."""
         if self._frames:
             self._dataset.clear_episode_buffer()
             logger.info("episode %d discarded, %d frames", self.saved, self._frames)
@@ -75,7 +74,7 @@ class _Episodes:
 
 
 class YamDaggerStrategy(RolloutStrategy):
-    """One rollout.
+    """Strategy for one rollout.
 
     Args:
         config: options of the strategy.
@@ -110,7 +109,7 @@ class YamDaggerStrategy(RolloutStrategy):
         logger.info("yam_dagger is ready: %s", HELP)
 
     def run(self, ctx: Any) -> None:
-        """Until `--dataset.num_episodes` are saved, `--duration` is over, or somebody stops it."""
+        """Drive until `--dataset.num_episodes` are saved, `--duration` is over, or somebody stops it."""
         period_s = 1.0 / (self._cfg.fps * self._multiplier)
         due_s = begin_s = time.perf_counter()
         ends_s = begin_s + self._cfg.duration if self._cfg.duration > 0 else math.inf
@@ -127,7 +126,7 @@ class YamDaggerStrategy(RolloutStrategy):
                 self._episodes.keep()
 
     def _obey(self) -> bool:
-        """Do what the person has asked for since the last tick; False: to stop."""
+        """Carry out what the person has requested since the last tick; returns False to stop."""
         wanted, wishes = self._signals.look()
         if Wish.REWIND in wishes:
             wanted = self._signals.give_all_back()
@@ -167,13 +166,13 @@ class YamDaggerStrategy(RolloutStrategy):
             log_say(f"Episode {self._episodes.saved} saved", self._cfg.play_sounds)
 
     def _restart_policy(self) -> None:
-        """Have it begin anew with what it sees next: what it had planned is for another place."""
+        """Make the policy plan anew from its next observation: its old plan is for another place."""
         self._interpolator.reset()
         self._engine.reset()
         self._engine.resume()
 
     def _tick(self, is_frame: bool) -> None:
-        """Look, ask for the next action, record it."""
+        """Observe, send the next action, record it."""
         processors, robot = self._ctx.processors, self._ctx.hardware.robot_wrapper
         observation = robot.get_observation()
         if is_frame:
@@ -191,7 +190,7 @@ class YamDaggerStrategy(RolloutStrategy):
             self._log_telemetry(self._seen, action, self._ctx.runtime)
 
     def _next_action(self, observation: dict[str, Any]) -> Action:
-        """The next action of all arms; empty before the policy has said anything."""
+        """Next action of all arms; empty before the policy's first."""
         if self._rewinds:
             back = self._way_back.back()
             if back is not None:
@@ -206,11 +205,11 @@ class YamDaggerStrategy(RolloutStrategy):
         return self._arms.action(time.perf_counter(), policy, person)
 
     def _policy_action(self) -> Action | None:
-        """The policy's next action; None while it has none."""
+        """Next action of the policy; None while it has none."""
         if self._cfg.use_torch_compile and not self._compiled:
             if not self._engine.ready:
                 return None
-            self._restart_policy()  # what it said while it was compiled is old
+            self._restart_policy()  # actions from the time of compiling are old
             self._compiled = True
         if self._interpolator.needs_new_action():
             frame = build_dataset_frame(self._ctx.data.dataset_features, self._seen, prefix=OBS_STR)
@@ -221,7 +220,7 @@ class YamDaggerStrategy(RolloutStrategy):
         return None if row is None else dict(zip(self._ctx.data.ordered_action_keys, row.tolist(), strict=True))
 
     def teardown(self, ctx: Any) -> None:
-        """Finish the data set, and upload it if that was asked for; then the arms go back to their start, and land."""
+        """Finish the data set, and upload it if requested; then move the arms to their start, and land."""
         requests.leave(self._signals)
         if self._listener is not None:
             self._listener.stop()

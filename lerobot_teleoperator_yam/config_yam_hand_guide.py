@@ -20,8 +20,8 @@ class HandGuideOptions:
 
 
 def _refuse(device: str, config: Any, keys: tuple[str, ...]) -> None:
-    """Refuse a config of which no teleoperator can be made; raises RefusedConfigError."""
-    from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper  # LeRobot's start must not wait for these
+    """Refuse a config from which no teleoperator can be made. Raises RefusedConfigError."""
+    from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper  # late, for a quick start
     from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 
     try:
@@ -40,7 +40,7 @@ def _refuse(device: str, config: Any, keys: tuple[str, ...]) -> None:
         raise RefusedConfigError(str(error)) from error
 
 
-_FREE = "abdefgijklmotuvwxyz"  # LeRobot has the others, in recordings and rollouts, and takes capitals for small ones
+_FREE = "abdefgijklmotuvwxyz"  # keys without a meaning in LeRobot's recordings and rollouts; capitals count as small
 
 
 @register_as(TeleoperatorConfig, "yam_hand_guide")
@@ -54,11 +54,11 @@ class YamHandGuideConfig(TeleoperatorConfig, HandGuideOptions):
         _refuse("yam_hand_guide", self, self.keys())
 
     def keys(self) -> tuple[str, ...]:
-        """The key of each gripper."""
+        """Key of each gripper."""
         return (self.gripper_key,)
 
     def prefixes(self) -> tuple[str, ...]:
-        """What the features of each arm begin with."""
+        """Feature prefix of each arm."""
         return ("",)
 
 
@@ -74,9 +74,9 @@ class BiYamHandGuideConfig(TeleoperatorConfig, HandGuideOptions):
         _refuse("bi_yam_hand_guide", self, self.keys())
 
     def keys(self) -> tuple[str, ...]:
-        """The key of each gripper."""
+        """Key of each gripper."""
         return (self.left_gripper_key, self.right_gripper_key)
 
     def prefixes(self) -> tuple[str, ...]:
-        """What the features of each arm begin with."""
+        """Feature prefix of each arm."""
         return ("left_", "right_")

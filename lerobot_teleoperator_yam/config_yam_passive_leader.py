@@ -47,7 +47,7 @@ class PassiveLeaderArmConfig(GateOptions, LeadOptions, PassiveOptions):
         None,
     )
 
-    # What a leader with motors has an option for, and this one has not.
+    # Constants in place of the options of a leader with motors.
     gripper: ClassVar[str] = "yam_teaching_handle"
     start: ClassVar[str] = "float"
     follower_arm: ClassVar[str | None] = None
@@ -55,10 +55,10 @@ class PassiveLeaderArmConfig(GateOptions, LeadOptions, PassiveOptions):
     fine_button: ClassVar[str | None] = None
 
     def __post_init__(self) -> None:
-        """No checks yet: they come with the other arm's, and know which side this is."""
+        """Postpone the checks until both arms are known, with their sides."""
 
     def passive_config(self) -> PassiveConfig:
-        """How it is read. Raises ConfigError: an unknown kind."""
+        """Make the options of reading the encoders. Raises ConfigError: an unknown kind."""
         if self.kind not in JOINT_SIGNS:
             raise ConfigError(f"{self.name}: kind takes one of {', '.join(JOINT_SIGNS)}; got {self.kind!r}")
         return PassiveConfig(
@@ -70,7 +70,7 @@ class PassiveLeaderArmConfig(GateOptions, LeadOptions, PassiveOptions):
         )
 
     def lead_config(self) -> LeadConfig | None:
-        """What it does for its follower. Raises ConfigError: options of a follower, without one."""
+        """Make the options for the follower. Raises ConfigError: there are such options, but no follower."""
         if self.follower is None:
             if self.gate != "always" or self.gate_button is not None:
                 raise ConfigError("gate and gate_button: set follower to the follower's channel, too")
@@ -80,8 +80,8 @@ class PassiveLeaderArmConfig(GateOptions, LeadOptions, PassiveOptions):
 
 
 def _refuse(device: str, config: Any) -> None:
-    """Refuse a config of which no teleoperator can be made; raises RefusedConfigError."""
-    from lerobot_robot_yam.arm.profile_files import load_arm  # LeRobot's start must not wait for it
+    """Refuse a config from which no teleoperator can be made. Raises RefusedConfigError."""
+    from lerobot_robot_yam.arm.profile_files import load_arm  # late, for a quick start
     from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 
     refuse_leader(device, config)

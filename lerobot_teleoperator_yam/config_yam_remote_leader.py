@@ -11,7 +11,7 @@ from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptio
 
 
 class _RemoteLeaders(RemoteOptions, LeaderOptions):
-    """The arms are what the host says."""
+    """Options of leaders whose arms the host describes."""
 
     def arms(self) -> Mapping[str, LeaderArmConfig]:
         return {prefix: LeaderArmConfig(**options) for prefix, options in self.hosted.options.items()}

@@ -19,8 +19,8 @@ class YamRigLeadersConfig(TeleoperatorConfig):
     options: dict[str, Any] = option("options laid over the file's, such as {buttons: record}", factory=dict)
     arm_options: dict[str, Any] = option("options laid over those of each arm, such as {gate: auto}", factory=dict)
 
-    def __new__(cls, **given: Any) -> TeleoperatorConfig:  # of the type that the file says
-        # LeRobot's start must not wait for it
+    def __new__(cls, **given: Any) -> TeleoperatorConfig:  # returns a config of the type in the file
+        # imported late, to keep LeRobot's start quick
         from lerobot_robot_yam.face.lerobot_command.config_refusal import rig_device
 
         return rig_device(TeleoperatorConfig, "teleop", given)

@@ -1,4 +1,4 @@
-"""Options of leaders, one arm or two, and their checks. Without LeRobot: its registry loads all configs at once."""
+"""Options of leaders, one arm or two, and their checks. Does not import LeRobot, whose registry loads all configs."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -79,10 +79,10 @@ class LeaderArmConfig(ArmConfig, GateOptions, LeadOptions):
     )
 
     def __post_init__(self) -> None:
-        """No checks yet: they come with the other arm's, and know which side this is."""
+        """Postpone the checks until both arms are known, with their sides."""
 
     def lead_config(self) -> LeadConfig | None:
-        """What it does for its follower. Raises ConfigError: options of a follower, without one."""
+        """Make the options for the follower. Raises ConfigError: there are such options, but no follower."""
         if self.follower is None:
             given = [name for name, usual in _NEED_FOLLOWER.items() if getattr(self, name) != usual]
             if given:
@@ -127,7 +127,7 @@ class LeaderOptions(ABC):
 
     @abstractmethod
     def arms(self) -> Mapping[str, LeaderArmConfig]:
-        """The arms by feature prefix, in canonical order."""
+        """Arms by feature prefix, in canonical order."""
 
     def runs(self) -> "Isolation":
         """Where the control loop runs, see `ArmSession`."""
@@ -138,7 +138,7 @@ BUTTON_OPTIONS = ("estop_button", "gate_button", "fine_button")
 
 
 def meanings_of(options: LeaderOptions) -> dict[str, Meaning]:
-    """The meaning of each handle's button that has one, such as left_bottom.
+    """Meaning of each handle's button that has one, such as left_bottom.
 
     Raises:
         ConfigError: a mistake in `buttons`, or `auto_episodes` without a gate.
@@ -159,8 +159,8 @@ def meanings_of(options: LeaderOptions) -> dict[str, Meaning]:
 
 
 def refuse_leader(device: str, config: Any) -> None:
-    """Refuse a config of which no teleoperator can be made; raises RefusedConfigError."""
-    # loads profiles: LeRobot's start must not wait
+    """Refuse a config from which no teleoperator can be made. Raises RefusedConfigError."""
+    # loads profiles: imported late, to keep LeRobot's start quick
     from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
     from lerobot_robot_yam.face.lerobot_command.config_refusal import refuse
 

@@ -1,4 +1,4 @@
-"""A hand as a LeRobot teleoperator: it leads a follower, which floats, and no leader is needed."""
+"""Hand as a LeRobot teleoperator: it guides a floating follower, without a leader."""
 
 import inspect
 import logging
@@ -25,7 +25,7 @@ _HALF = 0.5
 
 
 class TypedKeys:
-    """Keys that mean something to the driver itself, typed where LeRobot's listener hears its own, from its thread.
+    """Keys for the driver itself, heard through LeRobot's key listener and in its thread.
 
     Args:
         pressed: called with LeRobot's name of the key: a character, or a word such as "left".
@@ -37,9 +37,9 @@ class TypedKeys:
         self._end: Callable[[], None] = lambda: None
 
     def listen(self, frame: FrameType | None) -> None:
-        """Begin at the first call, when LeRobot's own listener runs; `frame` is where LeRobot has called.
+        """Begin to listen, at the first call, when LeRobot's own listener runs; `frame` is where LeRobot has called.
 
-        A terminal has one reader: where LeRobot reads it, its listener tells this one as well.
+        A terminal has only one reader: if that is LeRobot's listener, keys are passed on from there.
         """
         if self._listens:
             return
@@ -61,7 +61,7 @@ class TypedKeys:
         theirs._on_key, self._end = both, leave
 
     def stop(self) -> None:
-        """Listen no more. Idempotent."""
+        """Stop listening. Idempotent."""
         end, self._end, self._listens = self._end, lambda: None, False
         end()
 
@@ -73,7 +73,7 @@ class TypedKeys:
 
 
 def _listener(frame: FrameType | None) -> TerminalKeyListener | None:
-    """The listener of the command that has called down to `frame`, if it reads a terminal."""
+    """Find the key listener of the command that has called down to `frame`, if it reads a terminal."""
     for caller in callers(frame):
         values = caller.f_locals
         for found in (values.get("listener"), getattr(values.get("self"), "_listener", None)):
@@ -83,7 +83,7 @@ def _listener(frame: FrameType | None) -> TerminalKeyListener | None:
 
 
 class HandGuideBase(Uncopied, Teleoperator):
-    """The hand on one follower, or two.
+    """Teleoperator: hands that guide one follower, or two.
 
     Args:
         config: `YamHandGuideConfig` or `BiYamHandGuideConfig`.
@@ -116,12 +116,12 @@ class HandGuideBase(Uncopied, Teleoperator):
 
     @property
     def is_connected(self) -> bool:
-        """From connect to disconnect."""
+        """True between connect and disconnect."""
         return self._connected
 
     @property
     def is_calibrated(self) -> bool:
-        """There is nothing to calibrate."""
+        """True: there is nothing to calibrate."""
         return True
 
     @check_if_already_connected
@@ -133,7 +133,7 @@ class HandGuideBase(Uncopied, Teleoperator):
         logger.info("%s: keys %s open and close grippers", self, ", ".join(self.config.keys()))
 
     def disconnect(self) -> None:
-        """The follower holds. Idempotent."""
+        """End the guidance; the follower holds. Idempotent."""
         self._connected = False
         try:
             self._guidance.withdraw()
@@ -149,9 +149,9 @@ class HandGuideBase(Uncopied, Teleoperator):
     @check_if_not_connected
     @saves_finished_episode
     def get_action(self) -> dict[str, float]:
-        """Where the hand has led the follower, which floats from the first call on.
+        """Action at the pose to which the hand has led the follower, which floats from the first call on.
 
-        A gripper's part is what its key has asked for last; before the first time, where it is.
+        A gripper's part is the opening that its key has set last; before that, the present opening.
 
         Raises:
             LifeCycleError: there is no follower yet, or it would run away if it floated.

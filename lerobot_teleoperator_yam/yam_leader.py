@@ -1,4 +1,4 @@
-"""Leader arms as a LeRobot teleoperator: one arm, and what one arm and two have in common."""
+"""Leader arms as a LeRobot teleoperator: one arm, two arms, and their common base class."""
 
 import inspect
 import logging
@@ -50,20 +50,20 @@ class GateVoice:
         self._before: dict[str, Gate] = {}
 
     def begin(self, frame: FrameType | None) -> None:
-        """Begin a session: find out whether the command that has called down to `frame` speaks."""
+        """Begin a session; `frame` tells which command runs, and whether it speaks."""
         self._say, self._before = None, {}
         command = command_of(frame)
         if command is not None and getattr(command[1], "play_sounds", False):
-            from lerobot.utils.utils import say  # the command has loaded it
+            from lerobot.utils.utils import say  # already loaded by the command
 
             self._say = say
 
     def tell(self, gates: Mapping[str, Gate]) -> None:
-        """Say what has changed since the last call, of the gates by prefix. Waits for nothing."""
+        """Announce gates, by prefix, that have changed since the last call, without waiting."""
         if self._say is None:
             return
         if self._together:
-            if len(set(gates.values())) > 1:  # a transition comes to the second leader one tick later
+            if len(set(gates.values())) > 1:  # the second leader changes one tick later
                 return
             gates = {"": next(iter(gates.values()))}
         for prefix, gate in gates.items():
@@ -73,7 +73,7 @@ class GateVoice:
 
 
 class LeaderBase(ArmDevice, Teleoperator):
-    """One leader arm or two. They float until `enable_torque`.
+    """Teleoperator with one leader arm or two, which float until `enable_torque`.
 
     Args:
         config: `YamLeaderConfig` or `BiYamLeaderConfig`.
@@ -108,21 +108,21 @@ class LeaderBase(ArmDevice, Teleoperator):
         self._restart()
 
     def _restart(self) -> None:
-        """Forget what a session has left."""
+        """Reset what a session has left."""
         self._action: dict[str, float] | None = None
-        self._given = False  # since it was recognised last
-        self._target: np.ndarray = np.zeros(len(self._arms.keys))  # joints that it stands for
+        self._given = False  # whether an action was returned since one was recognised last
+        self._target: np.ndarray = np.zeros(len(self._arms.keys))  # joints of _action
         self._was_held = self._follows_feedback = False
         self._pickups = [TriggerPickup() for _ in self._arms.sides]
 
     @cached_property
     def action_features(self) -> dict[str, Any]:
-        """Those of `ArmDevice`; with `action_space: delta` as LeRobot's RL stack wants them."""
+        """Features of `ArmDevice`; with `action_space: delta` those of LeRobot's RL stack."""
         return super().action_features if self._steps is None else self._steps.features
 
     @cached_property
     def feedback_features(self) -> dict[str, Any]:
-        """In joints, or poses as the actions: a leader can be led to where its follower is."""
+        """Joints, or poses if the actions are poses: a leader can be moved to its follower's pose."""
         return dict.fromkeys(self._space.keys, float)
 
     @check_if_already_connected
@@ -130,8 +130,8 @@ class LeaderBase(ArmDevice, Teleoperator):
         """Energise all arms or none; they float, supported against gravity.
 
         Raises:
-            YamError: an arm cannot be driven, or this process's follower takes other actions; or an arm's option
-                `follower` names one that cannot be led from here.
+            YamError: an arm cannot be driven, this process's follower has other actions, or the option `follower` names
+                an arm that cannot be led from here.
         """
         self._restart()
         self._arms.check_followers()
@@ -139,7 +139,7 @@ class LeaderBase(ArmDevice, Teleoperator):
         keys = (self._steps or self._space).keys
         self._arms.start(calibrate, keys, self._models, self.get_action, self._recognise)
         try:
-            if self._steps is None:  # the RL stack asks for events, and hears no keys
+            if self._steps is None:  # the RL stack reads events, and no keys
                 self._keys.start(inspect.currentframe(), self.arm_states)
         except BaseException:
             self.disconnect()
@@ -147,7 +147,7 @@ class LeaderBase(ArmDevice, Teleoperator):
         logger.info("%s connected", self)
 
     def arm_states(self) -> dict[str, ArmState]:
-        """State of each leader as last published, by feature prefix ("", or "left_" and "right_")."""
+        """Last published state of each leader, by feature prefix ("", or "left_" and "right_")."""
         return {side.prefix: self._arms[side].published() for side in self._arms.sides}
 
     def disconnect(self) -> None:
@@ -162,18 +162,18 @@ class LeaderBase(ArmDevice, Teleoperator):
     @check_if_not_connected
     @saves_finished_episode
     def get_action(self) -> dict[str, float]:
-        """Where the leaders are, within the follower's limits: what is recorded is what the follower is sent.
+        """Action at the leaders' pose, within the follower's limits, so that recorded and sent actions agree.
 
-        With `action_space: ee` that is where the follower's tool would be at the leader's joints.
+        With `action_space: ee` it is the pose of the follower's tool at the leader's joints.
 
-        The gripper is open (1) with the trigger released and closed (0) with it squeezed. While a handle is silent
-        its last opening stays; before the first report that is open. A trigger cannot be led: the opening that feedback
-        has asked for stays until the trigger has come to it, so that a person who takes over does not drop the object
-        in the follower's gripper. During an emergency stop the last action stays, as the followers do.
+        The gripper is open (1) with the trigger released and closed (0) with it squeezed. While a handle is silent its
+        last opening stays (open before the first report). A trigger cannot be moved: the opening from feedback stays
+        until the trigger has reached it, so that a person who takes over does not drop the object in the follower's
+        gripper. During an emergency stop the last action stays, because the followers hold.
 
         Raises:
             MotorError: a motor has failed.
-            StaleStateError: an arm has nothing fresh to say.
+            StaleStateError: an arm has no fresh data.
         """
         states = self._arms.observe()
         self._voice.tell({side.prefix: state.gate for side, state in zip(self._arms.sides, states, strict=True)})
@@ -207,9 +207,9 @@ class LeaderBase(ArmDevice, Teleoperator):
         return self._events.take()
 
     def _led(self, key: str, follower_key: str, state: ArmState) -> tuple[float, ...] | None:
-        """Target of an arm's follower: as that one executes it if it is coupled, else as the gate asks for it.
+        """Target of an arm's follower: the executed one if the follower is coupled, else the gate's; None: no follower.
 
-        A follower that its leader's loop has not seen yet stays where it is. None: there is no follower.
+        A follower that its leader's loop has not seen yet stays where it is.
         """
         follower = self._arms.follower_state(follower_key)
         if follower is not None and follower.coupled_to == coupling_number(key):
@@ -217,10 +217,11 @@ class LeaderBase(ArmDevice, Teleoperator):
         return state.action or (None if follower is None else follower.setpoints)
 
     def _recognise(self, action: Mapping[str, Any]) -> tuple[np.ndarray, list[bool]] | None:
-        """The joints that were given last, and of each arm whether an action asks for them; once only.
+        """Joints of the last action, and per arm whether `action` repeats them; None: no arm's part does. Once per
+        action.
 
-        A caller that repeats it wants the follower there, and not wherever the leader has gone since. One arm may be
-        the leader's and the other a policy's. None: no arm is the leader's.
+        A caller that repeats an action later wants that old pose, not the leader's present one. One arm's part may come
+        from the leader and the other from a policy.
         """
         given = self._action
         if given is None or not self._given or given.keys() != action.keys():
@@ -234,7 +235,7 @@ class LeaderBase(ArmDevice, Teleoperator):
 
     @check_if_not_connected
     def send_feedback(self, feedback: Mapping[str, Any]) -> None:
-        """Lead the arms to `feedback` (keys as the action) while torque is enabled; ignored while they float.
+        """Move the arms to `feedback` (keys as the action) while torque is enabled; ignored while they float.
 
         Raises:
             ActionError: wrong keys or values; nothing was sent to any arm.
@@ -254,12 +255,12 @@ class LeaderBase(ArmDevice, Teleoperator):
 
     @check_if_not_connected
     def enable_torque(self) -> None:
-        """Hold where the arms are; from now on they follow `send_feedback`. Followers hold until a new target comes."""
+        """Hold the present pose and follow `send_feedback` from now on. Followers hold until a new target comes."""
         self._arms.pause_followers()
         for side in self._arms.sides:
             self._arms[side].hold()
         for pickup in self._pickups:
-            pickup.leave(_asked(pickup), math.nan)  # to let go of a trigger now drops nothing
+            pickup.leave(_asked(pickup), math.nan)  # releasing the trigger now drops nothing
         self._was_held = self._follows_feedback = True
 
     @check_if_not_connected
@@ -271,10 +272,10 @@ class LeaderBase(ArmDevice, Teleoperator):
             self._arms[side].float()
         for index, state in enumerate(self._arms.observe()):
             opening = _asked(self._pickups[index])
-            if not self._was_held:  # what an earlier handover has left is long past
+            if not self._was_held:  # an earlier handover is long past
                 self._pickups[index] = TriggerPickup()
                 self._pickups[index].opening = opening
-            elif state.trigger is not None:  # from here on it can meet or pass the gripper
+            elif state.trigger is not None:  # from here on the trigger can meet or pass the gripper
                 self._pickups[index].leave(opening, state.trigger)
         self._was_held = False
 
@@ -284,7 +285,7 @@ def _trigger(state: ArmState) -> float:
 
 
 def _asked(pickup: TriggerPickup) -> float:
-    """Opening that a trigger asks for; before its first report that is open."""
+    """Opening that a trigger requests; open before its first report."""
     return _OPEN if pickup.opening is None else pickup.opening
 
 
@@ -302,4 +303,4 @@ class BiYamLeader(LeaderBase):
     name = "bi_yam_leader"
 
 
-I2rtYamLeader, BiI2rtYamLeader = YamLeader, BiYamLeader  # LeRobot finds the devices of the spare types by these names
+I2rtYamLeader, BiI2rtYamLeader = YamLeader, BiYamLeader  # LeRobot's lookup of the spare types' devices

@@ -23,19 +23,19 @@ from lerobot_teleoperator_yam.yam_leader import LeaderBase
 
 logger = logging.getLogger(__name__)
 
-HOME_S, MOVE_S = 3.0, 20.0  # of a calibration: at home, and through all ranges
+HOME_S, MOVE_S = 3.0, 20.0  # durations of a calibration, s: at home, and through all ranges
 _STILL_RAD = 0.02
 _LOOK_S = 0.1
 
 
 class PassiveLeaderBase(LeaderBase):
-    """One leader without motors, or two. Nothing is energised: it cannot float, be led, held or pushed back.
+    """Teleoperator with one leader without motors, or two. Nothing is energised: it cannot float, be led or held.
 
     Args:
         config: `YamPassiveLeaderConfig` or `BiYamPassiveLeaderConfig`.
     """
 
-    _stopped: bool  # at the last action
+    _stopped: bool  # whether the leaders were stopped at the last action
 
     def _make_arms(
         self,
@@ -46,19 +46,19 @@ class PassiveLeaderBase(LeaderBase):
         handles: Collection[str] | None = None,
     ) -> ArmGroup:
         for prefix, arm in arms.items():
-            if arm.passive_calibration_path is None:  # in a subdirectory, whose files LeRobot never reads
+            if arm.passive_calibration_path is None:  # default: a subdirectory whose files LeRobot never reads
                 ident = f"{prefix}{self.id}" if self.id else arm.channel
                 arm.passive_calibration_path = str(self.calibration_dir / "yam" / f"{ident}_passive.json")
         return super()._make_arms(role, arms, use_degrees, isolation, handles)
 
     @property
     def feedback_features(self) -> dict[str, type]:
-        """Empty: it has no motors. So nobody leads it to its follower, and a take-over begins with an approach."""
+        """Empty: there are no motors, so a take-over begins with the follower's approach."""
         return {}
 
     @property
     def is_calibrated(self) -> bool:
-        """Whether zeros and ranges are stored. Without them the encoders' own zeros count."""
+        """Whether zeros and ranges are stored. Without them the encoders' own zeros are used."""
         return all(Path(arm.passive_calibration_path).is_file() for arm in self.config.arms().values())
 
     def send_feedback(self, feedback: Mapping[str, Any]) -> None:
@@ -80,13 +80,12 @@ class PassiveLeaderBase(LeaderBase):
     @check_if_not_connected
     @saves_finished_episode
     def get_action(self) -> dict[str, float]:
-        """Give the action as a leader with motors does.
+        """Action as of a leader with motors; while the leaders are stopped, the followers hold.
 
-        While the leaders are stopped the followers hold where they are. The leaders stay stopped after an emergency
-        stop, see `PassiveStop`: the last action may be of a leader that fell.
+        The leaders stay stopped after an emergency stop, see `PassiveStop`: a leader may have fallen meanwhile.
 
         Raises:
-            LifeCycleError: they are stopped, and there has been no action yet.
+            LifeCycleError: the leaders are stopped, and there has been no action yet.
             MotorError, StaleStateError: see `LeaderBase.get_action`.
         """
         before = self._stopped
@@ -108,7 +107,7 @@ class PassiveLeaderBase(LeaderBase):
 
     @check_if_not_connected
     def calibrate(self) -> None:
-        """Find zeros and ranges, and store them. They count from the end of this on.
+        """Find zeros and ranges, store them, and use them from now on.
 
         For 3 s all leaders must lie at `home_rad` with the trigger released; then, for 20 s, each joint is moved
         through its range and the trigger squeezed.
@@ -118,7 +117,7 @@ class PassiveLeaderBase(LeaderBase):
             YamError: its encoders are silent.
         """
         arms = [self._arms[side].config for side in self._arms.sides]
-        self._arms.stop()  # it has the channels
+        self._arms.stop()  # frees the channels
         for config in arms:
             self._calibrate_one(config)
         self._arms.start(False, self._space.keys, self._models, self.get_action, self._recognise)
@@ -137,7 +136,7 @@ class PassiveLeaderBase(LeaderBase):
                 joint = int((high - low)[:-1].argmax()) + 1
                 raise ConfigError(f"{config.name}: joint_{joint} moved while it should lie at home; calibrate again")
             home = np.zeros(encoders.joints) if passive.home_rad is None else np.array(passive.home_rad)
-            zero = 0.5 * (low + high) - np.append(home, 0.0)  # the leader's own angle there is home
+            zero = 0.5 * (low + high) - np.append(home, 0.0)  # at this angle the joint is at home
             logger.info("%s: move each joint through its range, squeeze the trigger: %.0f s", config.name, MOVE_S)
             low, high = _extremes(port, encoders, sign, MOVE_S)
         trigger = float(max(abs(low[-1]), abs(high[-1])))
@@ -152,7 +151,7 @@ class PassiveLeaderBase(LeaderBase):
 def _extremes(
     port: BusPort, encoders: PassiveEncoders, sign: np.ndarray, seconds: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest angle of each joint and of the trigger (n + 1,) within a time."""
+    """Lowest and highest angle of each joint and of the trigger, (n + 1,) rad each, within `seconds`."""
     until_s = port.clock.now() + seconds
     low, high = np.full(len(sign), np.inf), np.full(len(sign), -np.inf)
     while (now := port.clock.now()) < until_s:

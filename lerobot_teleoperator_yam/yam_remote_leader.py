@@ -1,4 +1,4 @@
-"""Leader arms of another computer as a LeRobot teleoperator: as the local ones."""
+"""Leader arms of another computer as a LeRobot teleoperator, like local ones."""
 
 from lerobot_robot_yam.face.devices.remote_device import RemoteDevice
 from lerobot_teleoperator_yam.config_yam_remote_leader import BiYamRemoteLeaderConfig, YamRemoteLeaderConfig
