@@ -1,7 +1,7 @@
 """MuJoCo's own viewer on the arms that run on this computer; it can drive those that it has started.
 
-All arms are one MuJoCo model, posed from outside; nothing in it is simulated. While control is on, the driven ones
-follow the boxes that a person drags.
+All arms are one MuJoCo model, posed from outside, without simulation. While control is on, the driven arms follow the
+boxes that a person drags.
 """
 
 import queue
@@ -27,13 +27,13 @@ from lerobot_robot_yam.viewer.live.arm_panel import warnings as warnings_of
 from lerobot_robot_yam.viewer.live.placement import row_of
 from lerobot_robot_yam.viewer.live.watched_arms import WatchedArms
 
-_GRIP_M = 0.045  # half the edge of the box that is dragged; the motor of a gripper, 36 mm, is inside
+_GRIP_M = 0.045  # half the edge of the dragged box, which encloses a gripper's motor of 36 mm
 _GRIP_RGBA = (0.95, 0.5, 0.1, 0.5)
-_REACH_RAD = 0.7  # no joint turns farther for one pose: the arm never swings round to its other side
+_REACH_RAD = 0.7  # largest turn of a joint for one pose, so that the arm never swings round to its other side
 _ATTEMPTS = 4
 _DRIVEN = (Mode.HOLD, Mode.TRACK)
 _PERIOD_S = 0.02
-_SPACE = 32  # GLFW's number of the key
+_SPACE = 32  # GLFW's key number
 HELP = (
     "SPACE: watch or control. To move a tool: double-click its orange box, then Ctrl and drag (right: move, left: turn)"
 )
@@ -43,11 +43,11 @@ class DesktopScene:
     """Model and data for MuJoCo's viewer.
 
     Args:
-        arms: by the key of their channel.
-        grips: keys of the arms that get a box to drag their tool by.
+        arms: by channel key.
+        grips: channel keys of the arms that get a box to drag their tool by.
 
     Attributes:
-        model, data: of the viewer.
+        model, data: the viewer's.
     """
 
     def __init__(self, arms: Mapping[str, ResolvedArm], grips: Collection[str] = ()):
@@ -73,7 +73,7 @@ class DesktopScene:
         mujoco.mj_forward(self.model, self.data)
 
     def show(self, key: str, q: np.ndarray, gripper: float | None = None) -> None:
-        """Pose an arm by its joints (n,) rad and its gripper 0 closed … 1 open; `refresh` follows."""
+        """Pose an arm by its joints (n,) rad and its gripper 0 closed … 1 open; call `refresh` afterwards."""
         hardware, values = self._arms[key], self.data.qpos
         first = int(self.model.joint(f"{key}/joint1").qposadr[0]) if hardware.joints else 0
         values[first : first + hardware.joints] = np.nan_to_num(q)
@@ -85,23 +85,23 @@ class DesktopScene:
                 values[self.model.joint(f"{key}/{finger}").qposadr[0]] = closed + opening * (opened - closed)
 
     def refresh(self) -> None:
-        """Bring everything that follows from the joints up to date."""
+        """Update all that follows from the joints."""
         mujoco.mj_forward(self.model, self.data)
 
     def tool(self, key: str) -> np.ndarray:
-        """(4, 4) pose of tcp_site in the frame of the arm's base, as of the last `refresh`."""
+        """Return the pose (4, 4) of tcp_site in the frame of the arm's base, as of the last `refresh`."""
         site = self.data.site(f"{key}/tcp_site")
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = site.xmat.reshape(3, 3), site.xpos
         return np.linalg.inv(self._bases[key]) @ pose
 
     def grip(self, key: str) -> np.ndarray:
-        """(4, 4) pose of the box that is dragged, in the frame of the arm's base."""
+        """Return the pose (4, 4) of the dragged box in the frame of the arm's base."""
         number = self._mocap(key)
         return np.linalg.inv(self._bases[key]) @ _pose(self.data.mocap_pos[number], self.data.mocap_quat[number])
 
     def put_grip(self, key: str, pose: np.ndarray) -> None:
-        """Put that box at a pose (4, 4) in the frame of the arm's base."""
+        """Set the pose (4, 4) of the box in the frame of the arm's base."""
         number, place, quat = self._mocap(key), self._bases[key] @ pose, np.empty(4)
         mujoco.mju_mat2Quat(quat, place[:3, :3].ravel())
         self.data.mocap_pos[number], self.data.mocap_quat[number] = place[:3, 3], quat
@@ -122,17 +122,17 @@ def _pose(position: np.ndarray, quat: np.ndarray) -> np.ndarray:
 
 
 class DragControl:
-    """Watches until it is told to control, and then gives the arms the poses of their boxes.
+    """Control of arms by dragged boxes; it watches until `toggle`.
 
-    The control loop keeps its own limits, workspace and collisions, and holds if this goes silent.
+    The control loop keeps its own limits, workspace and collisions, and holds if targets cease.
 
     Args:
         session: under way; its arms hold.
-        names: of the followers in it that are driven.
+        names: the followers in it to drive.
 
     Attributes:
         on: whether the arms follow the boxes.
-        said: why it went off by itself; empty: it did not.
+        said: why control ended by itself; empty if it did not.
     """
 
     def __init__(self, session: ArmSession, names: Sequence[str]):
@@ -146,11 +146,11 @@ class DragControl:
 
     @property
     def keys(self) -> list[str]:
-        """Of the channels of the arms that are driven."""
+        """Channel keys of the driven arms."""
         return list(self._clients)
 
     def toggle(self) -> None:
-        """Control, or watch again."""
+        """Switch between control and watching."""
         if self.on:
             self.watch()
             return
@@ -162,7 +162,7 @@ class DragControl:
             self.said = str(error)
 
     def watch(self, why: str = "") -> None:
-        """Drive no more: the arms hold."""
+        """Stop driving: the arms hold."""
         self.said = why
         for client in self._clients.values() if self.on else ():
             try:
@@ -173,7 +173,7 @@ class DragControl:
         self.on = False
 
     def update(self, scene: DesktopScene) -> None:
-        """Give every arm its next target; while watching, keep its box where its set-point has the tool."""
+        """Send each arm its next target; while watching, keep its box at its set-point's tool pose."""
         try:
             for key, client in self._clients.items():
                 if not self.on:
@@ -186,7 +186,7 @@ class DragControl:
             self.watch(str(error))
 
     def _ready(self, client: ArmClient) -> ArmState:
-        """The state of an arm that takes targets. Raises YamError: it does not."""
+        """Return the state of an arm. Raises YamError: it accepts no targets."""
         state = client.observe()
         if state.mode not in _DRIVEN:
             raise LifeCycleError(f"{client.config.name} is in {state.mode.name}: it takes no targets")
@@ -194,11 +194,7 @@ class DragControl:
 
 
 def need_display() -> None:
-    """Refuse where there is none; MuJoCo's viewer would wait for ever.
-
-    Raises:
-        ConfigError: no window can be opened.
-    """
+    """Raise ConfigError if no window can be opened, for which MuJoCo's viewer would wait for ever."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         opened = glfw.init()
@@ -209,14 +205,7 @@ def need_display() -> None:
 
 
 class Desktop:
-    """What the window shows, apart from the window.
-
-    Args:
-        control: of arms that can be driven; None: it only watches.
-
-    Attributes:
-        scene: as it is now.
-    """
+    """Contents of the window, apart from the window. control: the driven arms'; None only watches."""
 
     def __init__(self, control: DragControl | None = None):
         self._control = control
@@ -227,7 +216,7 @@ class Desktop:
         self.look()
 
     def look(self) -> bool:
-        """Read the states of all arms; returns whether others run now, and the scene is a new one."""
+        """Read the states of all arms; return whether other arms run now, with a new scene."""
         self._watched.update(time.monotonic())
         known = {key: arm.hardware for key, arm in self._watched.arms.items() if arm.hardware is not None}
         shown = {key: self._watched.arms[key].process for key in known}
@@ -240,11 +229,11 @@ class Desktop:
         return True
 
     def type(self, key: int) -> None:
-        """A key of the window, by GLFW's number; on any thread."""
+        """Queue a key of the window, by GLFW's number; from any thread."""
         self._typed.put(key)
 
     def update(self) -> None:
-        """Pose the arms as they were read last, and drive those that are driven."""
+        """Pose the arms by their last states, and drive the driven ones."""
         for key in self._shown:
             arm = self._watched.arms.get(key)
             if arm is not None and arm.state is not None:
@@ -257,7 +246,7 @@ class Desktop:
             self._control.update(self.scene)
 
     def texts(self) -> tuple[str, str]:
-        """What stands in the corner: two columns."""
+        """Return the two columns of the corner's text."""
         left = "watching" if self._control is None or not self._control.on else "CONTROL"
         lines = [f"{arm.name}: {line}" for arm in self._watched.arms.values() for line in warnings_of(arm)]
         if not self._watched.arms:
@@ -267,12 +256,12 @@ class Desktop:
         return left, "\n".join(lines)
 
     def close(self) -> None:
-        """Let go of the sessions. Idempotent."""
+        """Release the sessions. Idempotent."""
         self._watched.close()
 
 
 def run_desktop(control: DragControl | None = None) -> None:
-    """Until a person closes the window. When arms come or go a new window takes the place of the old one."""
+    """Show windows until a person closes one; a new one replaces it when arms come or go."""
     desktop = Desktop(control)
     try:
         while _one_window(desktop):
@@ -282,7 +271,7 @@ def run_desktop(control: DragControl | None = None) -> None:
 
 
 def _one_window(desktop: Desktop) -> bool:
-    """A window on the present scene; returns whether another one is needed."""
+    """Show the present scene in a window; return whether another one is needed."""
     scene = desktop.scene
     with mujoco.viewer.launch_passive(
         scene.model, scene.data, key_callback=desktop.type, show_left_ui=False, show_right_ui=False

@@ -1,7 +1,7 @@
 """Bodies of a MuJoCo model in the scene, and one arm of them, with the limits of its workspace.
 
-Each link is a frame with its shapes as meshes, below the one that carries it: a joint that turns is one message to the
-browsers, and a joint that stands is none.
+Each link is a frame with its shapes as meshes, below its carrier, so that a turning joint is one message to the
+browsers, and a still one none.
 """
 
 from collections.abc import Collection, Sequence
@@ -15,7 +15,7 @@ from lerobot_robot_yam.arm.export.primitives import box
 from lerobot_robot_yam.arm.model import VISUAL_GROUP, base_quat, build_spec
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 
-_UNCHANGED = 2e-4  # m, and parts of a quaternion: below what can be seen, above the noise of an arm that stands
+_UNCHANGED = 2e-4  # m, and parts of a quaternion: invisible changes, above the noise of a still arm
 _GHOST = (70, 130, 255), 0.3
 _TOOL_AXES_M = 0.08
 _KEEP_OUT, _FLOOR, _LIMIT_OPACITY = (230, 60, 40), (230, 150, 40), 0.25
@@ -30,7 +30,7 @@ def add_body(
     groups: Collection[int],
     ghost: tuple[Colour, float] | None = None,
 ) -> viser.FrameHandle:
-    """The frame of a body, with its shapes of these groups. ghost: colour and opacity, instead of its own colours."""
+    """Add the frame of a body, with its shapes of these groups. ghost: colour and opacity, instead of its own."""
     frame = scene.add_frame(name, show_axes=False)
     for index, (mesh, colour) in enumerate(meshes(model, body, groups)):
         shade, opacity = ghost or (colour, None)
@@ -39,7 +39,7 @@ def add_body(
 
 
 def put(thing: viser.SceneNodeHandle, position_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
-    """Put a thing there, (3,) and (4,), in the frame above it, unless it is there: each change is a message."""
+    """Move a thing to (3,) and (4,) in its parent frame, unless it is there, as each change is a message."""
     if np.abs(position_m - thing.position).max() > _UNCHANGED:
         thing.position = position_m
     if np.abs(quat_wxyz - thing.wxyz).max() > _UNCHANGED:
@@ -50,10 +50,10 @@ class Figure:
     """A drawing of one arm, or the ghost of one, below a frame of the scene.
 
     Args:
-        scene: of the server.
+        scene: the server's.
         root: name of the frame of its base.
         hardware: the arm.
-        ghost: in one pale colour, without a tool frame.
+        ghost: draw in one pale colour, without a tool frame.
     """
 
     def __init__(self, scene: viser.SceneApi, root: str, hardware: ResolvedArm, ghost: bool = False):
@@ -81,11 +81,11 @@ class Figure:
         self.pose(np.zeros(self._joints))
 
     def stand(self, position_m: Sequence[float] | np.ndarray, quat_wxyz: Sequence[float] | np.ndarray) -> None:
-        """Put its base there."""
+        """Move its base."""
         self._base.position, self._base.wxyz = np.asarray(position_m, float), np.asarray(quat_wxyz, float)
 
     def pose(self, q: np.ndarray, gripper: float | None = None) -> None:
-        """Show it with joints q, (joints,) rad, and the gripper 0 closed … 1 open."""
+        """Show joints q, (joints,) rad, and the gripper 0 closed … 1 open."""
         data = self._data
         data.qpos[: self._joints] = np.nan_to_num(q)
         if self._travel is not None:
@@ -111,12 +111,12 @@ class Figure:
             self._base.visible = shown
 
     def remove(self) -> None:
-        """Take it out of the scene, with everything below its base."""
+        """Remove it from the scene, with everything below its base."""
         self._base.remove()
 
 
 def add_workspace(scene: viser.SceneApi, root: str, hardware: ResolvedArm) -> None:
-    """The floor of an arm's workspace, and the boxes that it keeps out of, below the frame of its base."""
+    """Add the floor and the keep-out boxes of an arm's workspace, below the frame of its base."""
     workspace = hardware.config.workspace
     base = np.array(workspace.base_position_m, float)
     turned_back = np.empty(4)

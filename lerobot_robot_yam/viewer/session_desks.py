@@ -1,6 +1,6 @@
-"""The session desk of the page: every LeRobot command on this computer that drives our arms, found by itself.
+"""Session desks of the page: one for each LeRobot command on this computer that drives our arms, found by itself.
 
-Each has a folder: what it does, its successes, and buttons for what it can be asked now.
+Each has a folder: what the command does, its successes, and buttons for its present offers.
 """
 
 import html
@@ -19,8 +19,8 @@ from lerobot_robot_yam.state.desk_post import Asked, ask, forget_the_dead, runni
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 
 BY = "yam-view"
-MODIFIER: KeyModifier = "shift"  # of every key: W, A, S, D, Q and E alone move the camera of viser's scene
-# Of each meaning that has a button: what stands on it, its colour, and its key on the page.
+MODIFIER: KeyModifier = "shift"  # for all keys, as W, A, S, D, Q and E alone move the camera of viser's scene
+# Meaning → label, colour and key of its button.
 BUTTONS: dict[str, tuple[str, tuple[int, int, int] | None, HotkeyKey]] = {
     "success": ("success", (30, 150, 60), "S"),
     "failure": ("failure", (200, 110, 0), "F"),
@@ -34,17 +34,15 @@ BUTTONS: dict[str, tuple[str, tuple[int, int, int] | None, HotkeyKey]] = {
     "save": ("save", None, "K"),
 }
 _BANNER = "background:#c00;color:#fff;padding:0.5em;font-weight:bold"
-_SILENT_S = 3.0  # LeRobot may hold Python up while it saves
+_SILENT_S = 3.0  # silence to report; LeRobot may block Python while it saves
 _DAY_S = 86_400.0
 _LOOK_S = 0.25
 
 
 class SuccessRate:
-    """How many of a data set's episodes were successes, as their labels say; read anew when these have changed.
+    """Successes among a data set's episodes, by their labels; read again when these have changed.
 
-    Args:
-        root: its folder.
-        first: episodes that were there before this session; all count from it.
+    root: its folder. first: episodes that were there before this session, which do not count.
     """
 
     def __init__(self, root: Path, first: int):
@@ -53,7 +51,7 @@ class SuccessRate:
         self._labels: dict[int, str | None] = {}
 
     def words(self, saved: int) -> str:
-        """One line. `saved`: episodes of the data set, of which some have no label."""
+        """Return one line. saved: episodes of the data set, of which some have no label."""
         self._read()
         labels = [label for episode, label in self._labels.items() if self._first <= episode < saved]
         count = {kind: labels.count(kind) for kind in outcomes.KINDS}
@@ -76,16 +74,16 @@ class SuccessRate:
         except FileNotFoundError:
             self._labels = {}
         except (OSError, ConfigError):
-            self._seen = None  # half written; what was read before stays
+            self._seen = None  # half written; keep the last labels
 
 
 class DeskFolder:
-    """Below one folder of the page.
+    """Folder of one command on the page.
 
     Args:
-        gui: of the server.
-        number: of the process.
-        send: takes a request; called by viser's threads.
+        gui: the server's.
+        number: the process's.
+        send: sends a request; called by viser's threads.
     """
 
     def __init__(self, gui: viser.GuiApi, number: int, send: Callable[[Asked], None]):
@@ -105,13 +103,13 @@ class DeskFolder:
         self.press(meaning)
 
     def press(self, meaning: str) -> None:
-        """Ask for what a button stands for, if the command can be asked for it; for the phase that is shown."""
+        """Request what a button stands for, if the command offers it; for the phase that is shown."""
         status = self.status
         if meaning in status["offers"]:
             self._send(Asked(meaning, BY, status.get("turn")))
 
     def show(self, status: dict[str, Any]) -> None:
-        """Show a new status; of another version it may not be understood, which is shown."""
+        """Show a new status, or that it is not understood, as of another version."""
         try:
             if "root" in status and self._rate is None:
                 self._rate = SuccessRate(Path(status["root"]), status.get("first", 0))
@@ -126,17 +124,17 @@ class DeskFolder:
             self._text.content = content
 
     def close(self) -> None:
-        """Take it off the page."""
+        """Remove the folder."""
         self._folder.remove()
 
 
 def key_name(key: HotkeyKey) -> str:
-    """What a person presses: "Shift+S"."""
+    """Return the name of a key with its modifier: "Shift+S"."""
     return f"{MODIFIER.capitalize()}+{key}"
 
 
 def describe(status: dict[str, Any], rate: SuccessRate | None) -> str:
-    """The folder's HTML. rate: of the data set; None: there is none."""
+    """Return the folder's HTML. rate: the data set's, or None."""
     red = [status["disk_warning"]] if "disk_warning" in status else []
     if status["age_s"] > _SILENT_S:
         red.append(f"has said nothing for {status['age_s']:.0f} s")
@@ -151,7 +149,7 @@ def describe(status: dict[str, Any], rate: SuccessRate | None) -> str:
 
 
 def _doing(status: dict[str, Any]) -> list[str]:
-    """Command and task; the episode and its phase; time."""
+    """Return lines on command and task, the episode and its phase, and time."""
     what = " ".join(status[name] for name in ("command", "strategy") if name in status)
     lines = [what, status.get("task", "")]
     saved, first = status.get("saved"), status.get("first", 0)
@@ -166,7 +164,7 @@ def _doing(status: dict[str, Any]) -> list[str]:
 
 
 def _rates(status: dict[str, Any]) -> list[str]:
-    """The loop; the encoder; the disk; results that LeRobot itself has counted."""
+    """Return lines on the loop, the encoder, the disk, and results that LeRobot itself has counted."""
     loop = [f"{status['fps']:.1f} of {status['fps_asked']:.0f} fps"] if "fps" in status else []
     loop += [f"{status['late']} late"] if status.get("late") else []
     waiting = status.get("encoder_waiting", {})
@@ -183,16 +181,12 @@ def _rates(status: dict[str, Any]) -> list[str]:
 
 
 class SessionDesks:
-    """A folder for each.
-
-    Args:
-        server: viser's.
-    """
+    """Folders of all commands that run."""
 
     def __init__(self, server: viser.ViserServer):
         self._gui = server.gui
         self._folders: dict[int, DeskFolder] = {}
-        self._wishes = deque[tuple[int, Asked]]()  # of viser's threads
+        self._wishes = deque[tuple[int, Asked]]()  # filled by viser's threads
         self._keys = deque[str]()
         self._looked_s = -_LOOK_S
         forget_the_dead(runtime_dir())
@@ -204,19 +198,19 @@ class SessionDesks:
         return command
 
     def press(self, meaning: str) -> None:
-        """As the key of this meaning. Any thread may call it; `update` does it."""
+        """Queue the key of this meaning for `update`. Any thread may call it."""
         self._keys.append(meaning)
 
     def update(self, now_s: float) -> None:
-        """Pass on what was asked, and look for what has changed."""
+        """Send the queued requests, and show changes."""
         while self._keys:
             meaning = self._keys.popleft()
-            if len(self._folders) == 1:  # else nobody knows which is meant: there are buttons
+            if len(self._folders) == 1:  # with several commands a key is ambiguous, so only buttons count
                 next(iter(self._folders.values())).press(meaning)
         while self._wishes:
             number, asked = self._wishes[0]
             if number in self._folders and not ask(runtime_dir(), number, asked):
-                break  # it is flooded: once more the next time
+                break  # its post is full: try again the next time
             self._wishes.popleft()
         if now_s - self._looked_s >= _LOOK_S:
             self._looked_s = now_s
@@ -235,7 +229,7 @@ class SessionDesks:
         self._wishes.append((number, asked))
 
     def close(self) -> None:
-        """Take all off the page. Idempotent."""
+        """Remove all folders. Idempotent."""
         for command in self._commands:
             command.remove()
         self._commands.clear()

@@ -22,28 +22,28 @@ from lerobot_robot_yam.viewer.data.replay_desk import ReplayDesk
 from lerobot_robot_yam.viewer.data.scene_match import SceneMatch
 from lerobot_robot_yam.viewer.serving.handles import put
 
-if TYPE_CHECKING:  # it loads the inverse kinematics, which a data set without arms does without
+if TYPE_CHECKING:  # it loads the inverse kinematics, not needed without arms
     from lerobot_robot_yam.viewer.moving.driver import Driver
 
 _WIDTH_PX = 380
-_SUCCESS_COLUMN = "success"  # of the episodes' metadata, in copies of yam-label
+_SUCCESS_COLUMN = "success"  # column of the episodes' metadata, in copies of yam-label
 _CONTROL = "`connect …` and `take control` come first, in the panel `move`; `land` is there, too."
 _NO_DRIVER = "To send an episode to arms, start `yam-view` with `--config_path` of a run config that has them."
 
 
 class DataPart:
-    """Shows one data set.
+    """Part of the page for one data set.
 
     Args:
         server: viser's.
         root: directory of the data set.
-        known: configurations of arms by the prefix of their values, of a run config.
+        known: prefix of the values → configuration of the arm, from a run config.
         cameras: options of that config's cameras.
-        arm, gripper: profiles of arms that are not known.
-        driver: of the known arms, in their order, which episodes can be sent to; None: none.
+        arm, gripper: profiles of other arms.
+        driver: the known arms', in their order, to which episodes can be sent; or None.
 
     Raises:
-        ConfigError: it is no data set of format v3, it has no episodes, or the profiles do not fit to it.
+        ConfigError: it is no data set of format v3, it has no episodes, or the profiles do not fit it.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class DataPart:
         last = max(self._episodes)
         self._number = gui.add_number("episode", min(self._episodes), min=0, max=last, step=1)
         self._slider = gui.add_slider("frame", 0, 1, 1, 0)
-        self._slid = 0  # what the slider was set to from here
+        self._slid = 0  # the slider's last value from here
         self._play = gui.add_button("play", icon=viser.Icon.PLAYER_PLAY)
         self._speed = gui.add_slider("speed", 0.1, 2.0, 0.1, 1.0)
         self._next = gui.add_button("go to the next flag")
@@ -140,11 +140,11 @@ class DataPart:
             self._playhead.seek(next((start for start in starts if start > self._playhead.frame), starts[0]))
 
     def update(self, now_s: float) -> None:
-        """Do what was asked, and show the frame that is due."""
+        """Carry out requests, and show the frame that is due."""
         while self._asked:
             self._asked.popleft()()
         self._choose()
-        if self._slider.value != self._slid:  # somebody has moved it
+        if self._slider.value != self._slid:  # a person has moved it
             self._playhead.pause()
             self._playhead.seek(self._slider.value)
         self._playhead.speed = self._speed.value
@@ -198,17 +198,17 @@ class DataPart:
         put(self._missing, content=missing)
 
     def close(self) -> None:
-        """Let go of cameras, end the threads. Idempotent."""
+        """Release cameras, and end the threads. Idempotent."""
         with contextlib.ExitStack() as last_first:
             for part in (self._check, self._reader, self._match):
                 last_first.callback(part.close)
 
 
 def _labels(root: Path, episodes: Sequence[Any]) -> dict[int, str]:
-    """Outcomes by episode: of the side-car, else of the column of a labelled copy.
+    """Return outcomes by episode: from the side-car, else from the column of a labelled copy.
 
     Raises:
-        ConfigError: a line of the side-car is none.
+        ConfigError: a line of the side-car is no outcome.
     """
     found = {
         episode.number: outcomes.SUCCESS if episode.metadata[_SUCCESS_COLUMN] else outcomes.FAILURE

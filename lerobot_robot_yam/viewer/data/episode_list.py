@@ -1,4 +1,4 @@
-"""The episodes as a table: how long, how they ended, what the check has found; and the check, beside the page."""
+"""Table of the episodes, with length, outcome and flags of the check; and the check, in the background."""
 
 import html
 import threading
@@ -21,14 +21,12 @@ _CHOSEN = "background:#f78b2e55"
 
 
 class BackgroundCheck:
-    """Check in a thread, whose report grows while it is shown: one picture per second, as `yam-dataset-check` does.
+    """Check in a thread, whose report grows while it is shown: one picture per second, as in `yam-dataset-check`.
 
-    Args:
-        data: the data set.
-        arm: profile with the joint limits; None: the widest of all arms.
+    arm: profile with the joint limits; None for the widest of all arms.
 
     Attributes:
-        report: what was found so far.
+        report: findings so far.
         trouble: why the check has ended early; empty if it has not.
     """
 
@@ -39,12 +37,12 @@ class BackgroundCheck:
         self._thread = threading.Thread(target=self._run, args=(data, arm), name="yam-view-check", daemon=True)
 
     def start(self) -> None:
-        """Begin; once."""
+        """Start the check; call it once."""
         self._thread.start()
 
     @property
     def share(self) -> float:
-        """How much of it is done, 0 … 1."""
+        """Share that is done, 0 … 1."""
         return self._looked / self._all if self._all else 1.0
 
     @property
@@ -53,13 +51,13 @@ class BackgroundCheck:
         return self._thread.ident is not None and not self._thread.is_alive()
 
     def found(self) -> dict[int, EpisodeReport]:
-        """Reports by number of the episodes that were looked at."""
+        """Return the reports of the checked episodes, by number."""
         return {episode.number: episode for episode in self.report.episodes[: self._looked]}
 
     def _run(self, data: OpenedDataset, arm: str | None) -> None:
         try:
             check_into(self.report, data, arm=arm, progress=self._watched)
-        except Exception as error:  # a damaged data set may raise anything; the page is to be of use for it still
+        except Exception as error:  # a damaged data set may raise anything, and the page still shows the rest
             self.trouble = f"{type(error).__name__}: {error}"
 
     def _watched(self, episodes: Iterable[Any]) -> Iterator[Any]:
@@ -70,7 +68,7 @@ class BackgroundCheck:
             self._looked += 1
 
     def close(self) -> None:
-        """End it after the present episode. Idempotent."""
+        """End the check after the present episode. Idempotent."""
         self._ending = True
         if self._thread.ident is not None:
             self._thread.join()
@@ -80,9 +78,9 @@ class EpisodeList:
     """A table that fills while the check goes on.
 
     Args:
-        gui: of the server, inside the container that the table is to be in.
+        gui: the server's, inside the container of the table.
         data: the data set.
-        labels: outcome by number, of the episodes that have one.
+        labels: number → outcome, for the episodes that have one.
         check: under way.
     """
 
@@ -101,7 +99,7 @@ class EpisodeList:
         self._done = False
 
     def update(self, now_s: float, chosen: int) -> None:
-        """Show what is known now; `chosen`: number of the episode that is looked at."""
+        """Show the present findings; chosen: number of the shown episode."""
         if now_s - self._shown_s < _SHOWN_S:
             return
         self._shown_s = now_s
@@ -144,7 +142,7 @@ def _row(episode: RecordedEpisode, fps: float, label: str, report: EpisodeReport
 
 
 def describe(flags: Sequence[Flag] | None) -> str:
-    """HTML about the flags of one episode; None: it has not been checked yet."""
+    """Return HTML about the flags of one episode; None: not checked yet."""
     if flags is None:
         lines = ["not checked yet"]
     else:

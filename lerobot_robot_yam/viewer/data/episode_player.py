@@ -1,4 +1,4 @@
-"""The player of an episode: where one looks, the pictures there, and a plot of one value."""
+"""The player of an episode: the playhead, the pictures at its frame, and a plot of one value."""
 
 import contextlib
 import threading
@@ -17,16 +17,16 @@ Wish = tuple[RecordedEpisode, int]
 """An episode and a frame of it."""
 
 _SHOWN_S = 0.2
-_POINTS = 600  # more cannot be told apart on so small a plot
+_POINTS = 600  # most points of a plot, whose width shows no more
 _HEIGHT = 180
 _STATE, _ACTION, _OTHER, _NOW = "#1f77b4", "#ff7f0e", "#4682ff88", "#d00"
 
 
 class Playhead:
-    """Where in an episode one looks, while it plays or stands. Times are those of the caller's clock, in s.
+    """Place in an episode, while it plays or stands. Times are those of the caller's clock, in s.
 
     Attributes:
-        frames: of the episode; at least 1.
+        frames: the episode's; at least 1.
         fps: frames per second, at speed 1.
         speed: factor.
         playing: whether it moves; it stops at the last frame.
@@ -47,21 +47,20 @@ class Playhead:
         self.frames, self.playing, self._place = max(frames, 1), False, 0.0
 
     def seek(self, frame: int) -> None:
-        """Go to a frame, or as near as there is one."""
+        """Go to a frame, or the nearest one."""
         self._place = float(min(max(frame, 0), self.frames - 1))
 
     def play(self) -> None:
-        """Move on, from the start if it stands at the end."""
+        """Play, from the start if it stands at the end."""
         if self.frame == self.frames - 1:
             self._place = 0.0
         self.playing, self._then_s = True, None
 
     def pause(self) -> None:
-        """Stand."""
         self.playing = False
 
     def advance(self, now_s: float) -> int:
-        """The frame to show at this time."""
+        """Return the frame to show at this time."""
         if self.playing:
             if self._then_s is not None:
                 self._place += (now_s - self._then_s) * self.fps * self.speed
@@ -73,11 +72,7 @@ class Playhead:
 
 
 class PictureReader:
-    """Reads all cameras of one frame at a time, in a thread: what is asked last counts.
-
-    Args:
-        data: the data set.
-    """
+    """Reader of all cameras of one frame at a time, in a thread; only the last request counts."""
 
     def __init__(self, data: OpenedDataset):
         self._data = data
@@ -89,13 +84,13 @@ class PictureReader:
         self._thread.start()
 
     def ask(self, episode: RecordedEpisode, frame: int) -> None:
-        """Read this frame next, and forget what was asked before."""
+        """Read this frame next, instead of an earlier request."""
         with self._wanted:
             self._wish = episode, frame
             self._wanted.notify()
 
     def take(self) -> dict[str, np.ndarray | str] | None:
-        """What was read since the last call, by camera: (height, width, 3) uint8, or why it is missing."""
+        """Return what was read since the last call, by camera: (height, width, 3) uint8, or why it is missing."""
         with self._wanted:
             read, self._read = self._read, None
         return read
@@ -127,11 +122,9 @@ class PictureReader:
 
 
 class EpisodePlot:
-    """One value, measured and asked for, with the place of the playhead; beside it, that of another episode.
+    """Plot of one value, measured and commanded, with the playhead; and of the same value in another episode.
 
-    Args:
-        gui: of the server, inside the container that the plot is to be in.
-        data: the data set.
+    gui: the server's, inside the container of the plot.
     """
 
     def __init__(self, gui: viser.GuiApi, data: OpenedDataset):
@@ -173,12 +166,9 @@ def curves(
     other: RecordedEpisode | None,
     fps: float,
 ) -> tuple[np.ndarray, ...]:
-    """Time (s), state, action, state of the other episode, and the state at `frame` alone: (points,) each.
+    """Return time (s), state, action, state of the other episode, and the state at `frame` alone: (points,) each.
 
-    What does not exist is NaN, which is not drawn.
-
-    Args:
-        names: of the values, by feature.
+    Missing values are NaN, which is not drawn. names: feature → names of its values.
     """
     places = np.unique(np.linspace(0, episode.length - 1, min(episode.length, _POINTS)).astype(int))
     state, action = (_values(names[feature], name, episode, feature, places) for feature in (STATE, ACTION))

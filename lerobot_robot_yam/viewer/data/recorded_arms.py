@@ -1,4 +1,4 @@
-"""The arms of a data set: which columns of its states and actions are whose, and their figures at a frame of it."""
+"""Arms of a data set: their columns in states and actions, and their figures at a frame."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,10 +26,10 @@ class RecordedArm:
     """One arm of a data set.
 
     Attributes:
-        prefix: of its values' names, such as `left_`; empty of a single arm.
+        prefix: prefix of its values' names, such as `left_`; empty for a single arm.
         hardware: its profiles.
-        columns: by feature (`action`, `observation.state`) its joints' columns, then its gripper's if it has a motor;
-            a feature that does not name them all is missing.
+        columns: feature (`action`, `observation.state`) → columns of its joints, then of its gripper if that has a
+            motor; a feature that does not name them all is missing.
         unit: rad per recorded number of a joint.
     """
 
@@ -39,7 +39,7 @@ class RecordedArm:
     unit: float
 
     def positions(self, episode: RecordedEpisode, feature: str) -> np.ndarray | None:
-        """(n, motors) rad, of the gripper 0 closed … 1 open; None where the feature does not tell them."""
+        """Return (n, motors) rad, the gripper 0 closed … 1 open; None if the feature does not have them."""
         if feature not in self.columns or feature not in episode.rows:
             return None
         found = np.array(episode.rows[feature][:, self.columns[feature]], dtype=float)
@@ -47,7 +47,7 @@ class RecordedArm:
         return found
 
     def trajectory(self, episode: RecordedEpisode, fps: float, speed: float) -> Trajectory:
-        """What the episode's actions ask of this arm, `speed` times as fast as it was recorded.
+        """Return the motion of the episode's actions for this arm, `speed` times as fast as recorded.
 
         Raises:
             ConfigError: its actions are no positions of joints.
@@ -64,7 +64,7 @@ class RecordedArm:
 def motion_of(
     arms: Sequence[RecordedArm], prefixes: Sequence[str], episode: RecordedEpisode, fps: float, speed: float
 ) -> Trajectory:
-    """What an episode's actions ask of all arms, side by side in the order of `prefixes`.
+    """Return the motion of an episode's actions for all arms, side by side in the order of `prefixes`.
 
     Raises:
         ActionError: it is of other arms, not finite, or too short.
@@ -86,10 +86,10 @@ def _list(prefixes: Iterable[str]) -> str:
 
 
 def recorded_arms(data: OpenedDataset, known: Mapping[str, ArmConfig], arm: str, gripper: str) -> list[RecordedArm]:
-    """The arms whose joints are named as ours in action or state.
+    """Return the arms whose joints are named as ours in action or state.
 
     Args:
-        known: configurations by prefix, of a run config.
+        known: configurations by prefix, from a run config.
         arm, gripper: profiles of the others. A recording without an opening has no gripper.
 
     Raises:
@@ -104,7 +104,7 @@ def recorded_arms(data: OpenedDataset, known: Mapping[str, ArmConfig], arm: str,
 
 
 def followers(plan: Plan) -> dict[str, ArmConfig]:
-    """The followers of a run config, by the prefix of their values in data sets."""
+    """Return the followers of a run config, by the prefix of their values in data sets."""
     configs = [target.driven for target in plan.followers]
     return dict(zip(("left_", "right_") if len(configs) > 1 else ("",), configs, strict=False))
 
@@ -131,13 +131,13 @@ def _arm(
 
 
 class RecordedFigures:
-    """Figures of all arms that a data set tells of, as they were measured; as they were asked to be, without a state.
+    """Figures of all arms of a data set, as measured, or without a state as commanded.
 
     Args:
-        scene: of the server.
+        scene: the server's.
         root: name of their frame.
-        arms: of the data set.
-        ghost: in one pale colour.
+        arms: the data set's.
+        ghost: draw in one pale colour.
     """
 
     def __init__(self, scene: viser.SceneApi, root: str, arms: Sequence[RecordedArm], ghost: bool = False):

@@ -1,4 +1,4 @@
-"""Sends an episode to the arms: asked for, confirmed, watched, paused and ended on the page."""
+"""Desk that sends an episode to the arms: requested, confirmed, watched, paused and ended on the page."""
 
 import html
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from lerobot_robot_yam.face.datasets.check.opened_dataset import RecordedEpisode
 from lerobot_robot_yam.viewer.data.recorded_arms import RecordedArm, motion_of
 from lerobot_robot_yam.viewer.serving.handles import pressed, put
 
-if TYPE_CHECKING:  # it loads the inverse kinematics, which a data set without arms does without
+if TYPE_CHECKING:  # it loads the inverse kinematics, not needed without arms
     from lerobot_robot_yam.viewer.moving.driver import Driver
 
 LEAST_SPEED, MOST_SPEED = 0.1, 2.0
@@ -21,11 +21,12 @@ class ReplayDesk:
     """Buttons for the browser that controls the arms.
 
     Args:
-        gui: of the server.
-        driver: of the arms.
-        prefixes: of the driver's arms, in their order, in names of recorded values: "", or "left_" and "right_".
-        arms: of the data set.
-        fps: of the data set.
+        gui: the server's.
+        driver: the arms'.
+        prefixes: prefixes of the driver's arms, in their order, in names of recorded values: "", or "left_" and
+            "right_".
+        arms: the data set's.
+        fps: the data set's.
     """
 
     def __init__(
@@ -44,11 +45,11 @@ class ReplayDesk:
         pressed(self._end, lambda browser: driver.ask(browser, driver.hold))
 
     def open(self, episode: RecordedEpisode) -> None:
-        """What is sent from now on."""
+        """Set the episode to send."""
         self._episode = episode
 
     def update(self, flags: Sequence[Flag] | None) -> None:
-        """Show how it stands; `flags`: of the episode, None if it has not been checked."""
+        """Show the progress; flags: the episode's, None if it has not been checked."""
         self._flags = flags
         replayed = self._driver.replayed
         put(self._send, visible=replayed is None)

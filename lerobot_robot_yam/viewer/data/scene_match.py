@@ -1,4 +1,4 @@
-"""Lays a picture of a data set over what a camera sees now, so that a scene can be put back as it was.
+"""Overlay of a data set's picture on the present one of a camera, so that a scene can be restored.
 
 The camera is one of a run config, or of a virtual rig that runs on this computer.
 """
@@ -22,23 +22,23 @@ from lerobot_robot_yam.viewer.serving.handles import put
 logger = logging.getLogger(__name__)
 
 _NONE = "none"
-_LOOK_S = 2.0  # for rigs
+_LOOK_S = 2.0  # between two looks for rigs
 _SHOWN_S = 0.1
-_RIG, _SOCKET = "rig-", ".sock"  # around a rig's name, of the file of its socket
-# Of a rig's camera: its picture is to be compared, not to be quick.
+_RIG, _SOCKET = "rig-", ".sock"  # begin and end of a socket's file name, around the rig's name
+# Settings of a rig's camera, for a good picture rather than a fast one.
 _PICTURES = {"width": 640, "height": 480, "fps": 10}
 _WAIT_MS = 1000.0
 
 
 def running_rigs() -> list[str]:
-    """Names of the rigs that run for this user."""
+    """Return the names of the rigs that run for this user."""
     return sorted(path.name[len(_RIG) : -len(_SOCKET)] for path in runtime_dir().glob(f"{_RIG}*{_SOCKET}"))
 
 
 def rig_cameras(rig: str) -> dict[str, dict[str, Any]]:
-    """LeRobot's options of the cameras of a rig, by a name that tells the rig; empty once it has ended.
+    """Return LeRobot's options of the cameras of a rig, by a name that contains the rig's; empty once it has ended.
 
-    The rig is asked nothing: a question would start one anew that was killed.
+    It reads the rig's file only, as a connection would restart a rig that was killed.
     """
     try:
         names = [camera.name for camera in told_scene(rig).cameras]
@@ -49,16 +49,16 @@ def rig_cameras(rig: str) -> dict[str, dict[str, Any]]:
 
 
 class LiveCamera:
-    """Looks through one camera, in a thread.
+    """Reader of one camera, in a thread.
 
     Args:
-        name: what messages call it.
+        name: its name in messages.
         options: as in a run config.
-        arms: of that config.
+        arms: that config's.
 
     Attributes:
         picture: (height, width, 3) uint8 RGB, the newest one; None before the first.
-        trouble: why there is none any more; empty if there is.
+        trouble: why there is no picture any more; empty if there is.
     """
 
     def __init__(self, name: str, options: Mapping[str, Any], arms: Sequence[ArmConfig]):
@@ -85,7 +85,7 @@ class LiveCamera:
             camera.disconnect()
 
     def begin_close(self) -> None:
-        """Have it end, without waiting."""
+        """Request its end, without waiting."""
         self._ending.set()
 
     def close(self) -> None:
@@ -95,7 +95,7 @@ class LiveCamera:
 
 
 def overlaid(live: np.ndarray, recorded: np.ndarray, alpha: float) -> np.ndarray:
-    """The live picture (height, width, 3) with a share `alpha` of the recorded one, which takes its size."""
+    """Return the live picture (height, width, 3) with a share `alpha` of the recorded one, scaled to it."""
     height, width = live.shape[:2]
     fitted = cv2.resize(recorded, (width, height), interpolation=cv2.INTER_AREA)
     return cv2.addWeighted(live, 1.0 - alpha, fitted, alpha, 0.0)
@@ -105,10 +105,10 @@ class SceneMatch:
     """A choice of cameras, a slider, and the picture.
 
     Args:
-        gui: of the server, inside the container that it is to be in.
+        gui: the server's, inside its container.
         recorded: cameras of the data set.
-        cameras: options of a run config's cameras, by name.
-        arms: of that config.
+        cameras: name → options of a run config's camera.
+        arms: that config's.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class SceneMatch:
         arms: Sequence[ArmConfig],
     ):
         self._cameras, self._arms = dict(cameras), arms
-        self._rigs: dict[str, dict[str, dict[str, Any]]] = {}  # their cameras' options, by rig
+        self._rigs: dict[str, dict[str, dict[str, Any]]] = {}  # rig → camera → options
         self._live_choice = gui.add_dropdown("live camera", (_NONE, *cameras))
         self._recorded = gui.add_dropdown("over it", tuple(recorded) or (_NONE,))
         self._alpha = gui.add_slider("share of the recorded", 0.0, 1.0, 0.05, 0.5)
@@ -131,7 +131,7 @@ class SceneMatch:
         self._looked_s = self._shown_s = -_LOOK_S
 
     def update(self, now_s: float, pictures: Mapping[str, np.ndarray | str]) -> None:
-        """Show the newest live picture; `pictures`: of the data set's frame that is looked at, by camera."""
+        """Show the newest live picture; pictures: camera → picture of the shown frame of the data set."""
         if now_s - self._looked_s >= _LOOK_S:
             self._looked_s = now_s
             self._look()
@@ -173,7 +173,7 @@ class SceneMatch:
             self._live = LiveCamera(name, options, self._arms)
 
     def close(self) -> None:
-        """Let go of the cameras. Idempotent."""
+        """Release the cameras. Idempotent."""
         self._open(_NONE)
         for camera in self._ended:
             camera.close()

@@ -1,4 +1,4 @@
-"""What is to be read about one arm: mode, trouble and remedy, figures of each motor, and a plot of ten seconds."""
+"""Panel of one arm: mode, trouble and remedy, figures of each motor, and a plot of ten seconds."""
 
 import html
 import math
@@ -15,7 +15,7 @@ from lerobot_robot_yam.state.records import ArmState, Limited
 from lerobot_robot_yam.viewer.live.watched_arms import WatchedArm
 
 _SPAN_S = 10.0
-_ROWS = 512  # of a ring; more than a page reads in that time
+_ROWS = 512  # rows of a ring, more than a page reads in that time
 _COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c")
 _POSITION, _TORQUE, _PERIOD, _AGE = "q, set-point, target", "torque, Nm", "loop period, ms", "sample age, ms"
 _CURVES = {
@@ -25,7 +25,7 @@ _CURVES = {
     _AGE: ("oldest sample",),
 }
 _SHOWN_S = 0.2
-_NEAR = 0.8  # of a torque limit
+_NEAR = 0.8  # share of a torque limit that is marked
 _STYLE = "font-family:monospace;font-size:11px;width:100%;border-collapse:collapse;text-align:right"
 
 
@@ -43,13 +43,13 @@ class ArmHistory:
         self._last: ArmState | None = None
 
     def add(self, state: ArmState) -> None:
-        """Take a state, unless it is the one before or lacks a reading."""
+        """Add a state, unless it is the one before or lacks a reading."""
         last, self._last = self._last, state
         if last is None or state.tick <= last.tick:
             return
         setpoint = state.setpoints
         action = state.action or ()
-        target = action if len(action) == self._n else setpoint  # a leader's is for its follower, which has a gripper
+        target = action if len(action) == self._n else setpoint  # a leader's has its follower's gripper
         grip = state.gripper_tau_nm
         row = [*state.positions, *setpoint, *target, *state.tau_nm, *([] if grip is None else [grip])]
         row.append(1e3 * (state.published_s - last.published_s) / (state.tick - last.tick))
@@ -60,7 +60,7 @@ class ArmHistory:
             self._count += 1
 
     def columns(self, now_s: float, *numbers: int) -> tuple[np.ndarray, ...]:
-        """Seconds before now, (k,) from -10 to 0, and the values of some columns, (k,) each, oldest first."""
+        """Return seconds before now, (k,) from -10 to 0, and the values of some columns, (k,) each, oldest first."""
         kept = min(self._count, _ROWS)
         rows = np.arange(self._count - kept, self._count) % _ROWS
         rows = rows[self._times[rows] > now_s - _SPAN_S]
@@ -68,14 +68,12 @@ class ArmHistory:
 
 
 class ArmPlot:
-    """One quantity of one motor, which the reader picks: two menus and the plot, in the folder that is open.
+    """Plot of one quantity of one motor, with two menus to choose them, in the open folder.
 
-    Args:
-        gui: of the server.
-        names: of the arm's motors.
+    gui: the server's. names: the motors'.
 
     Attributes:
-        history: what is plotted; to be filled.
+        history: the plotted samples; to be filled.
     """
 
     def __init__(self, gui: viser.GuiApi, names: Sequence[str]):
@@ -89,7 +87,7 @@ class ArmPlot:
         self._plot: viser.GuiUplotHandle | None = None
 
     def update(self, now_s: float) -> None:
-        """Draw it."""
+        """Draw the plot."""
         quantity, motor = self._quantity.value, self._names.index(self._motor.value)
         data = self.history.columns(now_s, *self._columns(quantity, motor))
         if len(data[0]) < 2:
@@ -109,7 +107,7 @@ class ArmPlot:
             )
 
     def close(self) -> None:
-        """Take it off the page."""
+        """Remove it from the page."""
         if self._plot is not None:
             self._plot.remove()
         self._folder.remove()
@@ -127,24 +125,19 @@ class ArmPlot:
 
 
 class ArmPanel:
-    """A folder of the page's panel.
-
-    Args:
-        gui: of the server.
-        arm: the arm.
-    """
+    """Folder of one arm in the page's panel."""
 
     def __init__(self, gui: viser.GuiApi, arm: WatchedArm):
         self._arm = arm
         self._folder = gui.add_folder(arm.name)
         with self._folder:
             self._text = gui.add_html("")
-        self._plot: ArmPlot | None = None  # once it is known how many motors there are
+        self._plot: ArmPlot | None = None  # once the number of motors is known
         self._gui = gui
         self._shown_s = -_SHOWN_S
 
     def update(self, now_s: float, looked_at: bool) -> None:
-        """Show the state that was read last, a few times a second while somebody looks; it is plotted all the same."""
+        """Plot the last state, and show it a few times a second while a browser is open."""
         state = self._arm.state
         if state is None:
             return
@@ -158,11 +151,11 @@ class ArmPanel:
             self._plot.update(now_s)
 
     def hide(self) -> None:
-        """It is not updated any more."""
+        """Hide the folder, and end its updates."""
         self._folder.visible = False
 
     def close(self) -> None:
-        """Take it off the page; first what is in it, so that no update is on its way to something that is gone."""
+        """Remove it from the page, contents first, so that no update is under way to something removed."""
         if self._plot is not None:
             self._plot.close()
         self._text.remove()
@@ -170,7 +163,7 @@ class ArmPanel:
 
 
 def describe(arm: WatchedArm) -> str:
-    """The panel's HTML."""
+    """Return the panel's HTML."""
     state = arm.state
     if state is None:
         return "<p>no state yet</p>"
@@ -192,7 +185,7 @@ def describe(arm: WatchedArm) -> str:
 
 
 def warnings(arm: WatchedArm) -> list[str]:
-    """What a person should know at once: one line each, with the remedy; empty when all is well."""
+    """Return one line for each urgent problem, with the remedy; empty when all is well."""
     state, lines = arm.state, []
     if state is None:
         return []
@@ -208,7 +201,7 @@ def warnings(arm: WatchedArm) -> list[str]:
 
 
 def motor_names(arm: WatchedArm, state: ArmState) -> list[str]:
-    """As the profiles call them; (n)."""
+    """Return the profiles' names of the motors; (n)."""
     if arm.hardware is not None and arm.hardware.n == len(state.positions):
         return [motor.name for motor in arm.hardware.motors]
     joints, motors = len(state.q), len(state.positions)

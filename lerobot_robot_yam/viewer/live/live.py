@@ -1,4 +1,4 @@
-"""The live part of the page: every arm and camera of this computer, as others use them. It drives and opens none."""
+"""The live part of the page: each arm and camera of this computer, as others use them. It drives and opens none."""
 
 import html
 import json
@@ -20,7 +20,7 @@ _BEAT_S = 1.0
 _SILENT_S = 4.0
 _SILENT = "NO WORD FROM yam-view: what this page shows is old. Stop the arms with their own emergency stop."
 
-# `lines` stands before it. The browser's own timer says when this page is no longer brought up to date.
+# Preceded by the definition of `lines`. The browser's own timer reports when this page is no longer updated.
 _SHOW = """
 let bar = document.getElementById("yam-banner");
 if (!bar) {
@@ -42,28 +42,24 @@ show(lines);
 clearTimeout(window.yamSilence);
 window.yamSilence = setTimeout(() => show([silent, ...lines]), silentMs);
 """
-_GHOST_RAD = 0.005  # a set-point that is nearer than this is not drawn
+_GHOST_RAD = 0.005  # least distance of a set-point that is drawn
 _EYE_M, _LOOKS_AT_M = (1.3, 1.5, 1.1), (-0.3, 0.0, 0.15)  # two followers and their leaders, from the front
-_LEAVE_S = 3.0  # of a hidden panel; a browser without a graphics card draws a picture a second at worst
+_LEAVE_S = 3.0  # until a hidden panel is removed; without a graphics card a browser may draw once a second
 _CAMERAS_S = 0.5
-_DEVICES_S = 5.0  # who has a device open is in as many files as there are processes
+_DEVICES_S = 5.0  # between two searches for users of devices, which read a file per process
 _NOBODY = "<p style='padding:0 0.8em;color:#888'>no arm runs on this computer</p>"
 
 
 class RunJavascriptMessage(viser._messages.RunJavascriptMessage, include_in_scene_serialization=False):
-    """viser's message of that name. viser keeps each for browsers that come later; of this one only the newest."""
+    """viser's message of that name, of which viser keeps only the newest for browsers that come later."""
 
     def redundancy_key(self) -> str:
-        """The same for all."""
+        """Return the same key for all, so that a new one replaces the old."""
         return "yam-view banner"
 
 
 class Banner:
-    """Bar over the top of the whole page of all browsers, and its title: nobody may overlook what is in it.
-
-    Args:
-        server: viser's.
-    """
+    """Bar over the top of the page in all browsers, and its title, for warnings that nobody may overlook."""
 
     def __init__(self, server: viser.ViserServer):
         self._server = server
@@ -71,7 +67,7 @@ class Banner:
         self._sent_s = -_BEAT_S
 
     def show(self, lines: Sequence[str], now_s: float) -> None:
-        """Show these lines; none: no bar. Call it often: a browser that hears nothing for 4 s says so itself."""
+        """Show these lines; none: no bar. Call it often: a browser without news for 4 s reports that itself."""
         if list(lines) == self._lines and now_s - self._sent_s < _BEAT_S:
             return
         self._lines, self._sent_s = list(lines), now_s
@@ -86,7 +82,7 @@ class _Shown:
     def __init__(self, server: viser.ViserServer, arm: WatchedArm):
         self.arm = arm
         self.panel = ArmPanel(server.gui, arm)
-        self.place: Place | None = None  # of its base, once it is drawn
+        self.place: Place | None = None  # its base's, once it is drawn
         self._figure = self._ghost = None
         self._drawn: tuple[float, ...] = ()
         if arm.hardware is not None:
@@ -97,14 +93,14 @@ class _Shown:
             add_workspace(server.scene, root, arm.hardware)
 
     def stand(self, place: Place) -> None:
-        """Put its base there."""
+        """Move its base."""
         self.place = place
         for figure in (self._figure, self._ghost):
             if figure is not None:
                 figure.stand(*place)
 
     def draw(self) -> None:
-        """Pose it as it was measured last."""
+        """Show the last measured pose."""
         state = self.arm.state
         if self._figure is None or self._ghost is None or state is None:
             return
@@ -119,7 +115,7 @@ class _Shown:
             self._ghost.pose(state.setpoint_q, state.gripper_setpoint)
 
     def close(self) -> None:
-        """Take it off the page, but for the panel, which is hidden; see `Live`."""
+        """Remove it from the page, except for the panel, which is hidden; see `Live`."""
         self.panel.hide()
         for figure in (self._figure, self._ghost):
             if figure is not None:
@@ -138,7 +134,7 @@ class _Cameras:
         self._looked_s = -_DEVICES_S
 
     def update(self, now_s: float, rigs: WatchedRigs) -> None:
-        """Show them, now and then; the folder is there if there is one."""
+        """Show the cameras, now and then; without any the folder is hidden."""
         if now_s - self._shown_s < _CAMERAS_S:
             return
         self._shown_s = now_s
@@ -156,14 +152,12 @@ def _who_reads(device: VideoDevice) -> str:
 
 
 class Live:
-    """Shows the arms, says what is wrong with them, and has the emergency stop.
+    """Part that shows the arms and their troubles, and has the emergency stop.
 
-    A slow browser puts updates off to its next picture, but removes at once what is to be removed: it then misses what
-    it should update, and says so in its console. So panels are hidden first, and removed when that has been drawn.
+    A slow browser delays updates to its next picture, but removes elements at once: it then misses the target of an
+    update, and reports that in its console. So panels are hidden first, and removed once that has been drawn.
 
-    Args:
-        server: viser's.
-        troubles: of the page, as they are now: lines for the banner.
+    server: viser's. troubles: present lines of the page for the banner.
     """
 
     def __init__(self, server: viser.ViserServer, troubles: Sequence[str] = ()):
@@ -171,8 +165,8 @@ class Live:
         self._watched = WatchedArms()
         self._rigs = WatchedRigs(server.scene)
         self._shown: dict[str, _Shown] = {}
-        self._leaving: list[tuple[float, ArmPanel]] = []  # when to remove them
-        server.scene.configure_default_lights(cast_shadow=False)  # a browser without a graphics card draws, too
+        self._leaving: list[tuple[float, ArmPanel]] = []  # with the time of removal
+        server.scene.configure_default_lights(cast_shadow=False)  # for browsers without a graphics card
         server.initial_camera.position, server.initial_camera.look_at = _EYE_M, _LOOKS_AT_M
         self._grid = server.scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.1, section_size=0.5)
         self._banner = Banner(server)
@@ -186,15 +180,15 @@ class Live:
         return self._watched.arms
 
     def place_of(self, key: str) -> Place | None:
-        """Where the base of the arm with this key is drawn: position (3,) m, w x y z (4,); None: it is not."""
+        """Return the drawn place of the base of the arm with this key: position (3,) m, w x y z (4,); or None."""
         shown = self._shown.get(key)
         return None if shown is None else shown.place
 
     def update(self, now_s: float) -> None:
-        """Read, and draw what has changed."""
+        """Read the arms, and draw changes."""
         try:
             self._draw(now_s)
-        finally:  # whatever cannot be drawn, the banner is
+        finally:  # the banner is shown even after an error
             lines = [*self._stop.update(), *self._troubles, *self._watched.lost(now_s)]
             lines += [f"{arm.name}: {line}" for arm in self.arms.values() for line in warnings(arm)]
             self._banner.show(lines, now_s)
@@ -211,7 +205,7 @@ class Live:
             self._cameras.update(now_s, self._rigs)
 
     def _keep(self, now_s: float) -> None:
-        """Have a drawing of each arm that runs, at its place, and of its rig."""
+        """Keep a drawing of each arm that runs, at its place, and of its rig."""
         arms, before = self.arms, list(self._shown.values())
         for key in [key for key, shown in self._shown.items() if shown.arm is not arms.get(key)]:
             shown = self._shown.pop(key)
@@ -219,7 +213,7 @@ class Live:
             self._leaving.append((now_s + _LEAVE_S, shown.panel))
         while self._leaving and self._leaving[0][0] <= now_s:
             self._leaving.pop(0)[1].close()
-        for key in sorted(arms.keys() - self._shown.keys())[:1]:  # one a round: to draw it anew takes a moment
+        for key in sorted(arms.keys() - self._shown.keys())[:1]:  # one a round, as a new drawing takes a moment
             self._shown[key] = _Shown(self._server, arms[key])
         moved = self._rigs.keep({arm.rig for arm in arms.values() if arm.rig})
         if not moved and before == list(self._shown.values()):
@@ -232,6 +226,6 @@ class Live:
         self._grid.position = (0.0, 0.0, min(floors, default=0.0))
 
     def close(self) -> None:
-        """Let go of the sessions. Idempotent."""
+        """Release the sessions. Idempotent."""
         self._rigs.close()
         self._watched.close()

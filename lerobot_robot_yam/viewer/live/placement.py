@@ -1,4 +1,4 @@
-"""Where each arm stands in the scene: as its rig has it, else as its workspace says; never in one another."""
+"""Places of the arms in the scene: by their rig, else by their workspace, and never inside one another."""
 
 from collections.abc import Iterable, Mapping
 
@@ -11,13 +11,13 @@ from lerobot_robot_yam.viewer.live.watched_arms import WatchedArm
 
 Place = tuple[np.ndarray, np.ndarray]
 """Position (3,) m and orientation w x y z (4,) of a base."""
-APART_M = 0.6  # of arms that do not say where they stand: by default all at the origin
+APART_M = 0.6  # distance of arms without a place, which would all be at the origin
 RIGS_APART_M = 3.0
 _SAME_M = 0.1
 
 
 def places(arms: Mapping[str, WatchedArm], rigs: Mapping[str, RigWorld]) -> dict[str, Place]:
-    """Of the base of each arm with a shape, by its key. Virtual rigs stand beside each other."""
+    """Return the place of the base of each arm with a shape, by its key. Virtual rigs stand beside each other."""
     found: dict[str, Place] = {}
     for key, arm in sorted(arms.items()):
         if arm.hardware is None:
@@ -32,7 +32,7 @@ def places(arms: Mapping[str, WatchedArm], rigs: Mapping[str, RigWorld]) -> dict
 
 
 def row_of(arms: Iterable[ResolvedArm]) -> list[Place]:
-    """Of arms that are on no rig, as `places`."""
+    """Return the places of arms that are on no rig, as `places` does."""
     found: list[Place] = []
     for hardware in arms:
         found.append(clear_of(found, base_of(hardware)))
@@ -40,7 +40,7 @@ def row_of(arms: Iterable[ResolvedArm]) -> list[Place]:
 
 
 def clear_of(taken: Iterable[Place], place: Place) -> Place:
-    """The place, or the next one beside it where no other arm stands."""
+    """Return the place, or the next one beside it without another arm."""
     position, quat = place[0].copy(), place[1]
     others = [other for other, _ in taken]
     while any(np.linalg.norm(position - other) < _SAME_M for other in others):
@@ -49,11 +49,11 @@ def clear_of(taken: Iterable[Place], place: Place) -> Place:
 
 
 def origin_of(number: int) -> np.ndarray:
-    """Where the world of the rig with that number, from 0, has its origin, (3,) m."""
+    """Return the origin (3,) m of the world of the rig with that number, from 0."""
     return np.array([0.0, -RIGS_APART_M * number, 0.0])
 
 
 def base_of(hardware: ResolvedArm) -> Place:
-    """Of an arm, as its workspace says."""
+    """Return the place of an arm by its workspace."""
     workspace = hardware.config.workspace
     return np.array(workspace.base_position_m, dtype=float), base_quat(workspace.base_yaw_rad, hardware.tilt_rad)

@@ -1,4 +1,4 @@
-"""A virtual rig, as the blocks of its renderer show it: its world, and pictures of its cameras. It is asked nothing."""
+"""A virtual rig from the blocks of its renderer, without a connection: its world, and pictures of its cameras."""
 
 import contextlib
 import re
@@ -17,22 +17,21 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _SETTINGS = re.compile(r"(.+)-(\d+)x(\d+)-(\d+)")
 _STAMP = struct.Struct("<d")  # the first field of a frame
-_WIDEST = 320  # pixels; a frustum is small on the page
+_WIDEST = 320  # pixels, as a frustum is small on the page
 
 
 class RigWorld:
-    """One rig's.
+    """World of one rig.
 
-    Args:
-        name: of the rig, as in the names of its files.
+    name: the rig's, as in the names of its files.
 
     Attributes:
-        scene: what it simulates.
-        model, data: MuJoCo's, as read last: poses, cameras and contacts.
+        scene: the simulated scene.
+        model, data: MuJoCo's, as last read: poses, cameras and contacts.
 
     Raises:
         RigError, FileNotFoundError: no such rig runs.
-        ConfigError, StaleStateError: its scene's file has changed since it has started.
+        ConfigError, StaleStateError: its scene's file has changed since its start.
     """
 
     def __init__(self, name: str):
@@ -48,20 +47,20 @@ class RigWorld:
 
     @property
     def current(self) -> bool:
-        """False once it has ended."""
+        """False once the rig has ended."""
         return self._block.current
 
     @property
     def floor_z_m(self) -> float:
-        """Height of the floor that the table stands on."""
+        """Height of the floor below the table, m."""
         return float(self.model.geom("floor").pos[2])
 
     def base(self, channel: str) -> tuple[np.ndarray, np.ndarray] | None:
-        """Position (3,) m and w x y z (4,) of the base of the arm on a channel; None: it has none there."""
+        """Return position (3,) m and w x y z (4,) of the base of the arm on a channel; None without one."""
         return self._bases.get(channel)
 
     def read(self) -> bool:
-        """Take the newest state; False: there is no newer one."""
+        """Read the newest state; return False if there is no newer one."""
         record = self._block.glance()
         if record is None or float(record["stamp_s"]) == self._stamp_s:
             return False
@@ -72,7 +71,7 @@ class RigWorld:
         return True
 
     def contacts(self) -> list[tuple[str, str, np.ndarray]]:
-        """What touches an arm, which may be itself: names of both bodies, an arm's first, and the point (3,) m."""
+        """Return the contacts of arms: names of both bodies, an arm's first, and the point (3,) m."""
         found = []
         for index in range(self.data.ncon):
             contact = self.data.contact[index]
@@ -83,12 +82,12 @@ class RigWorld:
         return found
 
     def close(self) -> None:
-        """Let go of the block. Idempotent."""
+        """Release the block. Idempotent."""
         self._block.close(remove=False)
 
 
 class RenderedPictures:
-    """Those of one rig. It opens no camera: a camera that nobody uses has no picture."""
+    """Pictures of one rig's cameras. It opens no camera, so an unused camera has no picture."""
 
     def __init__(self, rig: str):
         self._rig = rig
@@ -96,7 +95,7 @@ class RenderedPictures:
         self._shown: dict[SharedBlock, int] = {}
 
     def look(self) -> None:
-        """See which cameras are open now."""
+        """Find the cameras that are open now."""
         head = rig_path(self._rig, "camera-")
         found = {path.name.removeprefix(head.name): path for path in head.parent.glob(f"{head.name}*")}
         for name in [name for name, block in self._blocks.items() if name not in found or not block.current]:
@@ -109,15 +108,15 @@ class RenderedPictures:
                     self._blocks[name] = SharedBlock(path, dtype, create=False)
 
     def open_ones(self, now_s: float) -> dict[str, float]:
-        """Cameras as the names of their blocks have them, `top-320x240-30`, and how old their pictures are, s."""
+        """Return cameras by the names of their blocks, `top-320x240-30`, and the age of their pictures, s."""
         return {name: now_s - block.peek(0, _STAMP) for name, block in sorted(self._blocks.items())}
 
     def is_open(self, camera: str) -> bool:
-        """Whether somebody has opened a camera."""
+        """Return whether a camera is open."""
         return self._of(camera) is not None
 
     def newest(self, camera: str) -> np.ndarray | None:
-        """(h, w, 3) uint8 RGB, at most 320 wide; None: there is no newer one than that of the last call."""
+        """Return (h, w, 3) uint8 RGB, at most 320 wide; None if there is no newer one than at the last call."""
         block = self._of(camera)
         if block is None or block.sequence() == self._shown.get(block):
             return None
@@ -140,6 +139,6 @@ class RenderedPictures:
         block.close(remove=False)
 
     def close(self) -> None:
-        """Let go of all. Idempotent."""
+        """Release all blocks. Idempotent."""
         for name in list(self._blocks):
             self._forget(name)

@@ -1,4 +1,4 @@
-"""The emergency stop of the page: one click latches it, and it asks before it lets go."""
+"""The emergency stop of the page: one click latches it; the release needs a confirmation."""
 
 import logging
 
@@ -11,24 +11,21 @@ logger = logging.getLogger(__name__)
 
 
 class StopButton:
-    """Two buttons at the top of the panel. The stop is latched in the thread that hears the click, without a wait.
+    """Two buttons at the top of the panel. The thread that receives the click latches the stop, without a wait.
 
-    Each click has an `EmergencyStop` of its own: one that could not be written down says that it is latched for good.
-
-    Args:
-        gui: of the server.
+    Each click has an `EmergencyStop` of its own, as one that could not be written down stays latched for good.
     """
 
     def __init__(self, gui: viser.GuiApi):
         self._seen = EmergencyStop()
-        self._failure = ""  # why the last click has stopped nothing
+        self._failure = ""  # why the last click failed
         self._button = gui.add_button("EMERGENCY STOP", color="red", icon=viser.Icon.HAND_STOP)
         self._release = gui.add_button("release the emergency stop …", visible=False)
         self._button.on_click(lambda _: self._latch())
         self._release.on_click(self._ask)
 
     def update(self) -> list[str]:
-        """Show what is so; returns lines for the banner."""
+        """Show the present state; return lines for the banner."""
         latched = self._seen.latched
         if self._release.visible != latched:
             self._release.visible = latched

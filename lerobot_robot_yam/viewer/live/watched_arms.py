@@ -1,4 +1,4 @@
-"""The arms that run on this computer, found and read through their state blocks. Nothing is written, nothing asked."""
+"""The arms that run on this computer, found and read through their state blocks, without writing or requests."""
 
 import contextlib
 import dataclasses
@@ -18,20 +18,20 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.5
-_AGE_S = 0.25  # of an arm that does not say how old its state may be
-_LOST_S = 60.0  # for so long it is said that an arm was left energised
+_AGE_S = 0.25  # limit of the state's age for an arm without a known one
+_LOST_S = 60.0  # duration of the warning that an arm was left energised
 _FIELDS = {field.name for field in dataclasses.fields(LeadArmConfig)}
 
 
 class WatchedArm:
-    """One arm of somebody's session.
+    """One arm of any session on this computer.
 
     Attributes:
-        key: of its channel.
-        process: that drives it.
-        hardware: profiles and limits; None: its session does not say what arm it is.
-        state: as read last; None before the first.
-        age_s: of that state when it was read.
+        key: its channel's.
+        process: process that drives it.
+        hardware: profiles and limits; None if its session does not publish them.
+        state: last read; None before the first.
+        age_s: age of that state when it was read.
     """
 
     def __init__(self, directory: Path, key: str, process: str):
@@ -43,12 +43,12 @@ class WatchedArm:
 
     @property
     def name(self) -> str:
-        """What messages call it, with its channel."""
+        """Its name in messages, with its channel."""
         return self.key if self.hardware is None else f"{self.hardware.name} ({self.key})"
 
     @property
     def rig(self) -> str | None:
-        """Name of its virtual rig, as in the names of its files; None of a real arm."""
+        """Name of its virtual rig, as in the names of its files; None for a real arm."""
         if self.hardware is None or self.hardware.config.interface != VIRTUAL:
             return None
         return self.key.removesuffix(f".{slug(self.hardware.config.channel)}")
@@ -65,7 +65,7 @@ class WatchedArm:
         return self.state is not None and self.state.mode is not Mode.OFF and self.age_s > limit_s
 
     def read(self, now_s: float) -> None:
-        """Take the newest state, and note its age. `now_s`: of the monotonic clock."""
+        """Read the newest state and its age at `now_s`, of the monotonic clock."""
         payload = self._block.glance_bytes()
         if payload is not None:
             self.state = ArmState(payload)
@@ -73,12 +73,12 @@ class WatchedArm:
             self.age_s = now_s - self.state.published_s
 
     def close(self) -> None:
-        """Let go of the block. Idempotent."""
+        """Release the block. Idempotent."""
         self._block.close(remove=False)
 
 
 class WatchedArms:
-    """All of them, by key. `update` once per round."""
+    """All running arms, by key. Call `update` once per round."""
 
     def __init__(self) -> None:
         self.arms: dict[str, WatchedArm] = {}
@@ -86,7 +86,7 @@ class WatchedArms:
         self._looked_s = -_LOOK_S
 
     def update(self, now_s: float) -> None:
-        """Look for sessions that have begun or ended, now and then, and read every state."""
+        """Look for sessions that have begun or ended, now and then, and read all states."""
         if now_s - self._looked_s >= _LOOK_S:
             self._looked_s = now_s
             self._look(now_s)
@@ -94,7 +94,7 @@ class WatchedArms:
             arm.read(now_s)
 
     def lost(self, now_s: float) -> list[str]:
-        """Arms whose session has ended while they were energised, for a minute, unless another session has them."""
+        """Return a line for each arm whose session ended while energised, for a minute or until a new session."""
         return [line for line, since_s in self._lost.values() if now_s - since_s < _LOST_S]
 
     def _look(self, now_s: float) -> None:
@@ -110,12 +110,12 @@ class WatchedArms:
                 del self.arms[key]
         for key, process in running.items():
             if key not in self.arms:
-                with contextlib.suppress(FileNotFoundError, StaleStateError):  # it begins or ends just now
+                with contextlib.suppress(FileNotFoundError, StaleStateError):  # a session that just begins or ends
                     self.arms[key] = WatchedArm(directory, key, process)
                     self._lost.pop(key, None)
 
     def close(self) -> None:
-        """Let go of all. Idempotent."""
+        """Release all arms. Idempotent."""
         for arm in self.arms.values():
             arm.close()
         self.arms.clear()

@@ -1,4 +1,4 @@
-"""The virtual rigs of the arms that are watched: each is found by its arms, and drawn around them."""
+"""The virtual rigs of the watched arms: each is found by its arms, and drawn around them."""
 
 import logging
 import math
@@ -18,7 +18,7 @@ logger = logging.getLogger(__name__)
 _GROUPS = (0, 2)  # shapes that cameras see
 _LOOK_S = 1.0
 _PICTURES_S = 0.25
-_ASPECT = 4 / 3  # of a camera that nobody has opened
+_ASPECT = 4 / 3  # for a camera that is not open
 _FRUSTUM = 0.12
 _CONTACT = (255, 0, 60)
 _CONTACT_M = 0.012
@@ -26,12 +26,7 @@ _SEEN = np.array([0.0, 1.0, 0.0, 0.0])  # MuJoCo's cameras look along -z with y 
 
 
 class RigScenery:
-    """What stands around the arms of one rig: its table, props, cameras with their pictures, and what touches an arm.
-
-    Args:
-        scene: of the server.
-        world: of the rig.
-    """
+    """Surroundings of the arms of one rig: table, props, cameras with their pictures, and contacts of arms."""
 
     def __init__(self, scene: viser.SceneApi, world: RigWorld):
         self._world = world
@@ -63,11 +58,11 @@ class RigScenery:
         self._looked_s = self._pictured_s = -math.inf
 
     def stand(self, origin_m: np.ndarray) -> None:
-        """Put its origin there, (3,)."""
+        """Move its origin to (3,) m."""
         self._root.position = origin_m
 
     def update(self, now_s: float, watched: bool) -> None:
-        """Draw what has changed. watched: somebody looks, pictures are worth their while."""
+        """Draw changes. watched: whether a browser is open, for which pictures are worth their cost."""
         if self._world.read():
             self._draw()
         if watched and now_s - self._looked_s >= _LOOK_S:
@@ -79,7 +74,7 @@ class RigScenery:
                 self._show(camera.name, frustum)
 
     def cameras(self, now_s: float) -> list[str]:
-        """A line for each camera that somebody has opened."""
+        """Return a line for each open camera."""
         return [f"{name}: {age_s * 1e3:.0f} ms old" for name, age_s in self._pictures.open_ones(now_s).items()]
 
     def _draw(self) -> None:
@@ -108,16 +103,15 @@ class RigScenery:
             frustum.aspect = picture.shape[1] / picture.shape[0]
 
     def close(self) -> None:
-        """Take it out of the scene."""
+        """Remove it from the scene."""
         self._pictures.close()
         self._root.remove()
 
 
 class WatchedRigs:
-    """All of them.
+    """All rigs of the watched arms.
 
-    Args:
-        scene: of the server.
+    scene: the server's.
 
     Attributes:
         worlds: by the rig's name, in the order in which they stand beside each other.
@@ -127,10 +121,10 @@ class WatchedRigs:
         self._scene = scene
         self.worlds: dict[str, RigWorld] = {}
         self._sceneries: dict[str, RigScenery] = {}
-        self._unknown: set[str] = set()  # whose world nobody tells
+        self._unknown: set[str] = set()  # rigs whose world cannot be read
 
     def keep(self, names: Iterable[str]) -> bool:
-        """Have the rigs of these names, and no other; True: something has changed."""
+        """Keep the rigs of these names, and no other; return whether something has changed."""
         wanted = set(names)
         self._unknown &= wanted
         before = list(self.worlds.values())
@@ -146,17 +140,17 @@ class WatchedRigs:
             self._sceneries[name] = RigScenery(self._scene, world)
         if before == list(self.worlds.values()):
             return False
-        for number, scenery in enumerate(self._sceneries.values()):  # where `places` puts their arms
+        for number, scenery in enumerate(self._sceneries.values()):  # as `places` does for their arms
             scenery.stand(origin_of(number))
         return True
 
     def update(self, now_s: float, watched: bool) -> None:
-        """Draw what has changed in them. watched: somebody looks."""
+        """Draw changes. watched: whether a browser is open."""
         for scenery in self._sceneries.values():
             scenery.update(now_s, watched)
 
     def cameras(self, now_s: float) -> list[str]:
-        """A line for each rendered camera that somebody has opened."""
+        """Return a line for each open rendered camera."""
         return [line for scenery in self._sceneries.values() for line in scenery.cameras(now_s)]
 
     def _forget(self, name: str) -> None:
@@ -164,6 +158,6 @@ class WatchedRigs:
         self.worlds.pop(name).close()
 
     def close(self) -> None:
-        """Let go of all. Idempotent."""
+        """Remove all rigs. Idempotent."""
         for name in list(self.worlds):
             self._forget(name)

@@ -1,4 +1,4 @@
-"""What a person moves one arm by: sliders for its joints, gripper and gains, and arrows and rings at its tool."""
+"""Controls of one arm: sliders for its joints, gripper and gains, and arrows and rings at its tool."""
 
 import time
 from collections.abc import Callable
@@ -15,21 +15,15 @@ from lerobot_robot_yam.viewer.moving.driver import Driver
 from lerobot_robot_yam.viewer.serving.handles import kept, pressed, put
 
 _STEP_RAD, _STEP_OPENING = 0.001, 0.01
-_SHOWN_RAD = 0.002  # or of the stroke: smaller changes of a slider are not shown
-_TOUCHED_S = 0.3  # for so long after a hand has moved it a slider is left alone: its message is on its way
+_SHOWN_RAD = 0.002  # least change of a slider that is shown, rad or share of the stroke
+_TOUCHED_S = 0.3  # time without changes to a slider that a hand has moved, for its messages under way
 _GAIN_STEP = 0.1
-_SIZE_PX = 90.0  # of an arrow, however far away: one of the length of the tool is too thin for a mouse
-_SHOWN_M = 5e-4  # and of the quaternion: smaller changes of a tool are not shown
+_SIZE_PX = 90.0  # size of an arrow at any distance, as one of the tool's length is too thin for a mouse
+_SHOWN_M = 5e-4  # least change of a tool that is shown, m and parts of the quaternion
 
 
 class JointSliders:
-    """Folder of one arm in the panel. The sliders show where the arm goes, or where it is.
-
-    Args:
-        gui: of the server.
-        driver: is asked for what is dragged.
-        hardware: the arm.
-    """
+    """Folder of one arm in the panel. The sliders show the arm's goal, or its set-point."""
 
     def __init__(self, gui: viser.GuiApi, driver: Driver, hardware: ResolvedArm):
         self._driver, self._hardware = driver, hardware
@@ -53,7 +47,7 @@ class JointSliders:
         )
 
         @slider.on_update
-        async def _(event: viser.GuiEvent) -> None:  # on viser's own thread, so in order
+        async def _(event: viser.GuiEvent) -> None:  # async: on viser's own thread, so in order
             value = event.target.value
             if event.client_id is not None:
                 self._touched_s[motor] = time.monotonic()
@@ -93,24 +87,20 @@ class JointSliders:
             return
         shown = np.clip(arm.shown, self._hardware.lower, self._hardware.upper)
         for slider, value, touched_s in zip(self._sliders, shown.tolist(), self._touched_s, strict=True):
-            if now - touched_s > _TOUCHED_S and not abs(slider.value - value) <= _SHOWN_RAD:  # nor if that is no number
+            if now - touched_s > _TOUCHED_S and not abs(slider.value - value) <= _SHOWN_RAD:  # also replaces NaN
                 put(slider, value=value)
 
 
 class ToolHandle:
-    """Arrows and rings at the tool of one arm that is driven: drag them, and the joints follow.
+    """Arrows and rings at the tool of one driven arm: drag them, and the joints follow.
 
-    Args:
-        scene: of the server.
-        driver: is asked for what is dragged.
-        hardware: the arm.
-        place: where its base is drawn; None: nowhere yet.
+    place: returns the drawn place of the arm's base, or None.
     """
 
     def __init__(self, scene: viser.SceneApi, driver: Driver, hardware: ResolvedArm, place: Callable[[], Place | None]):
         self._driver, self._hardware, self._place = driver, hardware, place
         self._kinematics = YamKinematics(hardware.arm, hardware.gripper)
-        self._dragging: int | None = None  # the browser that does
+        self._dragging: int | None = None  # the browser that drags
         root = f"/moving/{hardware.name}"
         self._base = scene.add_frame(root, show_axes=False, visible=False)
         self._handle = scene.add_transform_controls(f"{root}/tool", scale=_SIZE_PX, fixed=True, depth_test=False)
@@ -142,12 +132,12 @@ class ToolHandle:
     @staticmethod
     def _show(node: viser.FrameHandle | viser.TransformControlsHandle, position: np.ndarray, quat: np.ndarray) -> None:
         apart = max(np.abs(node.position - position).max(), np.abs(node.wxyz - quat).max())
-        if not apart <= _SHOWN_M:  # nor if a browser has sent what is no number
+        if not apart <= _SHOWN_M:  # also replaces a browser's NaN
             node.position, node.wxyz = position, quat
 
 
 def pose_of(position_m: np.ndarray, wxyz: np.ndarray) -> np.ndarray:
-    """(4, 4) from (3,) m and a quaternion (4,). Raises ActionError: not finite, or no direction."""
+    """Return (4, 4) of (3,) m and a quaternion (4,). Raises ActionError: not finite, or no direction."""
     norm = float(np.linalg.norm(wxyz))
     if position_m.shape != (3,) or wxyz.shape != (4,) or not np.isfinite([*position_m, norm]).all() or norm < 1e-6:
         raise ActionError(f"this is no pose of a tool: {position_m} m, {wxyz}; nothing moves")

@@ -1,4 +1,4 @@
-"""Who may drive the arms, and when: nobody before a person has confirmed, then one browser at a time.
+"""Control of the arms: nobody's before a person has confirmed, then one browser's at a time.
 
     watching ──connect──▶ connecting ──arms hold──▶ enabled ──take──▶ control
         ▲                                              ▲  ◀──give, lost──┘
@@ -13,7 +13,7 @@ from lerobot_robot_yam.errors import LifeCycleError
 
 
 class Stage(Enum):
-    """How far the page has come."""
+    """Stage of the page."""
 
     WATCHING = "watching"  # nothing is energised by this page
     CONNECTING = "connecting"
@@ -32,9 +32,8 @@ class ControlDesk:
     """Stage and holder of the control. One thread changes it.
 
     Attributes:
-        stage: as it is.
-        holder: the browser that controls the arms; None: nobody.
-        asker: the browser that asks the holder for it; None: nobody.
+        holder: the browser that controls the arms, or None.
+        asker: the browser that requests control from the holder, or None.
     """
 
     def __init__(self) -> None:
@@ -43,21 +42,21 @@ class ControlDesk:
         self.asker: int | None = None
 
     def begin(self) -> None:
-        """A person has confirmed. Raises LifeCycleError: the arms are connected, or being connected."""
+        """Begin to connect, after a person has confirmed. Raises LifeCycleError: already connected or connecting."""
         if self.stage is not Stage.WATCHING:
             raise LifeCycleError("the arms are connected already")
         self.stage = Stage.CONNECTING
 
     def enable(self) -> None:
-        """The arms hold."""
+        """Note that the arms hold."""
         self.stage = Stage.ENABLED
 
     def end(self) -> None:
-        """They have landed, or did not come up."""
+        """Note that the arms have landed, or did not come up."""
         self.stage, self.holder, self.asker = Stage.WATCHING, None, None
 
     def take(self, browser: int) -> bool:
-        """Give it control, if nobody has it; else it asks the holder. True: it has control.
+        """Give the browser control, if nobody has it, and return True; else note its request.
 
         Raises:
             LifeCycleError: the arms are not connected.
@@ -71,7 +70,7 @@ class ControlDesk:
         return True
 
     def give(self, browser: int) -> int | None:
-        """The holder gives control to the one that asks, else to nobody; returns the new holder.
+        """Pass control to the browser that requests it, else to nobody; return the new holder.
 
         Raises:
             LifeCycleError: this browser does not have it.
@@ -81,7 +80,7 @@ class ControlDesk:
         return self.holder
 
     def lost(self, browser: int) -> bool:
-        """This browser has gone. True: it had control."""
+        """Note that this browser has gone; return whether it had control."""
         if self.asker == browser:
             self.asker = None
         if self.holder != browser:
@@ -90,18 +89,18 @@ class ControlDesk:
         return True
 
     def check(self, browser: int) -> None:
-        """Raises LifeCycleError: this browser may not command the arms; says why and what to do."""
+        """Raise LifeCycleError, with reason and remedy, if this browser may not command the arms."""
         if self.stage is not Stage.CONTROL:
             raise LifeCycleError(f"nothing was done: {_REFUSED[self.stage]}")
         if browser != self.holder:
             raise LifeCycleError(f"nothing was done: browser {self.holder} controls the arms; press `take control`")
 
     def is_free_for(self, browser: int) -> bool:
-        """Whether no other browser controls the arms."""
+        """Return whether no other browser controls the arms."""
         return self.holder in (None, browser)
 
     def check_unheld(self, browser: int) -> None:
-        """Raises LifeCycleError: another browser controls the arms."""
+        """Raise LifeCycleError if another browser controls the arms."""
         if not self.is_free_for(browser):
             self.check(browser)
 

@@ -1,7 +1,7 @@
-"""Arms on their way: one to a goal that a person changes while it moves, or all of them along a recorded motion.
+"""Moving arms: one to a goal that a person changes meanwhile, or all of them along a recorded motion.
 
-The control loop limits the speed of one arm that is moved; a recorded motion is slowed before it begins. The loop says
-only that its collision guard holds a set-point back; `HeldBack` names the parts that are too near.
+The control loop limits the speed of an arm that is moved; a recorded motion is slowed before it begins. The loop only
+reports that its collision guard holds a set-point back; `HeldBack` names the parts that are too near.
 """
 
 from collections.abc import Sequence
@@ -21,25 +21,22 @@ from lerobot_robot_yam.session.trajectory import Trajectory, soft_way
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 
-_REACHED = 1e-3  # rad, or of the gripper's stroke
-_PROGRESS = 5e-3  # that an arm comes nearer to its goal, at least,
-_STUCK_S = 1.0  # within this time; else it holds where it is
-_OFF_M = 0.03  # a tool that ends farther from where it was dragged to is out of reach
-_RAMP_S = 0.4  # of a motion that is paused: from full speed to rest, and back
-_SETTLES_S = 1.0  # the set-points come to the last targets at their own speed
-_LONGEST_S = 0.1  # of a step of it: while nobody gives targets, the motion stands still, too
-_AHEAD_RAD = 0.05  # the guard stops this near to its limit, or nearer
+_REACHED = 1e-3  # rad, or share of the gripper's stroke: distance that counts as reached
+_PROGRESS = 5e-3  # least progress of an arm towards its goal
+_STUCK_S = 1.0  # within this time; without it the arm holds
+_OFF_M = 0.03  # error of a dragged tool that counts as out of reach
+_RAMP_S = 0.4  # time of a pause's ramp from full speed to rest, and back
+_SETTLES_S = 1.0  # longest wait for the set-points at the last targets
+_LONGEST_S = 0.1  # longest step of a motion, which pauses while no targets are sent
+_AHEAD_RAD = 0.05  # largest distance at which the guard stops before its limit
 
 
 class DrivenArm:
-    """Gives the targets of one arm. One thread uses it.
-
-    Args:
-        client: the arm.
+    """Sender of the targets of one arm. One thread uses it.
 
     Attributes:
-        goal: (n,) of all motors, rad and 0 … 1, while it is on its way; None: it stays.
-        shown: (n,) where it goes, or is asked to be; any thread may read it.
+        goal: (n,) of all motors, rad and 0 … 1, while the arm moves to it, else None.
+        shown: (n,) the goal, or the set-points; any thread may read it.
     """
 
     def __init__(self, client: ArmClient):
@@ -51,11 +48,11 @@ class DrivenArm:
         self._tracker: PoseTracker | None = None
 
     def move(self, motor: int, value: float, now: float) -> None:
-        """One joint to an angle, rad, or the gripper, 0 … 1; the others stay, or go on to where they were going.
+        """Move one joint to an angle, rad, or the gripper, 0 … 1; the others keep their goals.
 
         Raises:
             ActionError: there is no such motor, or the value is not finite or beyond its limits; nothing changes.
-            YamError: the arm takes no targets.
+            YamError: the arm accepts no targets.
         """
         hw = self.hardware
         if not 0 <= motor < hw.n:
@@ -70,12 +67,12 @@ class DrivenArm:
         self._set(goal, now)
 
     def drag(self, pose: np.ndarray, now: float) -> str:
-        """The tool to a pose (4, 4) in the frame of the base; what there is to say about it, empty: nothing.
+        """Move the tool to a pose (4, 4) in the frame of the base; return a notice, empty for none.
 
         Raises:
             ActionError: no pose; nothing changes.
             ConfigError: this arm has no kinematics.
-            YamError: the arm takes no targets.
+            YamError: the arm accepts no targets.
         """
         hw, goal = self.hardware, self._present()
         if self._tracker is None:
@@ -92,18 +89,18 @@ class DrivenArm:
         return ""
 
     def glide(self, goal: np.ndarray) -> None:
-        """Softly along a straight joint line to a pose (n,). Raises YamError: the arm takes no targets."""
+        """Move softly along a straight joint line to a pose (n,). Raises YamError: the arm accepts no targets."""
         self.stay()
         start = ready([self.client])
         speed = np.minimum(self.hardware.speed_limit, APPROACH_RAD_S)
         self._playback = Playback([self.client], soft_way(start, goal, approach_s(goal - start, speed)))
 
     def stay(self) -> None:
-        """Give no more targets."""
+        """Send no more targets."""
         self.goal = self._playback = None
 
     def _present(self) -> np.ndarray:
-        """(n,) where it goes, or is asked to be. Raises YamError: it takes no targets."""
+        """Return (n,) the goal, or the set-points. Raises YamError: the arm accepts no targets."""
         state = self.client.newest()
         _check_takes_targets(self.client)
         return np.array(state.setpoints) if self.goal is None else self.goal.copy()
@@ -114,14 +111,14 @@ class DrivenArm:
         self._least, self._since_s = np.inf, now
 
     def step(self, now: float) -> bool:
-        """Give the target of this moment. False: it comes no nearer to its goal, and holds from now on.
+        """Send the present target; return False if the arm comes no nearer to its goal, and holds from now on.
 
         Raises:
-            YamError: the arm takes no targets any more.
+            YamError: the arm no longer accepts targets.
         """
         self.shown = np.array(self.client.published().setpoints) if self.goal is None else self.goal
         if self._playback is not None and self._playback.step(now):
-            self._set(self._playback.trajectory.positions[-1], now)  # until it is there
+            self._set(self._playback.trajectory.positions[-1], now)  # until it arrives
         if self.goal is None:
             return True
         _check_takes_targets(self.client)
@@ -139,7 +136,7 @@ class DrivenArm:
 
 
 def _check_takes_targets(client: ArmClient) -> None:
-    """Raises LifeCycleError: this arm takes no targets now; says why."""
+    """Raise LifeCycleError, with the reason, if this arm accepts no targets now."""
     state = client.newest()
     if Limited.PEER in state.limited:
         raise LifeCycleError(f"{client.config.name}: it holds, because the other arm is in trouble; nothing moves")
@@ -152,16 +149,16 @@ def _check_takes_targets(client: ArmClient) -> None:
 
 
 class Replay:
-    """A motion on its way, with the way to its first pose before it.
+    """A motion under way, with the way to its first pose before it.
 
     Args:
         clients: the arms. One that floats holds from now on.
         trajectory: with a column for each of their motors.
-        now: by the arms' clock, s.
+        now: the arms' clock, s.
 
     Attributes:
         paused: whether it comes to rest, or stands still.
-        share: how much of it is done, 0 … 1.
+        share: part that is done, 0 … 1.
 
     Raises:
         ActionError: it does not fit these arms; nothing moves.
@@ -172,14 +169,14 @@ class Replay:
         self._playback = replay(clients, trajectory)
         self._then_s, self._place_s, self._rate = now, 0.0, 1.0
         self._ended_s: float | None = None
-        self._there = False  # at the step before
+        self._there = False  # whether the arms had arrived at the step before
         self.paused, self.share = False, 0.0
 
     def step(self, now: float) -> bool:
-        """Give the targets of this moment; True once the arms are at the last ones, or have had time to get there.
+        """Send the present targets; return True once the arms are at the last ones, or have had time to get there.
 
         Raises:
-            YamError: one takes no targets, has failed or is silent.
+            YamError: one accepts no targets, has failed or is silent.
         """
         passed_s, self._then_s = min(now - self._then_s, _LONGEST_S), now
         most = passed_s / _RAMP_S
@@ -189,19 +186,18 @@ class Replay:
         if not self._playback.step(self._place_s):
             return False
         self._ended_s = now if self._ended_s is None else self._ended_s
-        there, self._there = self._there, not self.late()  # twice: a set-point that passes by is not there
+        there, self._there = self._there, not self.late()  # twice, as a set-point may only pass by
         return (there and self._there) or now - self._ended_s > _SETTLES_S
 
     def late(self) -> str:
-        """The joint, with its arm, that is not where the motion ends; empty when all are."""
+        """Return the joint, with its arm, that is not at the motion's end; empty when all are."""
         return self._playback.late()
 
 
 class HeldBack:
-    """Of all arms of one session. One thread uses it.
+    """Finder of the parts that hold arms of one session back. One thread uses it.
 
-    Args:
-        arms: in the order of all lists below.
+    arms: in the order of all lists below.
     """
 
     def __init__(self, arms: Sequence[ResolvedArm]):
@@ -213,12 +209,12 @@ class HeldBack:
     def reason(
         self, arm: int, setpoints: Sequence[np.ndarray], goals: Sequence[np.ndarray], openings: Sequence[float]
     ) -> str:
-        """The parts that hold this arm back: "left link4 – left link1, 21 mm"; empty when there are none.
+        """Return the parts that hold this arm back: "left link4 – left link1, 21 mm"; empty without any.
 
         Args:
             arm: its index.
-            setpoints, goals: per arm (joints,) or more, rad: where it is asked to be, and where it is to go.
-            openings: per arm, of its gripper, 0 closed … 1 open.
+            setpoints, goals: per arm (joints,) or more, rad.
+            openings: per arm, the gripper's, 0 closed … 1 open.
         """
         parts = self._clearance.parts
         parts.open_grippers(openings)

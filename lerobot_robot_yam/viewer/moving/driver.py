@@ -1,7 +1,7 @@
-"""The one thread that drives the arms: it carries out what browsers ask for, and streams the targets.
+"""The one thread that drives the arms: it carries out the requests of browsers, and streams the targets.
 
-Everything that a browser asks for goes through `ask`, and is done here or refused with a notice. When the browser that
-controls the arms is lost, they hold. When the page ends, they land.
+Each request goes through `ask`, and is carried out here or refused with a notice. When the browser that controls the
+arms is lost, they hold. When the page ends, they land.
 """
 
 import logging
@@ -30,18 +30,18 @@ logger = logging.getLogger(__name__)
 
 _PERIOD_S = 0.02
 _MOST_NOTICES = 50
-_REPEATED_S = 2.0  # the same notice is not given again before
+_REPEATED_S = 2.0  # least time between two equal notices
 
 
 class Notice(NamedTuple):
-    """Words for one browser; None: for all."""
+    """Text for one browser; None for all."""
 
     browser: int | None
     text: str
 
 
 class Driver:
-    """Drives the arms of a plan.
+    """Driver of the arms of a plan.
 
     Args:
         plan: the arms.
@@ -49,12 +49,12 @@ class Driver:
         isolation: see `ArmSession`.
 
     Attributes:
-        desk: who may do what; read only elsewhere.
-        arms: those that are connected, by name.
-        replayed: the recorded motion that all of them follow; None: none.
-        notices: to show; whoever shows them takes them out.
-        held_back: by name of an arm, the parts that it would bring too near.
-        heartbeat: of the browsers.
+        desk: who may do what; only read elsewhere.
+        arms: the connected ones, by name.
+        replayed: the recorded motion that all of them follow, or None.
+        notices: to show; the reader removes them.
+        held_back: name of an arm → parts that it would bring too near.
+        heartbeat: the browsers'.
 
     Raises:
         ConfigError: the arms cannot be used together.
@@ -76,11 +76,11 @@ class Driver:
         self._thread = threading.Thread(target=self._run, name="yam-view-driver", daemon=True)
 
     def start(self) -> None:
-        """Begin to do as browsers ask. Nothing is energised."""
+        """Start the thread. Nothing is energised."""
         self._thread.start()
 
     def ask(self, browser: int, work: Callable[[], object]) -> None:
-        """Have a command of the browser that controls the arms carried out. Call it in the order of what arrives."""
+        """Queue a command of the browser that controls the arms. Call it in the order of arrival."""
         try:
             self.desk.check(browser)
         except LifeCycleError as error:
@@ -89,15 +89,15 @@ class Driver:
             self._queue(Order(browser, work, True, self.heartbeat.given_s(browser)))
 
     def ask_to_connect(self, browser: int) -> None:
-        """Have the arms connected; a person has confirmed it in a question that the heartbeat knows of."""
+        """Queue the connection of the arms, after a person has confirmed it in a question known to the heartbeat."""
         self._queue(Order(browser, self.connect, False, self.heartbeat.given_s(browser)))
 
     def ask_freely(self, browser: int, work: Callable[[], object]) -> None:
-        """Have something done that needs no control and energises nothing; any thread may ask. Its arrival counts."""
+        """Queue work that needs no control and energises nothing, dated by its arrival; from any thread."""
         self._queue(Order(browser, work, False, time.monotonic()))
 
     def ask_to_leave(self, browser: int) -> None:
-        """This browser has gone: that is never too late to know."""
+        """Queue the loss of this browser, which is never too old."""
         self._orders.add(Order(browser, lambda: self.leave(browser), False, math.inf), always=True)
 
     def _queue(self, order: Order) -> None:
@@ -105,19 +105,19 @@ class Driver:
             self.say(order.browser, "nothing was done: too many of your commands wait; give it again")
 
     def say(self, browser: int | None, text: str) -> None:
-        """Give a notice, unless it was given just now."""
+        """Add a notice, unless the same was added just now."""
         notice, now = Notice(browser, text), time.monotonic()
         if now - self._said.get(notice, -np.inf) < _REPEATED_S:
             return
         self._said = {told: when for told, when in self._said.items() if now - when < _REPEATED_S} | {notice: now}
         self.notices.append(notice)
 
-    # what can be asked for
+    # requests
 
     def connect(self) -> None:
-        """Energise the arms, which hold where they are. A person has confirmed it. Raises YamError: what failed."""
+        """Energise the arms, which hold their poses. A person has confirmed it. Raises YamError: the reason."""
         self.desk.begin()
-        self._said = {}  # what was told of the last session is news of this one
+        self._said = {}  # notices of the last session may repeat
         try:
             self.session.start()
             self.arms = {config.name: DrivenArm(self.session[config.name]) for config in self.plan.configs}
@@ -129,7 +129,7 @@ class Driver:
         self.say(None, "the arms hold where they are; `take control` to move them")
 
     def take(self, browser: int) -> None:
-        """This browser gets control, or asks for it. Raises LifeCycleError: the arms are not connected."""
+        """Give this browser control, or ask the holder for it. Raises LifeCycleError: the arms are not connected."""
         if self.desk.take(browser):
             self._hand_to(browser)
         else:
@@ -137,7 +137,7 @@ class Driver:
             self.say(browser, f"browser {self.desk.holder} has been asked for control")
 
     def give(self, browser: int) -> None:
-        """This browser gives control to the one that asks, or to nobody; then the arms hold."""
+        """Pass this browser's control to the one that requests it, or to nobody; then the arms hold."""
         holder = self.desk.give(browser)
         self._freeze()
         if holder is not None:
@@ -148,33 +148,33 @@ class Driver:
         self.say(None, f"browser {browser} controls the arms")
 
     def leave(self, browser: int) -> None:
-        """This browser has gone: the arms hold, if it controlled them."""
+        """Note that this browser has gone: the arms hold, if it controlled them."""
         if self.desk.lost(browser):
             self._freeze()
             self.say(None, f"browser {browser}, which controlled the arms, is lost: they hold")
 
     def hold(self) -> None:
-        """Every arm keeps its set-point, or its pose when it floats."""
+        """Have each arm keep its set-point, or its pose when it floats."""
         self._stay()
         self._each(ArmClient.hold)
 
     def let_float(self) -> None:
-        """Every arm is free to be moved by hand."""
+        """Let all arms be moved by hand."""
         self._stay()
         self._each(ArmClient.float)
 
     def rearm(self) -> None:
-        """Enable again what has failed. Raises YamError: it still fails."""
+        """Enable failed arms again. Raises YamError: one still fails."""
         self._stay()
         self.session.rearm()
 
     def land(self) -> None:
-        """Every arm begins to land. Raises YamError: one does not."""
+        """Begin to land all arms. Raises YamError: one does not."""
         self._stay()
         self._each(ArmClient.land)
 
     def _each(self, work: Callable[[ArmClient], None]) -> None:
-        """Of every arm, whatever becomes of the others. Raises YamError: the first of the failures."""
+        """Do this with each arm, whatever happens to the others. Raises YamError: the first failure."""
         failures: list[YamError] = []
         for arm in self.arms.values():
             try:
@@ -185,19 +185,19 @@ class Driver:
             raise failures[0]
 
     def move(self, name: str, motor: int, value: float) -> None:
-        """One joint or gripper of an arm, see `DrivenArm.move`. A replay ends."""
+        """Move one joint or gripper of an arm, see `DrivenArm.move`. Ends a replay."""
         self._end_replay()
         self._arm(name).move(motor, value, self.session.clock.now())
 
     def drag(self, browser: int, name: str, pose: np.ndarray) -> None:
-        """The tool of an arm, see `DrivenArm.drag`. A replay ends."""
+        """Move the tool of an arm, see `DrivenArm.drag`. Ends a replay."""
         self._end_replay()
         said = self._arm(name).drag(pose, self.session.clock.now())
         if said:
             self.say(browser, said)
 
     def glide(self, goals: Mapping[str, np.ndarray]) -> None:
-        """Arms, by name, softly to a pose (n,) each. Raises YamError: one takes no targets; nothing moves."""
+        """Move arms, by name, softly to a pose (n,) each. Raises YamError: one accepts no targets; nothing moves."""
         arms = [(self._arm(name), goal) for name, goal in goals.items()]
         self._stay()
         for arm, _ in arms:
@@ -206,7 +206,7 @@ class Driver:
             arm.glide(goal)
 
     def replay(self, trajectory: Trajectory) -> None:
-        """All arms softly to the first pose, then along a trajectory with a column for each of their motors.
+        """Move all arms softly to the first pose, then along a trajectory with a column for each of their motors.
 
         Raises:
             ActionError: it does not fit these arms; nothing moves.
@@ -216,12 +216,12 @@ class Driver:
         self.replayed = Replay([arm.client for arm in self.arms.values()], trajectory, self.session.clock.now())
 
     def pause(self, paused: bool) -> None:
-        """The replay comes to rest, or goes on."""
+        """Bring the replay to rest, or continue it."""
         if self.replayed is not None:
             self.replayed.paused = paused
 
     def change_gains(self, name: str, kp: np.ndarray, kd: np.ndarray) -> None:
-        """Gains of an arm, (joints,) each. Raises YamError: what a configuration would be refused for."""
+        """Set the gains of an arm, (joints,) each. Raises YamError: a configuration would be refused with them."""
         self._arm(name).client.change_gains(kp, kd)
 
     def _arm(self, name: str) -> DrivenArm:
@@ -235,13 +235,13 @@ class Driver:
         while not self._ended.is_set():
             try:
                 self.round()
-            except Exception:  # a defect: the arms hold, as targets have ceased, and the page goes on
+            except Exception:  # a defect: targets cease, so the arms hold, and the page goes on
                 logger.exception("the driver's round failed")
                 self._stay()
             self.session.clock.sleep(_PERIOD_S)
 
     def round(self) -> None:
-        """What is due: lost browsers, orders, targets."""
+        """Handle lost browsers, orders and targets."""
         if self.heartbeat.lost() and self.desk.holder is not None:
             self.leave(self.desk.holder)
         for order in self._orders.of_a_round():
@@ -291,7 +291,7 @@ class Driver:
         self.say(None, said)
 
     def _note_held_back(self, name: str) -> None:
-        """Find out, once, what the control loop's guard holds this arm back from."""
+        """Find, once, the parts for which the control loop's guard holds this arm back."""
         states = [arm.client.published() for arm in self.arms.values()]
         index = list(self.arms).index(name)
         if Limited.WORKSPACE not in states[index].limited:
@@ -305,7 +305,7 @@ class Driver:
                 self.say(None, f"{name}: held back: {why}")
 
     def _finish(self) -> None:
-        """They have landed."""
+        """End the session after the landing."""
         self._stay()
         self.session.stop()
         self.arms = {}
@@ -317,13 +317,13 @@ class Driver:
             self._freeze()
 
     def _stay(self) -> None:
-        """Give no more targets."""
+        """Send no more targets."""
         self.replayed = None
         for arm in self.arms.values():
             arm.stay()
 
     def _freeze(self) -> None:
-        """Whatever moves or floats holds; a landing goes on."""
+        """Have all arms that move or float hold; a landing goes on."""
         self._stay()
         for arm in self.arms.values():
             try:
@@ -333,9 +333,9 @@ class Driver:
                 self.say(None, str(error))
 
     def close(self) -> None:
-        """Land the arms, and wait for that. Idempotent."""
+        """Land the arms, and wait for it. Idempotent."""
         self._ended.set()
-        self.session.begin_stop()  # else arms that come up would be waited for
+        self.session.begin_stop()  # else `join` would wait for arms that come up
         self.heartbeat.close()
         if self._thread.ident is not None:
             self._thread.join()

@@ -1,4 +1,4 @@
-"""Which arms the page or the window drives, and how: from a config, or from the options of one arm."""
+"""Choice of the arms that the page or the window drives: from a config, or from the options of one arm."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -9,18 +9,18 @@ from lerobot_robot_yam.arm.config import ArmConfig, check_together, passive_of
 from lerobot_robot_yam.doctor.kit.targets import calibration_root, from_config
 from lerobot_robot_yam.errors import ConfigError
 
-MARGIN_M = 0.02  # between the parts of an arm whose config does not say: what docs/workspace.md shows
-_APART_M = 2.0  # of arms whose config does not say where they stand: out of each other's reach
+MARGIN_M = 0.02  # default margin between an arm's parts, as in docs/workspace.md
+_APART_M = 2.0  # distance out of each other's reach, for arms without a place in the config
 
 
 @dataclass(frozen=True)
 class DrivingPlan:
-    """What is driven.
+    """Arms to drive.
 
     Attributes:
         configs: the arms.
         poses: file of saved poses.
-        notes: what differs from the config, for the person who has to confirm it.
+        notes: differences from the config, for the person who has to confirm them.
     """
 
     configs: tuple[ArmConfig, ...]
@@ -29,10 +29,10 @@ class DrivingPlan:
 
 
 def plan_of_file(path: Path, rig: str | None) -> DrivingPlan:
-    """The followers of a rig's file or run config; its leaders if it has no follower.
+    """Return the followers of a rig's file or run config; its leaders if it has no follower.
 
     Raises:
-        ConfigError: unreadable, it has no arm with motors, or what no session would start with.
+        ConfigError: unreadable, without an arm with motors, or refused by a session.
     """
     plan = from_config(path, rig)
     driven = plan.followers or plan.targets
@@ -43,12 +43,12 @@ def plan_of_file(path: Path, rig: str | None) -> DrivingPlan:
 
 
 def plan_of_arm(config: ArmConfig) -> DrivingPlan:
-    """One arm. Raises ConfigError: what no session would start with."""
+    """Return the plan of one arm. Raises ConfigError: refused by a session."""
     return plan_of([config], calibration_root() / "yam" / f"{config.channel}.poses.json")
 
 
 def plan_of(configs: Sequence[ArmConfig], poses: Path) -> DrivingPlan:
-    """These arms, which hold when they are energised, and keep clear of themselves.
+    """Return the plan of these arms, which hold when energised, and keep clear of themselves.
 
     Raises:
         ConfigError: they cannot be used together.

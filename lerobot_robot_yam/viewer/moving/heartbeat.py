@@ -1,11 +1,11 @@
-"""Whether a browser is alive, how old its commands are, and the commands that wait to be done.
+"""Heartbeats of browsers, the age of their commands, and the commands that wait.
 
-viser has no heartbeat. A WebSocket's own ping is answered by the browser's network code, also while the page itself
-hangs. So the page is asked again and again for an item of its local storage, which its script has to look up. Nobody
-cares which.
+viser has no heartbeat. A WebSocket's own ping is answered by the browser's network code, even while the page itself
+hangs. So the page has to look up an item of its local storage again and again, which its script does; the item does
+not matter.
 
-What a page sends arrives in order, however long the network keeps it. So a command that arrives after an answer was
-sent after that question was asked: the time of the question is the earliest at which a person can have given it.
+A page's messages arrive in order, however long the network keeps them. So a command that arrives after an answer was
+sent after that question: the question's time is the earliest at which a person can have given the command.
 """
 
 import itertools
@@ -19,33 +19,31 @@ from typing import NamedTuple
 import viser
 from viser._messages import LocalStorageGetItemRequestMessage, LocalStorageGetItemResponseMessage
 
-# A page that has answered no question younger than this is lost: with a round of the driver, the arms hold in 0.5 s.
+# Age of the newest answered question at which a page is lost; with a round of the driver, the arms hold in 0.5 s.
 SILENT_S = 0.4
-OLD_S = 0.5  # a command that was given before is not done any more: the person has seen nothing happen
-_ASKED_S = 0.05  # each question makes the page draw its scene once
-_HELD_UP_S = 0.1  # between two rounds of the driver
-_MOST_OPEN = 16  # questions to a page that hangs
+OLD_S = 0.5  # age at which a command is dropped, as the person has seen no effect
+_ASKED_S = 0.05  # between two questions, each of which makes the page draw its scene
+_HELD_UP_S = 0.1  # gap between two rounds of the driver that means that this process was blocked
+_MOST_OPEN = 16  # most open questions to a page that hangs
 _ITEM = "yam-view"
-_MOST_A_ROUND = 50  # a page that sends more has them grow old
-_MOST_CONTROLLING = 200  # of a browser: a drag, in the time in which they grow old
-_MOST_FREE = 4  # of a browser, of what needs no control
+_MOST_A_ROUND = 50  # commands per round; others grow old
+_MOST_CONTROLLING = 200  # waiting commands of one browser with control: a drag until they are too old
+_MOST_FREE = 4  # waiting requests of one browser that need no control
 
 
 class _Pulse:
-    """Of one browser: its open questions by their names, each with the time when it was asked."""
+    """Open questions to one browser by their names, each with its time."""
 
     def __init__(self) -> None:
         self.begun_s = time.monotonic()
-        self.answered_s = -math.inf  # when the newest question that has an answer was asked
+        self.answered_s = -math.inf  # time of the newest answered question
         self.open: dict[str, float] = {}
 
 
 class Heartbeat:
-    """Asks the browser that controls the arms, and those in which a person is asked to confirm something.
+    """Questions to the browser that controls the arms, and to those in which a person has to confirm something.
 
-    Args:
-        server: viser's.
-        holder: says which browser controls the arms; None: none.
+    server: viser's. holder: returns the browser that controls the arms, or None.
     """
 
     def __init__(self, server: viser.ViserServer, holder: Callable[[], int | None]):
@@ -55,36 +53,36 @@ class Heartbeat:
         self._names = itertools.count()
         self._looked_s = self._excused_s = -math.inf
         self._ended = threading.Event()
-        # viser calls it in the order of what arrives, as it calls asynchronous callbacks of controls
+        # viser calls it in the order of arrival, like asynchronous callbacks of controls
         server._websock_server.register_handler(LocalStorageGetItemResponseMessage, self._take_answer)
         self._thread = threading.Thread(target=self._run, name="yam-view-heartbeat", daemon=True)
         self._thread.start()
 
     def begin(self, browser: int) -> None:
-        """Ask this browser, which has taken control. Nothing that it has answered before counts."""
+        """Watch this browser, which has just gained control. Its earlier answers do not count."""
         self._pulses[browser] = pulse = _Pulse()
         client = self._server.get_clients().get(browser)
         if client is not None:
             self._ask(client, pulse)
 
     def begin_question(self, browser: int) -> None:
-        """Ask this browser, too: call it before a person there is asked to confirm something."""
+        """Watch this browser, too; call it before a person there has to confirm something."""
         self._confirming.add(browser)
         self.begin(browser)
 
     def end_question(self, browser: int) -> None:
-        """The person has confirmed, or not. Idempotent."""
+        """End `begin_question`. Idempotent."""
         self._confirming.discard(browser)
 
     def given_s(self, browser: int) -> float:
-        """The earliest time (monotonic, s) at which a command that arrives now was given; -inf: it is not known."""
+        """Return the earliest time (monotonic, s) of a command that arrives now; -inf if unknown."""
         pulse = self._pulses.get(browser)
         return -math.inf if pulse is None else pulse.answered_s
 
     def lost(self) -> bool:
-        """Whether the browser that controls the arms has been silent for too long. It is called in every round.
+        """Return whether the browser that controls the arms has been silent for too long; called in each round.
 
-        A page cannot answer while this process is held up itself. It then has its time anew, but not again and again.
+        A page cannot answer while this process itself is blocked. It then gets its time again, but not repeatedly.
         """
         now_s, before_s = time.monotonic(), self._looked_s
         self._looked_s = now_s
@@ -115,20 +113,20 @@ class Heartbeat:
         client.flush()
 
     def _take_answer(self, browser: int, answer: LocalStorageGetItemResponseMessage) -> None:
-        """Also one that says that the browser refuses to look."""
+        """Note an answer, even one that says that the browser refuses to look."""
         pulse = self._pulses.get(browser)
         asked_s = None if pulse is None else pulse.open.pop(answer.request_uuid, None)
         if pulse is not None and asked_s is not None:
             pulse.answered_s = max(pulse.answered_s, asked_s)
 
     def close(self) -> None:
-        """Ask no more. Idempotent."""
+        """Stop the questions. Idempotent."""
         self._ended.set()
         self._thread.join()
 
 
 def too_old(given_s: float) -> bool:
-    """Whether a command of this time (monotonic, s) is not to be done any more."""
+    """Return whether a command of this time (monotonic, s) has to be dropped."""
     return time.monotonic() - given_s > OLD_S
 
 
@@ -136,10 +134,10 @@ class Order(NamedTuple):
     """One command.
 
     Attributes:
-        browser: that has asked.
-        work: does it.
-        controls: whether the browser has to have control.
-        given_s: when a person gave it, at the earliest (monotonic, s).
+        browser: its sender.
+        work: carries it out.
+        controls: whether the browser needs control.
+        given_s: earliest time at which a person can have given it (monotonic, s).
     """
 
     browser: int
@@ -155,7 +153,7 @@ class Orders:
         self._waiting: deque[Order] = deque()
 
     def add(self, order: Order, always: bool = False) -> bool:
-        """False: as many of this browser's wait as may; it is not added, unless always."""
+        """Add an order; return False, without adding it unless `always`, if too many of this browser's wait."""
         kinds = [(other.browser, other.controls) for other in self._waiting.copy()]
         most = _MOST_CONTROLLING if order.controls else _MOST_FREE
         if not always and kinds.count((order.browser, order.controls)) >= most:
@@ -164,6 +162,6 @@ class Orders:
         return True
 
     def of_a_round(self) -> Iterator[Order]:
-        """Take out what is done in one round of the driver, oldest first."""
+        """Take out the orders for one round of the driver, oldest first."""
         for _ in range(min(len(self._waiting), _MOST_A_ROUND)):
             yield self._waiting.popleft()

@@ -29,7 +29,7 @@ _HAZARD = (
 )
 _SEEKS = "The gripper of {arms} closes and opens fully to find its stops."
 _CHANNEL = "the whole channel"
-_FAULTS: dict[str, tuple[str, Any, bool]] = {  # by label: kind, value, of a motor (else of the channel)
+_FAULTS: dict[str, tuple[str, Any, bool]] = {  # label → kind, value, whether of a motor, not of the channel
     "silent": ("silent", True, True),
     "stuck": ("stuck", True, True),
     "without power": ("power", False, True),
@@ -44,12 +44,7 @@ _NOTICE_S = 8.0
 
 
 class ControlPanel:
-    """Buttons to connect, control, float, hold and land, and above them what keeps the arms from moving.
-
-    Args:
-        server: viser's.
-        driver: is asked for what is pressed.
-    """
+    """Buttons to connect, control, float, hold and land, and above them what keeps the arms from moving."""
 
     def __init__(self, server: viser.ViserServer, driver: Driver):
         self._driver, gui = driver, server.gui
@@ -67,7 +62,7 @@ class ControlPanel:
         ]
 
     def update(self) -> None:
-        """Show how far we are."""
+        """Show the stage, and the buttons that fit it."""
         desk, driver = self._driver.desk, self._driver
         lines = [f"<b>{desk.stage.value.upper()}</b>"]
         if desk.holder is not None:
@@ -94,7 +89,7 @@ class ControlPanel:
         if event.client is None or event.client_id is None:
             return
         browser, gui, heartbeat = event.client_id, event.client.gui, self._driver.heartbeat
-        heartbeat.begin_question(browser)  # sent first, so answered before a person can confirm
+        heartbeat.begin_question(browser)  # first, so that its answer precedes the confirmation
         with gui.add_modal("Energise the arms?") as question:
             gui.add_markdown(self.hazard())
             yes = pressed(gui.add_button("energise", color="red"), self._driver.ask_to_connect)
@@ -108,7 +103,7 @@ class ControlPanel:
             pressed(button, close)
 
     def hazard(self) -> str:
-        """What will happen, for the person who has to confirm it."""
+        """Return the warning for the person who has to confirm."""
         plan = self._driver.plan
         names = [f"{config.name} ({config.channel})" for config in plan.configs]
         lines = [_HAZARD.format(arms=" and ".join(names))]
@@ -126,13 +121,9 @@ class ControlPanel:
 
 
 class RigPanel:
-    """Folder that only a virtual rig has: puts things elsewhere, and sets faults. The driver's thread uses the rig.
+    """Folder for a virtual rig only: it moves things, and sets faults. The driver's thread uses the rig.
 
-    Args:
-        gui: of the server.
-        driver: is asked for what is pressed.
-        rig: the virtual rig.
-        channels: of the arms that are driven.
+    channels: those of the driven arms.
     """
 
     def __init__(self, gui: viser.GuiApi, driver: Driver, rig: RigOperations, channels: Sequence[str]):
@@ -184,11 +175,11 @@ class Moving:
     Args:
         server: viser's.
         plan: the arms.
-        place: where the page draws the base of the arm with this channel key; None: it does not, yet.
+        place: returns the drawn place of the base of the arm with this channel key, or None.
         isolation: see `ArmSession`.
 
     Attributes:
-        driver: what drives them. Its thread has to be started.
+        driver: drives the arms. Its thread has to be started.
 
     Raises:
         ConfigError: the arms cannot be used together, or their file of saved poses cannot be read.
@@ -235,7 +226,7 @@ class Moving:
             driver.ask_to_leave(client.client_id)
 
     def update(self, now_s: float) -> None:
-        """Show where the arms are, and what is to be said."""
+        """Show the arms, and the notices."""
         self._control.update()
         for sliders in self._sliders:
             sliders.update()
@@ -256,7 +247,7 @@ class Moving:
 
 
 def _rig_of(driver: Driver) -> RigOperations | None:
-    """The virtual rig that the arms are on; None: they are real."""
+    """Return the virtual rig of the arms; None for real arms."""
     for config in driver.plan.configs:
         options = dict(driver.session.hardware(config.name).config.can_options)
         rig = options.pop("rig", None)

@@ -1,4 +1,4 @@
-"""Poses that a person has saved: a JSON file, by name of the pose and of the arm, and a folder of the panel.
+"""Saved poses: a JSON file, by name of the pose and of the arm, and a folder of the panel.
 
 {"poses": {"above the table": {"left_robot": {"arm": "yam", "gripper": "linear_4310", "q_rad": [0.0, …],
                                               "opening": 1.0}}}}
@@ -24,7 +24,7 @@ _MOST_NAME = 60
 _NONE = "(no pose is saved)"
 
 Pose = dict[str, np.ndarray]
-"""Per arm, by name, (n,) of its motors: rad, and 0 … 1 of the gripper."""
+"""Name of the arm → (n,) of its motors: rad, and 0 … 1 for the gripper."""
 
 
 class SavedPoses:
@@ -32,10 +32,10 @@ class SavedPoses:
 
     Args:
         path: the file; it need not exist.
-        arms: that the page drives. Poses of others are kept in the file, and not offered.
+        arms: arms that the page drives. Poses of others stay in the file, and are not offered.
 
     Raises:
-        ConfigError: the file cannot be read, or holds what is no pose of these arms: names it.
+        ConfigError: the file cannot be read, or has a pose that does not fit; names it.
     """
 
     def __init__(self, path: Path, arms: Sequence[ResolvedArm]):
@@ -45,20 +45,20 @@ class SavedPoses:
 
     @property
     def names(self) -> list[str]:
-        """Of the poses that say something about these arms."""
+        """Names of the poses of these arms."""
         return [name for name, pose in self._poses.items() if pose]
 
     def __getitem__(self, name: str) -> Pose:
-        """Raises ActionError: there is no such pose."""
+        """Return a pose. Raises ActionError: no pose of this name."""
         if not self._poses.get(name):
             raise ActionError(f"there is no saved pose {name!r}; nothing moves")
         return self._poses[name]
 
     def save(self, name: str, pose: Pose) -> None:
-        """Save a pose; one of that name is replaced.
+        """Save a pose, which replaces one of the same name.
 
         Raises:
-            ActionError: the name is empty or too long, or it is no pose of these arms; nothing is saved.
+            ActionError: the name is empty or too long, or the pose does not fit these arms; nothing is saved.
             ConfigError: the file cannot be written.
         """
         name = name.strip()
@@ -70,7 +70,7 @@ class SavedPoses:
         self._poses[name] = checked
 
     def forget(self, name: str) -> None:
-        """Remove a pose. Raises ActionError: there is none of that name; ConfigError: the file cannot be written."""
+        """Remove a pose. Raises ActionError: no pose of this name; ConfigError: the file cannot be written."""
         self[name]
         self._write({key: rows for key, rows in self._rows.items() if key != name})
         del self._poses[name]
@@ -110,7 +110,7 @@ class SavedPoses:
 
     @staticmethod
     def _values(where: str, arm: ResolvedArm, row: object) -> np.ndarray:
-        """(n,) of one arm. Raises ConfigError: it is no pose of this arm."""
+        """Return (n,) of one arm. Raises ConfigError: the pose does not fit this arm."""
         if not isinstance(row, dict) or (row.get("arm"), row.get("gripper")) != (arm.arm.name, arm.gripper.name):
             raise ConfigError(f"{where}: this is no pose of {arm.arm.name} with {arm.gripper.name}")
         try:
@@ -130,13 +130,7 @@ class SavedPoses:
 
 
 class PosePanel:
-    """A folder: choose a pose and go there, save one, forget one.
-
-    Args:
-        gui: of the server.
-        driver: is asked for what is pressed.
-        poses: that are saved.
-    """
+    """A folder to choose a pose and go there, save one, or forget one."""
 
     def __init__(self, gui: viser.GuiApi, driver: Driver, poses: SavedPoses):
         self._driver, self._poses = driver, poses
@@ -148,7 +142,7 @@ class PosePanel:
             pressed(gui.add_button("forget it"), self._with(self._chosen, self._forget))
 
     def _with(self, control: Any, work: Callable[[str], None]) -> Callable[[int], None]:
-        """Asks the driver to do this with what a control shows at the press."""
+        """Return a handler that requests this work with the value of a control at the press."""
 
         def asked(browser: int) -> None:
             shown = str(control.value)

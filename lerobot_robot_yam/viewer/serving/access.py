@@ -1,11 +1,11 @@
-"""Who may reach the page: this computer's own browsers, and others that know the token. Never a page of elsewhere.
+"""Access to the page: for this computer's own browsers, and for others with the token. Never for a page of elsewhere.
 
-A browser sends any page's WebSocket to any address, and a name can be made to lead to 127.0.0.1. So the page that
+A browser sends any page's WebSocket to any address, and a name can be made to point to 127.0.0.1. So the page that
 opens one, its `Origin`, must be ours, and on a loopback address the `Host` must be a name of this computer.
 
-A page of elsewhere could also show ours in a frame and lead the clicks of a person onto it, or open it with viser's own
+A page of elsewhere could also show ours in a frame and lead a person's clicks onto it, or open it with viser's own
 `?websocket=` and `?playbackPath=`, which make our page obey another server. So no frame may hold it, it may connect to
-nothing but its own origin, and no query but the token's is served.
+its own origin only, and no query but the token's is served.
 """
 
 import hashlib
@@ -35,12 +35,12 @@ _HEADERS = {
 
 
 class Access:
-    """Judges each request by its headers.
+    """Judge of requests, by their headers.
 
     Args:
         host: the address that the server binds to.
-        token: that others must bring: in the URL first (`?token=`), then in the cookie that they get for it. None: none
-            is asked for.
+        token: required of clients: in the URL first (`?token=`), then in the cookie that they get for it. None for
+            none.
 
     Raises:
         ConfigError: an address that others can reach, without a token.
@@ -51,14 +51,14 @@ class Access:
         if not self._local and not token:
             raise ConfigError(f"{host} can be reached by others: it needs a token")
         self._token = token or ""
-        # cookies do not tell ports apart: each server has a name of its own
+        # cookies ignore ports, so each server has a name of its own
         self._cookie = f"yam_view_{hashlib.sha256(self._token.encode()).hexdigest()[:8]}"
 
     def answer(self, request: Request) -> Response | None:
-        """A refusal, or the way on for who brings the token in the URL; None: the request is served."""
+        """Return a refusal, or a redirection for a URL with the token; None if the request is served."""
         try:
             why = self._refusal(request)
-        except (ValueError, MultipleValuesError):  # neither host nor origin, or two of them
+        except (ValueError, MultipleValuesError):  # malformed host or origin, or two of them
             why = "this request cannot be understood"
         if why:
             return plain_response(HTTPStatus.FORBIDDEN, why)
@@ -85,7 +85,7 @@ class Access:
         return ""
 
     def _kept(self, request: Request) -> list[str]:
-        """What the cookies of ours hold."""
+        """Return the values of our cookies."""
         pairs = [pair.strip().partition("=") for line in request.headers.get_all("Cookie") for pair in line.split(";")]
         return [value for name, _, value in pairs if name == self._cookie]
 
@@ -94,14 +94,14 @@ class Access:
 
 
 def plain_response(status: HTTPStatus, text: str) -> Response:
-    """A line of text for a browser."""
+    """Return a line of text for a browser."""
     body = f"{text}\n".encode()
     headers = Headers({"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))})
     return Response(status, status.phrase, headers, body)
 
 
 def shield(request: Request, response: Response) -> Response:
-    """The response, with what keeps a browser from lending the page to others."""
+    """Add headers to the response that keep a browser from lending the page to others."""
     hosts = [host for host in request.headers.get_all("Host") if _HOST.fullmatch(host)]
     lines = " ".join(f"ws://{host} wss://{host}" for host in hosts)  # not every browser takes 'self' for WebSockets
     response.headers["Content-Security-Policy"] = _POLICY.format(lines=lines)
@@ -111,7 +111,7 @@ def shield(request: Request, response: Response) -> Response:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address can be reached from this computer only."""
+    """Return whether an address can be reached from this computer only."""
     if host == "localhost":
         return True
     try:

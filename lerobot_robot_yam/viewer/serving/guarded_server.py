@@ -1,7 +1,7 @@
-"""viser's server behind its gate: requests and messages are judged before viser sees them, and all is bounded.
+"""viser's server behind a gate: requests and messages are judged before viser sees them, and all is bounded.
 
-viser (1.1) has no hook for this. While its server starts, `websockets.asyncio.server.serve` is ours, which adds the
-gate. `guarded` fails if viser did not use it.
+viser (1.1) has no hook for this. While its server starts, `websockets.asyncio.server.serve` is replaced by ours, which
+adds the gate. `guarded` fails if viser did not use it.
 """
 
 import asyncio
@@ -25,28 +25,28 @@ from lerobot_robot_yam.viewer.serving.access import Access, plain_response, shie
 from lerobot_robot_yam.viewer.serving.incoming import MalformedError, passes
 
 logger = logging.getLogger(__name__)
-logger.setLevel(logging.WARNING)  # below that, websockets tells whole requests: the token, too
+logger.setLevel(logging.WARNING)  # below, websockets logs whole requests, with the token
 
-_MOST_BYTES = 1 << 16  # of a message; viser's own limit is 50 MB
+_MOST_BYTES = 1 << 16  # largest message; viser's own limit is 50 MB
 _MOST_PER_S = 400  # messages of one page; a drag sends 60 to 120
 _MOST_PAGES = 32
-_MOST_CONNECTIONS = 128  # of TCP; a browser opens a handful for a moment, and one that stays
+_MOST_CONNECTIONS = 128  # TCP connections; a browser opens a handful briefly, and one that stays
 _OPENING_S, _CLOSING_S = 5.0, 1.0
 _SAID_EVERY_S = 5.0
-_NO_REQUEST = "opening handshake failed"  # websockets says so of every connection that a browser opens in advance
+_NO_REQUEST = "opening handshake failed"  # logged for each connection that a browser opens in advance
 _POLICY_VIOLATION = 1008  # RFC 6455, section 7.4.1
 _starting = threading.Lock()
 
 
 class Seldom(logging.Filter):
-    """Lets a line through now and then, without its traceback: nobody can flood the terminal by what he sends."""
+    """Filter that passes a line now and then, without its traceback, so that no client can flood the terminal."""
 
     def __init__(self) -> None:
         super().__init__()
         self._said_s, self._left_out = -_SAID_EVERY_S, 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether to say it."""
+        """Return whether to log a record."""
         if record.msg == _NO_REQUEST:
             return False
         now_s = time.monotonic()
@@ -67,10 +67,9 @@ logger.addFilter(Seldom())
 
 
 class Gate:
-    """Judges what comes in, and counts who is there.
+    """Judge of incoming requests and messages, and counter of pages and connections.
 
-    Args:
-        access: judges requests.
+    access: judges requests.
 
     Attributes:
         server: viser's, once it has started; before that no control can be set.
@@ -83,11 +82,11 @@ class Gate:
         self.pages = self.connections = 0
 
     def answer(self, connection: ServerConnection, request: Request, serve: Callable[..., Response | None]) -> Any:
-        """The response to a request; None: a WebSocket opens."""
+        """Return the response to a request; None: a WebSocket opens."""
         response = self._access.answer(request)
         if response is None and "Upgrade" in request.headers:
             offered = ",".join(request.headers.get_all("Sec-WebSocket-Protocol"))
-            if self._version not in (name.strip() for name in offered.split(",")):  # viser prints each of them
+            if self._version not in (name.strip() for name in offered.split(",")):  # viser prints each wrong one
                 response = plain_response(HTTPStatus.UPGRADE_REQUIRED, "this page is of another version: load it again")
             elif self.pages >= _MOST_PAGES:
                 response = plain_response(HTTPStatus.SERVICE_UNAVAILABLE, f"{_MOST_PAGES} pages are open already")
@@ -96,12 +95,12 @@ class Gate:
         if response is None:
             try:
                 response = serve(connection, request)
-            except (OSError, ValueError):  # of a path that no file can have
+            except (OSError, ValueError):  # for a path that no file can have
                 response = plain_response(HTTPStatus.NOT_FOUND, "not found")
         return None if response is None else shield(request, response)
 
     def control(self, uuid: str) -> Any:
-        """The handle of a control, of the page of all or of one browser; None: there is none."""
+        """Return the handle of a control, of the common page or of one browser; None without one."""
         if self.server is None:
             return None
         for gui in (self.server.gui, *(client.gui for client in self.server.get_clients().values())):
@@ -112,7 +111,7 @@ class Gate:
 
 
 class _Connection(ServerConnection):
-    """One connection; what it receives has passed the gate."""
+    """One connection, whose received messages have passed the gate."""
 
     def __init__(self, gate: Gate, *arguments: Any, **options: Any):
         super().__init__(*arguments, **options)
@@ -142,7 +141,7 @@ class _Connection(ServerConnection):
                 await self.close(_POLICY_VIOLATION, "malformed message")
 
     async def _pace(self) -> None:
-        """Read no faster than _MOST_PER_S; what comes faster waits in the sender's socket."""
+        """Read at most _MOST_PER_S; faster messages wait in the sender's socket."""
         now_s = time.monotonic()
         if int(now_s) != self._second:
             self._second, self._in_second = int(now_s), 0
@@ -153,7 +152,7 @@ class _Connection(ServerConnection):
 
 @contextlib.contextmanager
 def guarded(gate: Gate) -> Iterator[None]:
-    """Inside the block one viser server is started, behind the gate.
+    """Put the one viser server that is started inside the block behind the gate.
 
     Raises:
         ConfigError: viser has started without it: this version does not fit.

@@ -1,4 +1,4 @@
-"""Handles of the page's elements: what is set, and who pressed what."""
+"""Handles of the page's elements: their properties, and who pressed what."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,14 +7,14 @@ import viser
 
 
 def put(handle: Any, **properties: Any) -> None:
-    """Set properties of an element, and send to the browsers those that differ from what they are."""
+    """Set properties of an element, and send those that differ to the browsers."""
     for name, value in properties.items():
         if getattr(handle, name) != value:
             setattr(handle, name, value)
 
 
 def pressed(button: viser.GuiButtonHandle, work: Callable[[int], None]) -> viser.GuiButtonHandle:
-    """Do this with the number of the browser that presses the button; returns the button."""
+    """Call `work` with the number of the browser that presses the button; return the button."""
 
     @button.on_click
     async def _(event: viser.GuiEvent) -> None:
@@ -25,7 +25,7 @@ def pressed(button: viser.GuiButtonHandle, work: Callable[[int], None]) -> viser
 
 
 def kept(handle: Any, may_set: Callable[[int], bool]) -> Any:
-    """Put back at once what is set by a browser that may not, as it stands on the page of all; returns the handle."""
+    """Undo at once the input of a browser that may not set the element; return the handle."""
     good = [handle.value]
 
     @handle.on_update

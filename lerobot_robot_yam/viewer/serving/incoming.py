@@ -1,9 +1,9 @@
-"""Which messages of a browser reach viser, and with what in them.
+"""Judge of a browser's messages and their contents, before they reach viser.
 
-viser (1.1) sets whatever field of a control a message names, its callbacks and `removed` too, and casts what it gets:
-the text "nan" becomes the value of a slider, whose limits it does not ask. It also takes files of any size, opens a
-tunnel to the world when asked, and keeps marks of forms for ever. So only what our parts need goes through: with
-the fields that viser declares, with finite numbers, and to a control only what a person could set it to.
+viser (1.1) sets any field of a control that a message names, its callbacks and `removed` too, and casts its values:
+the text "nan" becomes the value of a slider, without a check of its limits. It also accepts files of any size, opens a
+tunnel to the world on request, and keeps marks of forms for ever. So only what our parts need passes: with the fields
+that viser declares, with finite numbers, and to a control only values that a person could set.
 
 A part that needs another kind of message (uploads, `get_render`) adds it to `_KINDS`, and bounds it here.
 """
@@ -32,13 +32,13 @@ _KINDS = {
         messages.TransformControlsUpdateMessage,
         messages.TransformControlsDragStartMessage,
         messages.TransformControlsDragEndMessage,
-        messages.LocalStorageGetItemResponseMessage,  # of the heartbeat
+        messages.LocalStorageGetItemResponseMessage,  # for the heartbeat
     )
 }
 _OTHER_KINDS = {kind.__name__ for kind in messages.Message.get_subclasses()} - set(_KINDS)
-_LARGEST = 1e9  # of any number in a scene or of a camera
-_UNIT = 0.01  # how far the length of a quaternion may be from 1
-_ROUNDING = 1e-6  # of a slider's range: browsers add up its steps
+_LARGEST = 1e9  # largest number in a scene or of a camera
+_UNIT = 0.01  # allowed error of a quaternion's length
+_ROUNDING = 1e-6  # share of a slider's range for rounding, as browsers add up its steps
 
 _SWITCHES = (viser.GuiButtonHandle, viser.GuiCheckboxHandle)
 _CHOICES = (viser.GuiDropdownHandle, viser.GuiButtonGroupHandle)
@@ -48,15 +48,15 @@ _COLOURS = (viser.GuiRgbHandle, viser.GuiRgbaHandle)
 
 
 class MalformedError(YamError):
-    """What no page of viser would send."""
+    """Error for a message that no page of viser would send."""
 
 
 def passes(raw: bytes | str, control: Callable[[str], Any]) -> bool:
-    """Whether viser may see a message; otherwise it is dropped: well-formed, but not for us, or not possible (now).
+    """Return whether viser may see a message; other well-formed messages are dropped.
 
     Args:
-        raw: as it came.
-        control: finds the handle of a control by its id; None: there is none.
+        raw: as received.
+        control: returns the handle of a control by its id, or None.
 
     Raises:
         MalformedError: it is no message of viser's, and its sender no page of viser's.
@@ -82,7 +82,7 @@ def passes(raw: bytes | str, control: Callable[[str], Any]) -> bool:
 
 
 def settable(control: Any, value: Any) -> bool:
-    """Whether a person could set a control (a handle of viser's) to a value: it can be seen and used, and it fits."""
+    """Return whether a person could set a control (a handle of viser's) to a value: visible, enabled, and in range."""
     if not _seen(control) or getattr(control, "disabled", True):  # a bar of progress takes no input at all
         return False
     if isinstance(control, _SWITCHES):
@@ -102,7 +102,7 @@ def settable(control: Any, value: Any) -> bool:
 
 
 def _seen(control: Any) -> bool:
-    """Whether a control is shown, and the folders that hold it."""
+    """Return whether a control and the folders around it are shown."""
     while control is not None:
         if not getattr(control, "visible", True):
             return False
@@ -112,7 +112,7 @@ def _seen(control: Any) -> bool:
 
 
 def within(value: Any, low: float | None, high: float | None) -> bool:
-    """Whether a value is a finite number within limits; None: no limit."""
+    """Return whether a value is a finite number within limits; None: no limit."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         return False
     slack = 0.0 if low is None or high is None else (high - low) * _ROUNDING
@@ -120,7 +120,7 @@ def within(value: Any, low: float | None, high: float | None) -> bool:
 
 
 def _decoded(raw: bytes | str) -> tuple[str, dict[str, Any]]:
-    """Name and fields of a message."""
+    """Return name and fields of a message."""
     try:
         fields = msgspec.msgpack.decode(raw) if isinstance(raw, bytes) else None
     except (msgspec.DecodeError, RecursionError, ValueError, TypeError) as error:
@@ -134,7 +134,7 @@ def _decoded(raw: bytes | str) -> tuple[str, dict[str, Any]]:
 
 
 def _finite(value: Any) -> bool:
-    """Whether all numbers in (lists of) lists are of a size that a scene can have."""
+    """Return whether all numbers in (lists of) lists are of a plausible size."""
     if isinstance(value, (list, tuple)):
         return all(map(_finite, value))
     return not isinstance(value, (int, float)) or abs(value) <= _LARGEST  # NaN compares as false

@@ -1,4 +1,4 @@
-"""The server of the page: viser behind its gate, and the loop that brings every part of the page up to date."""
+"""The server of the page: viser behind its gate, and the loop that updates each part of the page."""
 
 import contextlib
 import errno
@@ -30,26 +30,26 @@ class Part(Protocol):
     """A part of the page."""
 
     def update(self, now_s: float) -> None:
-        """Show what is so at this time of the monotonic clock."""
+        """Show the state at this time of the monotonic clock."""
 
     def close(self) -> None:
-        """Let go of everything. Idempotent."""
+        """Release everything. Idempotent."""
 
 
 class Page:
     """One server.
 
     Args:
-        host, port: where it listens; a port that is taken is followed by the next free one.
-        with_token: ask for a token on this computer's own addresses, too; on all others it is always asked for.
+        host, port: address to listen at; a taken port is replaced by the next free one.
+        with_token: require a token on this computer's own addresses, too; others always require it.
 
     Attributes:
         server: viser's.
         url: for a browser; with the token, if one is needed.
-        troubles: of parts that fail, for the banner.
+        troubles: messages about failed parts, for the banner.
 
     Raises:
-        ConfigError: viser does not fit; nobody can listen there.
+        ConfigError: viser does not fit, or the address cannot be used.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 8080, with_token: bool = False):
@@ -67,7 +67,7 @@ class Page:
         self.url = f"http://{f'[{name}]' if ':' in name else name}:{self.server.get_port()}{query}"
 
     def run(self, parts: Sequence[Part]) -> None:
-        """Update the parts, until this is interrupted. One that fails does not end the others."""
+        """Update the parts, until interrupted. One that fails does not end the others."""
         due_s = time.monotonic()
         while True:
             now_s = time.monotonic()
@@ -96,7 +96,7 @@ class Page:
 
 @contextlib.contextmanager
 def served(page: Page, parts: Sequence[Part]) -> Iterator[None]:
-    """Whatever ends the block, the parts are closed, then the page."""
+    """Close the parts, then the page, when the block ends in any way."""
     try:
         yield
     finally:
@@ -109,10 +109,10 @@ def served(page: Page, parts: Sequence[Part]) -> Iterator[None]:
 
 
 def _free_port(host: str, port: int) -> int:
-    """The first port from this one on where a server can listen; viser would wait for ever where none can.
+    """Return the first free port from this one on; viser would wait for ever without one.
 
     Raises:
-        ConfigError: there is none, or the address is not of this computer.
+        ConfigError: there is none, or the address is not this computer's.
     """
     why = "there is no such port"
     for candidate in range(max(port, 0), min(port + _PORTS_TRIED, 1 << 16)):
