@@ -10,13 +10,13 @@ from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.laws import mit_laws
-from lerobot_robot_yam.control.laws.live_gains import LiveGains
 from lerobot_robot_yam.control.laws.sag import SOFT_NM_RAD, Sag
 from lerobot_robot_yam.state.faults import MOST_RAD_S2
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.system.few_values import all_of, largest
 
+_GLIDE_S = 0.5  # time in which gains go over to others
 _SOFT_FADE_S = 0.3  # time in which the friction of soft joints is fed forward, and no more
 _STILL_RAD_S = 1e-3  # a set-point that is slower rests
 _WORTH_SAYING_RAD = 0.01  # rest lies on a limit for some joints
@@ -65,6 +65,55 @@ class Inputs(NamedTuple):
     fade: tuple[np.ndarray, np.ndarray] | None = None
     assist: Assist | None = None
     grips: bool = False
+
+
+class LiveGains:
+    """Gains of n motors that a caller changes while the arm is energised: they glide, and no torque jumps.
+
+    kp(t) = kp0 + (kp1 - kp0) t / T, kd alike: damping that suits both ends suits the way between them, too.
+
+    Args:
+        kp, kd: (n,) as configured, Nm/rad and Nm s/rad.
+
+    Attributes:
+        kp, kd: (n,) in force.
+    """
+
+    def __init__(self, kp: np.ndarray, kd: np.ndarray):
+        self._configured = np.array((kp, kd))
+        self._now, self._goal = self._configured, self._configured
+        self._step = np.zeros_like(self._now)  # per second
+
+    @property
+    def kp(self) -> np.ndarray:
+        """(n,) Nm/rad."""
+        stiffness: np.ndarray = self._now[0]
+        return stiffness
+
+    @property
+    def kd(self) -> np.ndarray:
+        """(n,) Nm s/rad."""
+        damping: np.ndarray = self._now[1]
+        return damping
+
+    def change(self, kp: np.ndarray, kd: np.ndarray) -> None:
+        """Begin to go over to these (n,); NaN is as configured."""
+        wanted = np.array((kp, kd))
+        self._goal = np.where(np.isnan(wanted), self._configured, wanted)
+        self._step = (self._goal - self._now) / _GLIDE_S
+
+    def advance(self, dt: float) -> bool:
+        """Go on for `dt` s. True while they change."""
+        if self._now is self._goal:
+            return False
+        way, step = self._goal - self._now, self._step * dt
+        there = np.abs(step) >= np.abs(way)
+        self._now = self._goal if there.all() else np.where(there, self._goal, self._now + step)
+        return True
+
+    def reset(self) -> None:
+        """As configured, at once."""
+        self._now = self._goal = self._configured
 
 
 class Impedance:

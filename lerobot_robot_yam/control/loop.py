@@ -9,15 +9,19 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from lerobot_robot_yam.arm.collision.parts import GuardedArm
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.loop_timing import LoopStatistics
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
 from lerobot_robot_yam.control.state_publisher import ControllerBlocks
+from lerobot_robot_yam.control.teleop.lead import make_leads
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import RESPONSES, Response
 from lerobot_robot_yam.state.modes import ENERGISED, Mode
+from lerobot_robot_yam.state.records import BlockPair
 
 logger = logging.getLogger(__name__)
 
@@ -291,3 +295,28 @@ class ControlLoop:
             if controller.mode is Mode.OFF:
                 blocks.publish(self._clock.now(), 0)  # a stand-by may still look at the block
             blocks.close(remove=not (stand_by and controller.mode in ENERGISED))
+
+
+def build(arms: Sequence[ResolvedArm], keys: Sequence[str], buses: Sequence, pairs: Sequence[BlockPair]) -> ControlLoop:
+    """Build controllers on open buses and inspect them: what can be refused without torque is refused here.
+
+    Raises:
+        YamError: names the part that is not as configured.
+    """
+    controllers = [ArmController(arm, bus) for arm, bus in zip(arms, buses, strict=True)]
+    for controller, lead in zip(controllers, make_leads(arms), strict=True):
+        controller.lead = lead
+    for controller in controllers:
+        controller.inspect()
+    guarded = [GuardedArm(arm.name, arm.arm, arm.gripper, arm.config.workspace, arm.tilt_rad) for arm in arms]
+    limited = any(arm.config.workspace.limits_anything for arm in arms)
+    guard = WorkspaceGuard(guarded) if limited else None
+    blocks: list[ControllerBlocks] = []
+    try:
+        for controller, key, pair in zip(controllers, keys, pairs, strict=True):
+            blocks.append(ControllerBlocks(controller, key, pair))
+        return ControlLoop(controllers, blocks, arms[0].config.rate_hz, guard)
+    except BaseException:
+        for made in blocks:
+            made.close(remove=True)
+        raise

@@ -175,18 +175,6 @@ class MotorChain:
         self._publish()
         return self.all_answered
 
-    def exchange(self, commands: np.ndarray, timeout_s: float | None = None) -> bool:
-        """`send`, sleep until the wire should be through, `collect`. Two wake-ups when nothing is late.
-
-        Args:
-            commands: (n, 5) as for `send`.
-            timeout_s: from the send on; default is the expected wire time + 2 ms.
-        """
-        self.send(commands)
-        sent_s = self.clock.now()
-        self.clock.sleep(self.expected_wire_s)
-        return self.collect(sent_s + (self.expected_wire_s + 0.002 if timeout_s is None else timeout_s))
-
     def special(
         self, command: SpecialCommand, timeout_s: float = 0.05, motors: Sequence[int] | None = None
     ) -> list[bool]:

@@ -221,7 +221,7 @@ class StepRunner:
         pass
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
-        from lerobot_robot_yam.control.loop_builder import build  # imported late: only this runner needs it
+        from lerobot_robot_yam.control.loop import build  # imported late: only this runner needs it
         from lerobot_robot_yam.control.preflight.open_bus import open_bus
 
         try:

@@ -13,6 +13,7 @@ from lerobot_robot_yam.damiao.registers import Opcode, Register, encode_reply
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, ReceiveMode
 from lerobot_robot_yam.errors import ActionError, BusError, ConfigError, MotorError
 from tests.support.desk_bus import SPECS, DeskBus, encode_feedback
+from tests.support.rigged import exchange
 
 STEP_RAD = 25.0 / 65535  # one code of the position
 
@@ -301,7 +302,7 @@ def test_exchange_over_a_python_can_interface_without_our_extras():
                 is_extended_id=False,
             )
         )
-        assert not chain.exchange(np.zeros((1, 5)), timeout_s=0.0)  # what came before the request is no answer
+        assert not exchange(chain, np.zeros((1, 5)), timeout_s=0.0)  # what came before the request is no answer
         assert chain.missed.tolist() == [1] and chain.duplicates.tolist() == [1]
         sent = theirs.recv(1.0)
         assert sent is not None

@@ -16,6 +16,7 @@ from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ChannelInUseError, MotorError
+from tests.support.rigged import exchange
 
 ARM = [MotorSpec(f"joint{i + 1}", i + 1, kind) for i, kind in enumerate(["DM4340"] * 3 + ["DM4310"] * 3)]
 GRIPPER = MotorSpec("gripper", 7, "DM4310")
@@ -31,7 +32,7 @@ def test_bring_up_and_exchange_with_a_follower():
         commands = np.zeros((7, 5))
         commands[:, 0] = chain.position_rad
         commands[:, 2:4] = 10.0, 1.0
-        answered = sum(chain.exchange(commands, timeout_s=0.5) for _ in range(50))
+        answered = sum(exchange(chain, commands, timeout_s=0.5) for _ in range(50))
         assert answered == 50
         assert chain.fault.tolist() == [Fault.NORMAL] * 7
         assert not chain.duplicates.any()
@@ -57,7 +58,7 @@ def test_a_leader_has_a_handle():
         handle = HandleEncoder()
         chain = MotorChain(bus, ARM, channel="leader_left", encoder=handle)
         motor_inspection.verify(chain)
-        chain.exchange(np.zeros((6, 5)), timeout_s=0.5)
+        exchange(chain, np.zeros((6, 5)), timeout_s=0.5)
         assert handle.stamp_s > 0
         assert handle.lost == 0
 

@@ -96,6 +96,12 @@ def leave(rig, session):
         session.stop()
 
 
+def exchange(chain, commands, timeout_s=0.004):
+    """One tick of motors that no loop runs; whether all have answered."""
+    chain.send(commands)
+    return chain.collect(chain.clock.now() + timeout_s)
+
+
 def energise(controller, in_between=None):
     """Energise an arm that no loop runs; `in_between` is called once, after the first tick. Fails as a loop does."""
     arm = controller.actuation

@@ -15,7 +15,7 @@ import can
 
 from lerobot_robot_yam.arm.config import LeadArmConfig, passive_of
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.loop_builder import build
+from lerobot_robot_yam.control.loop import build
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.control.process import stand_by

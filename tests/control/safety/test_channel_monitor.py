@@ -10,6 +10,7 @@ from lerobot_robot_yam.damiao.chain import MotorChain, MotorSpec
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepBus, LockstepRig
 from lerobot_robot_yam.state.faults import Trouble
+from tests.support.rigged import exchange
 
 HOLD = np.zeros((2, 5))
 
@@ -29,23 +30,23 @@ def chain():
 def test_a_loop_that_stood_still_does_not_blame_its_motors(chain):
     rig, motors = chain
     watch = ChannelMonitor(motors)
-    motors.exchange(HOLD)
+    exchange(motors, HOLD)
     assert watch.check(rig.now()).trouble is None
     rig.sleep(0.25)  # nobody asked
     assert watch.check(rig.now()).trouble is None
-    motors.exchange(HOLD)
+    exchange(motors, HOLD)
     assert watch.check(rig.now()).trouble is None
 
 
 def test_a_motor_that_lets_questions_go_by_is_named(chain):
     rig, motors = chain
     watch = ChannelMonitor(motors)
-    motors.exchange(HOLD)
+    exchange(motors, HOLD)
     rig.fault("follower_left", "joint_6", "silent")
     begin = rig.now()
     message = ""
     while not message:
-        motors.exchange(HOLD)
+        exchange(motors, HOLD)
         finding = watch.check(rig.now())
         bad, message = finding.bad, finding.message
         assert rig.now() - begin < 2.0
@@ -58,13 +59,13 @@ def test_a_fault_is_believed_when_it_is_told_twice(chain):
     """One garbled answer may say anything; a motor with a fault says so each time."""
     rig, motors = chain
     watch = ChannelMonitor(motors)
-    motors.exchange(HOLD)
+    exchange(motors, HOLD)
     assert watch.check(rig.now()).trouble is None
     rig.fault("follower_left", "joint_6", "nibble", 0xE, sticky=True)
-    motors.exchange(HOLD)
+    exchange(motors, HOLD)
     assert watch.check(rig.now()).trouble is None  # the first answer
     assert watch.check(rig.now()).trouble is None  # nothing new was heard
-    motors.exchange(HOLD)
+    exchange(motors, HOLD)
     finding = watch.check(rig.now())
     assert finding.trouble is Trouble.OVERLOAD and list(finding.bad) == [False, True]
 
@@ -73,20 +74,20 @@ def test_a_new_loop_believes_at_once_what_it_finds(chain):
     """A stand-by that takes over must not treat limp motors as if they obeyed, not for a tick."""
     rig, motors = chain
     rig.fault("follower_left", "joint_6", "nibble", 0xE, sticky=True)
-    motors.exchange(HOLD)
+    exchange(motors, HOLD)
     assert ChannelMonitor(motors).check(rig.now()).trouble is Trouble.OVERLOAD
 
 
 def test_a_lost_motor_stays_lost_while_the_others_miss_some_questions_too(chain):
     rig, motors = chain
     watch = ChannelMonitor(motors)
-    motors.exchange(HOLD)
+    exchange(motors, HOLD)
     rig.fault("follower_left", "joint_6", "silent")
     while not watch.check(rig.now()).bad.any():
-        motors.exchange(HOLD)
+        exchange(motors, HOLD)
     rig.fault("follower_left", "joint_5", "drop_next", 8)
     for _ in range(12):
-        motors.exchange(HOLD)
+        exchange(motors, HOLD)
         assert watch.check(rig.now()).bad[1]
 
 
@@ -100,7 +101,7 @@ def test_a_doubled_motor_is_noticed_though_replies_get_lost(chain):
     begin = rig.now()
     finding = watch.check(begin)
     while finding.trouble is None:
-        motors.exchange(HOLD)
+        exchange(motors, HOLD)
         finding = watch.check(rig.now())
         assert rig.now() - begin < 3.0
     assert finding.trouble is Trouble.DUPLICATE_ID and "joint_6 (id 6)" in finding.message
@@ -116,13 +117,13 @@ def test_strangers_are_told_of_in_time_whenever_they_come(chain, begun_s, motor,
     begin = rig.now()
     watch.check(begin)
     while rig.now() < begin + begun_s:
-        motors.exchange(HOLD)
+        exchange(motors, HOLD)
         rig.sleep(0.002)
         assert watch.check(rig.now()).trouble is None
     rig.fault("follower_left", motor, fault, value)
     begin = rig.now()
     while watch.check(rig.now()).trouble is None:
-        motors.exchange(HOLD)
+        exchange(motors, HOLD)
         rig.sleep(0.002)
         assert rig.now() - begin < 0.5
 
@@ -130,16 +131,16 @@ def test_strangers_are_told_of_in_time_whenever_they_come(chain, begun_s, motor,
 def test_a_lost_cable_is_named_though_one_motor_fell_silent_first(chain):
     rig, motors = chain
     watch = ChannelMonitor(motors)
-    motors.exchange(HOLD)
+    exchange(motors, HOLD)
     assert watch.check(rig.now()).trouble is None
     rig.fault("follower_left", "joint_6", "silent")
     begin = rig.now()
     while rig.now() < begin + 0.06:
-        motors.exchange(HOLD)
+        exchange(motors, HOLD)
         assert watch.check(rig.now()).trouble is None
     rig.fault("follower_left", None, "cable_out")
     while (finding := watch.check(rig.now())).trouble is None:
-        motors.exchange(HOLD)
+        exchange(motors, HOLD)
         assert rig.now() - begin < 2.0
     assert finding.trouble is Trouble.BUS_SILENT
 
@@ -166,5 +167,5 @@ def test_answers_that_come_late_are_no_second_motors(chain, begun_s):
     motors._port.recv = slow_wire
     while (now := rig.now() - since_s) < 1.2:
         room = 0 if begun_s < now < begun_s + 0.05 else 6  # two answers, and what has gathered in the meantime
-        motors.exchange(HOLD)
+        exchange(motors, HOLD)
         assert watch.check(rig.now()).trouble is None

@@ -13,6 +13,7 @@ from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.errors import BusError
+from tests.support.rigged import exchange
 
 CHANNEL = "follower_left"
 TYPES = ["DM4340"] * 3 + ["DM4310"] * 4
@@ -173,11 +174,11 @@ def test_taking_the_link_down_and_up_ends_bus_off(rig, bus):
 def test_the_driver_meets_bus_off_as_silence_and_then_an_error(rig, bus):
     chain = chain_on(bus)
     rig.fault(CHANNEL, None, "bus_off")
-    chain.exchange(np.zeros((7, 5)))
+    exchange(chain, np.zeros((7, 5)))
     assert (chain.missed == 1).all()
     assert chain.error_frames == 1
     with pytest.raises(BusError, match="No buffer space"):
-        chain.exchange(np.zeros((7, 5)))
+        exchange(chain, np.zeros((7, 5)))
 
 
 def test_a_cable_that_is_out_is_only_silence(rig, bus):
@@ -185,7 +186,7 @@ def test_a_cable_that_is_out_is_only_silence(rig, bus):
     assert all(chain.refresh(1.0))
     rig.fault(CHANNEL, None, "cable_out")
     for _ in range(20):
-        chain.exchange(np.zeros((7, 5)))
+        exchange(chain, np.zeros((7, 5)))
     assert (chain.missed == 20).all()
     assert chain.error_frames == 0
     rig.fault(CHANNEL, None, "cable_out", False)

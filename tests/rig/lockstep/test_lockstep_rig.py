@@ -11,6 +11,7 @@ from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
 from lerobot_robot_yam.errors import BusError, ConfigError
 from lerobot_robot_yam.rig.lockstep.lockstep_cameras import LockstepCamera
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import BEGIN_S, LockstepRig, find_lockstep
+from tests.support.rigged import exchange
 
 JOINTS = [MotorSpec(f"joint_{i + 1}", i + 1, "DM4340" if i < 3 else "DM4310") for i in range(6)]
 
@@ -50,7 +51,7 @@ def test_frames_take_their_time_on_the_wire(rig):
         assert chain.clock is rig
         assert all(chain.special(SpecialCommand.ENABLE))
         before = rig.now()
-        chain.exchange(np.zeros((6, 5)))
+        exchange(chain, np.zeros((6, 5)))
         assert rig.now() - before > 11.9 * FRAME_TIME_S
         assert (rig.now() - chain.asked_s < 0.002).all()
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lerobot_robot_yam.control.laws.live_gains import LiveGains
+from lerobot_robot_yam.control.impedance import LiveGains
 
 TICK_S = 0.004
 KP, KD = np.array([80.0, 10.0]), np.array([5.0, 1.5])
