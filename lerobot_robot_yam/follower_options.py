@@ -55,7 +55,7 @@ class FollowerOptions(ABC):
         """Arms by feature prefix, in canonical order."""
 
     def runs(self) -> "Isolation":
-        """Where the control loop runs, see `ArmSession`."""
+        """Isolation of the control loop, see `ArmSession`."""
         return self.isolation
 
     def all_cameras(self) -> dict[str, CameraConfig]:

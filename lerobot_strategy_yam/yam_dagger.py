@@ -96,7 +96,7 @@ class YamDaggerStrategy(RolloutStrategy):
         self._signals = TakeOverSignals(ctx.hardware.teleop, self.config)
         self._init_engine(ctx)
         self._ctx, self._cfg, self._multiplier = ctx, cfg, self._interpolator.multiplier
-        joints = space_of(ctx.data.ordered_action_keys) == "joint"  # angles of a tool's rotation do not blend
+        joints = space_of(ctx.data.ordered_action_keys) == "joint"  # a tool's rotation cannot be blended linearly
         self._arms = TakenArms(self._signals.prefixes, self.config.hand_back_s if joints else 0.0)
         self._way_back = WayBack(round(self.config.rewind_s * cfg.fps * self._multiplier))
         self._rewinds = self._policy_runs = self._compiled = False

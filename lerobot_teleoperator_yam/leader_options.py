@@ -130,7 +130,7 @@ class LeaderOptions(ABC):
         """Arms by feature prefix, in canonical order."""
 
     def runs(self) -> "Isolation":
-        """Where the control loop runs, see `ArmSession`."""
+        """Isolation of the control loop, see `ArmSession`."""
         return self.isolation
 
 

@@ -173,14 +173,14 @@ class HandGuideBase(Uncopied, Teleoperator):
 
 
 class YamHandGuide(HandGuideBase):
-    """The hand on one follower."""
+    """Hand that guides one follower."""
 
     config_class = YamHandGuideConfig
     name = "yam_hand_guide"
 
 
 class BiYamHandGuide(HandGuideBase):
-    """The hands on two followers."""
+    """Hands that guide two followers."""
 
     config_class = BiYamHandGuideConfig
     name = "bi_yam_hand_guide"

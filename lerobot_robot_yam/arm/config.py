@@ -143,17 +143,17 @@ class ArmConfig:
     )
 
     def __post_init__(self) -> None:
-        if isinstance(self.workspace, Mapping):  # as it comes out of JSON
+        if isinstance(self.workspace, Mapping):  # plain values from JSON
             self.workspace = WorkspaceConfig.from_mapping(self.workspace)
         config_checks.check(self)
         self.workspace.check(self.name)
 
     @property
     def on_command_line(self) -> str:
-        """The arm's channel as options of `yam-identify` and `yam-zero`."""
+        """Options that name the arm's channel to `yam-identify` and `yam-zero`."""
         words = ["--channel", self.channel]
         rig = self.can_options.get("rig")
-        if self.interface == VIRTUAL and rig and rig_name(rig)[1] is None:  # others end with their process
+        if self.interface == VIRTUAL and rig and rig_name(rig)[1] is None:  # auto rigs end with their process
             words += ["--rig", rig]
         elif self.interface != SOCKETCAN:
             words += ["--interface", self.interface]
@@ -170,7 +170,7 @@ class LeadArmConfig(ArmConfig):
     def __post_init__(self) -> None:
         if isinstance(self.passive, Mapping):
             self.passive = from_plain(PassiveConfig, self.passive, "passive")
-        if isinstance(self.lead, Mapping):  # as it comes out of JSON
+        if isinstance(self.lead, Mapping):  # plain values from JSON
             self.lead = from_plain(LeadConfig, self.lead, "lead")
         super().__post_init__()
         if self.lead is not None:

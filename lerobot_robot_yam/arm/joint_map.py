@@ -12,7 +12,7 @@ from lerobot_robot_yam.errors import MotorError
 TURN = 2.0 * math.pi
 RANGE_TOLERANCE_RAD = 0.15  # tolerance of a range for measured angles, rad: rest is on the limit of joints 2 and 3
 # Least difference in fit between the best turn and the next, rad, before a turn is added. Joint 1 turns almost all the
-# way round: a zero that has slipped at one end of its range looks like the other end. Packaged arms have 0.524 rad.
+# way round: a zero that slipped at one end of its range looks like the other end. Packaged arms: 0.524 rad or more.
 TURN_MARGIN_RAD = 0.5
 
 

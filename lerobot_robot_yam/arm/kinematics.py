@@ -29,7 +29,7 @@ POSITION_TOLERANCE_M, ORIENTATION_TOLERANCE_RAD = 1e-4, 1e-3
 _FARTHEST_M = 10.0  # bound on a target's coordinates, m: no arm reaches 1 m, and squares must not overflow
 _SKEW = 1e-3  # tolerance of RᵀR = 1, for single precision and rounded text
 _UNIT = np.eye(4)
-_TURN_M_PER_RAD = 0.01  # price of joint motion among inexact solutions: error per radian
+_TURN_M_PER_RAD = 0.01  # price of joint motion when inexact solutions are compared, m of error per radian
 _ELSEWHERE_M = 0.01  # price of an inexact solution from another start than `near`, m
 
 

@@ -89,7 +89,7 @@ class Body:
 
 @dataclass(frozen=True)
 class ArmMotor:
-    """A joint motor. `type` is a row of `damiao.tables.MOTOR_TYPES`; direction is +1 or -1."""
+    """Joint motor. `type` is a row of `damiao.tables.MOTOR_TYPES`; direction is +1 or -1."""
 
     name: str
     can_id: int

@@ -45,7 +45,7 @@ def with_cameras(text: str, cameras: Mapping[str, Mapping[str, Any]]) -> str:
     Raises:
         ConfigError: the text is no YAML, or written in a way that cannot be edited.
     """
-    if not _loaded(text):  # comments at most
+    if not _loaded(text):  # empty, or only comments
         text = f"{text.rstrip()}\ncameras:\n".lstrip()
     wanted, before = _loaded(text), named_cameras(text)
     editor = YAML()

@@ -82,7 +82,7 @@ class Link:
         wrong = [f"{option} off" for mode, option in _WRONG_MODES.items() if mode in self.modes]
         if not wrong:
             return f"{RESET_LINK} {self.name}"
-        up = f"sudo ip link set {self.name} up txqueuelen {QUEUE_LENGTH} type can bitrate {BITRATE}"  # in this order
+        up = f"sudo ip link set {self.name} up txqueuelen {QUEUE_LENGTH} type can bitrate {BITRATE}"  # order matters
         if self.driver is not None and self.driver not in NO_RESTART:  # a refused option would leave the link down
             wrong.append(f"restart-ms {RESTART_MS}")
         return " ".join([f"sudo ip link set {self.name} down &&", up, *wrong])

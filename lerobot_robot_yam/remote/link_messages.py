@@ -80,7 +80,7 @@ class Beat(_Message):
 class Echo(_Message):
     """Answer of the host to a beat."""
 
-    sent_s: Time  # the beat's, by the client's clock
+    sent_s: Time  # time stamp of the beat, client's clock
     received_s: Time  # the host's clock
     answered_s: Time  # the host's clock
     held: bool  # whether the beat's session has arms; false after it had some: the host has released them

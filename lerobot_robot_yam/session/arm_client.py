@@ -278,7 +278,7 @@ class ArmClient:
 
     @property
     def off(self) -> bool:
-        """Whether the control loop has published that the arm has no torque any more."""
+        """Whether the control loop has published that the arm is without torque."""
         try:
             return self.mode() is Mode.OFF
         except StaleStateError:  # the loop died in the middle of a write

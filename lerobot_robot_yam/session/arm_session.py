@@ -60,7 +60,7 @@ class ArmSession(Uncopied):
         for config in configs:
             rig = config.can_options.get("rig")
             if config.interface == VIRTUAL:
-                # The loop's process must meet the rig of this process, not start another one.
+                # Named here, so that the loop's process uses the rig of this process, and starts none of its own.
                 rig, _ = rig_name(rig)
                 config = dataclasses.replace(config, can_options={**config.can_options, "rig": rig})
             self._arms[config.name] = ResolvedArm(config)

@@ -1,4 +1,4 @@
-"""The lease of some arms: the right of one holder at a time to drive them, renewed by signs of life."""
+"""Lease of some arms: the right of one holder at a time to drive them, renewed by signs of life."""
 
 from collections.abc import Hashable
 

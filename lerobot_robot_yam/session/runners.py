@@ -128,7 +128,7 @@ class ProcessRunner:
         lifeline = self._lifeline
         if child is None or lifeline is None:
             return True
-        ended = wait_patiently(lambda: child.poll() is not None, outlives_us=os.getpid() != 1)  # 1: a container's
+        ended = wait_patiently(lambda: child.poll() is not None, outlives_us=os.getpid() != 1)  # 1: the container's
         if child.stdout is not None:
             child.stdout.close()
         if ended:  # a stand-by may have taken over

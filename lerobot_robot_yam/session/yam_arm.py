@@ -35,11 +35,11 @@ from lerobot_robot_yam.system.uncopyable import Uncopied
 
 _STREAM_S = 0.02  # period of the targets of a motion, s
 _SETTLE_TIMEOUT_S = 2.0  # wait for joints to reach the end of a motion, s
-_LIES_RAD = 0.15  # distance from the rest pose at which an arm counts as lying, rad: it falls by a finger's thickness
+_LIES_RAD = 0.15  # distance from the rest pose at which an arm counts as lying, rad: from there it falls by a finger
 
 
 class YamArm(Uncopied):
-    """A YAM arm on one CAN channel. SI units; gripper 0 closed … 1 open.
+    """YAM arm on one CAN channel. SI units; gripper 0 closed … 1 open.
 
     Args:
         config: the arm; or give its fields as keywords.
@@ -199,7 +199,7 @@ class YamArm(Uncopied):
         name, hw = self.config.name, self._client.hardware
         goal = finite_vector(name, "q", q, hw.joints)
         lower, upper = hw.lower[: hw.joints], hw.upper[: hw.joints]
-        beyond = (goal < lower - RANGE_TOLERANCE_RAD) | (goal > upper + RANGE_TOLERANCE_RAD)  # more than measured
+        beyond = (goal < lower - RANGE_TOLERANCE_RAD) | (goal > upper + RANGE_TOLERANCE_RAD)
         if beyond.any():
             joint = int(beyond.argmax())
             reach = f"{lower[joint]:.2f} … {upper[joint]:.2f} rad"

@@ -65,7 +65,7 @@ class SystemTools:
             self._run(command)
 
     def _index(self, interface: str) -> str | None:
-        """The kernel's number of an interface, which survives a renaming; None when there is none."""
+        """Kernel's number of an interface, which survives a renaming; None when there is none."""
         return text_of(self._files.root / "sys/class/net" / interface / "ifindex")
 
     def _run(self, command: Sequence[str], dry: bool | None = None) -> None:

@@ -42,7 +42,7 @@ class EmergencyStop:
     def __init__(self, directory: Path | None = None) -> None:
         self._own = directory is None
         self.directory = runtime_dir() if directory is None else directory
-        self._directory_name = str(self.directory)  # text: a Path takes a loop longer
+        self._directory_name = str(self.directory)  # text, since a Path is slower in a loop
         self._name = str(self.directory / _FILE)
         self._unwritten = False  # latched in this object only: no other process can see it
         self._seen_in: int | None = None  # inode of the directory in which the latch was seen; /dev/shm reuses none

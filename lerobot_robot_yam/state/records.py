@@ -96,7 +96,7 @@ STATE_DTYPE = np.dtype(
         ("target_sequence", "u8"),  # number of the newest target that the set-point took
         ("request_sequence", "u8"),  # number of the newest request that was carried out or refused
         ("request_refused", "u1"),
-        ("refusal", "S400"),  # why the newest refused request was refused
+        ("refusal", "S400"),  # reason of the newest refusal
         ("trouble", "S40"),  # a `faults.Trouble`, or empty
         ("message", "S400"),
     ]
@@ -294,7 +294,7 @@ class ArmState:
 
     @property
     def refusal(self) -> str | None:
-        """Why the newest request was refused; None if it was not."""
+        """Reason for which the newest request was refused; None if it was not."""
         return self._refusal if self._values[self._at["request_refused"]] else None
 
 

@@ -24,7 +24,7 @@ _LEAST_RANGE_RAD = 0.2  # smallest range of a joint, rad; less means that nobody
 
 @dataclass(kw_only=True)
 class PassiveConfig:
-    """How the encoders of one leader are read.
+    """Options of reading the encoders of one leader.
 
     Attributes:
         joint_sign: (n,) 1 or -1.

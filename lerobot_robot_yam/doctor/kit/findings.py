@@ -11,7 +11,7 @@ class Severity(StrEnum):
     """Severity of a finding. Only problems change the exit status."""
 
     PROBLEM = "problem"  # a session would fail, or be unsafe
-    WARNING = "warning"  # it works, but not well or not for long
+    WARNING = "warning"  # a session works, but not well or not for long
     NOTE = "note"
 
 

@@ -130,7 +130,7 @@ def from_config(
     document = read_yaml(path)
     targets: list[Target] = []
     cameras: dict[str, Mapping[str, Any]] = {}
-    environment = document.get("env")  # of an evaluation
+    environment = document.get("env")  # environment of an evaluation
     robot: Mapping[str, Any] = {}
     for section, (folder, kinds) in _DEVICES.items():
         device = document.get(section) or (environment.get(section) if isinstance(environment, Mapping) else None)
