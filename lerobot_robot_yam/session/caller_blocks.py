@@ -19,7 +19,7 @@ _WITHOUT_STOPS = {
     Mode.BRING_UP: "they are being sought; wait",
     Mode.STOPPED: "they are sought when the emergency stop is released (yam-estop release)",
 }
-_NEARLY_S = 0.0013  # longest wait for the next state, s: without it the caller reads one that is a tick older
+_NEARLY_S = 0.0013  # time until a state is due in which callers wait for it, s: the one before is a tick older
 _LATE_S = 0.003  # wait for an overdue state, s; the loop waits up to 2 ms for a reply
 _OLD_S = 0.0025  # age beyond one tick at which a sample counts as old, s: a newer one is due
 _AFTER_S = 0.0003  # sleep beyond a tick's due time, s: nearly all states are published by then, without polling

@@ -12,7 +12,7 @@ from typing import Literal
 from lerobot_robot_yam.arm.option import real
 from lerobot_robot_yam.errors import ConfigError
 
-GAIN_MOST = 0.5  # largest gain of the force, share of the position gain: stable with hands of all weights
+GAIN_MOST = 0.5  # largest gain of the force, share of the position gain: bearable for hands of all weights
 _SCALES = (0.05, 1.0)  # share of the leader's motion in fine mode
 _THRESHOLD_MOST_RAD = 3.0
 _SPEEDS_RAD_S = (0.05, 1.5)
