@@ -167,7 +167,7 @@ class CommandFacts:
             known |= {"saved": len(done), "first": 0, "successes": sum(map(bool, done))}
         fps = config.env.fps
         if "step" in values and fps:
-            rate, late = self._pace.count(known.get("saved", 0), 0.0, fps)  # its loop has no start time
+            rate, late = self._pace.count(known.get("saved", 0), 0.0, fps)  # the loop has no start time
             known |= {"fps": rate, "fps_asked": fps, "late": late}
             known |= {"elapsed_s": values["step"] / fps, "left_s": (values["max_steps"] - values["step"]) / fps}
         return known

@@ -42,7 +42,7 @@ _LOOK_S = 0.25
 class SuccessRate:
     """Successes among a data set's episodes, by their labels; read again when these have changed.
 
-    root: its folder. first: episodes that were there before this session, which do not count.
+    root: folder of the data set. first: episodes that were there before this session, which do not count.
     """
 
     def __init__(self, root: Path, first: int):

@@ -35,8 +35,8 @@ class Recording:
     """Facts about a data set or a checkpoint.
 
     Attributes:
-        what: its name in messages.
-        robot_type: name of its robot, empty if unknown.
+        what: name in messages.
+        robot_type: name of the robot, empty if unknown.
         names: names of the values of an action, empty if unknown.
         statistics: LeRobot's, by feature and kind: {"action": {"max": (n,), …}, "observation.state": …}.
         config: the saved config of a checkpoint's policy, empty without one.

@@ -65,7 +65,7 @@ def open_camera(name: str, options: Mapping[str, Any], arms: Iterable[ArmConfig]
     """Open and connect a camera; the caller disconnects it.
 
     Args:
-        name: its name in messages.
+        name: the camera's name in messages.
         options: as in a run config, with its type.
         arms: that config's; a camera `yam_sim` shows their rig.
 

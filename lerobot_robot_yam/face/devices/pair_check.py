@@ -27,9 +27,9 @@ class Spoken:
     """Meaning of a device's actions.
 
     Attributes:
-        device: its name, for messages.
-        action_keys: keys of its actions.
-        use_degrees: its angles are degrees.
+        device: name in messages.
+        action_keys: keys of the device's actions.
+        use_degrees: angles are degrees.
         models: profiles of the arms whose joints or tools are meant.
     """
 

@@ -72,8 +72,8 @@ class Situation:
     """State of a LeRobot command at one moment.
 
     Attributes:
-        command: its name in messages, empty without one.
-        phase: its phase.
+        command: name in messages, empty without a command.
+        phase: present phase.
         keys: meaning → key for it, as LeRobot's listeners call it.
         dataset: LeRobot's data set that it writes, once there is one.
         turn: start of the present run of its loop, on `time.perf_counter`; 0 outside of the loop.

@@ -67,7 +67,7 @@ class AutoEpisodes:
                 return now.keys[Meaning.RERECORD]
             return now.keys[Meaning.NEXT] if home and not now.ends_by_itself else None
         if not now.drops and now.frames < _LEAST_FRAMES:
-            self._starts = lifted is True  # its lift goes on
+            self._starts = lifted is True  # the lift goes on
             return now.keys[Meaning.RERECORD]
         self._starts = now.drops and self._armed and lifted is True
         if now.ends_by_itself or not (self._starts or not now.drops):

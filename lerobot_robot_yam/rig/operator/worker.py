@@ -40,7 +40,7 @@ class Worker:
     Attributes:
         q: (n,) joints of the hand, or those at the end of its path.
         home_rad: (n,) the waiting pose.
-        holds: its trigger is squeezed.
+        holds: the trigger is squeezed.
     """
 
     def __init__(self, hands: Hands, side: str, planner: ArmPlanner, home_m: np.ndarray, height_m: float):

@@ -9,7 +9,7 @@ from lerobot_robot_yam.rig.world.world_model import FIRM_FRICTION
 _CONTROL_MAX = 1e9  # above 1e10 MuJoCo drops all controls; forces are limited far below
 _JAMMED = 1e5  # Nm s/rad: 10 Nm turn a jammed shaft by 0.1 mrad/s
 _INERTIA_KG_M2 = 0.05  # a loose shaft's, between an arm's shoulder (0.2) and its wrist (0.005); our choice
-_DAMPING_NM_S_RAD = 0.2  # of a loose shaft's gear and bearings; our choice
+_DAMPING_NM_S_RAD = 0.2  # damping in a loose shaft's gear and bearings; our choice
 _CATCH_UP_S = 2.0  # longest time that a loose shaft simulates at once; after it the shaft rests
 
 

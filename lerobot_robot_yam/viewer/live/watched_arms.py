@@ -27,7 +27,7 @@ class WatchedArm:
     """One arm of any session on this computer.
 
     Attributes:
-        key: its channel's.
+        key: key of the channel.
         process: process that drives it.
         hardware: profiles and limits; None if its session does not publish them.
         state: last read; None before the first.

@@ -212,7 +212,7 @@ class HeldBack:
         """Return the parts that hold this arm back: "left link4 – left link1, 21 mm"; empty without any.
 
         Args:
-            arm: its index.
+            arm: index of the arm.
             setpoints, goals: per arm (joints,) or more, rad.
             openings: per arm, the gripper's, 0 closed … 1 open.
         """

@@ -134,7 +134,7 @@ class Order(NamedTuple):
     """One command.
 
     Attributes:
-        browser: its sender.
+        browser: sender of the command.
         work: carries it out.
         controls: whether the browser needs control.
         given_s: earliest time at which a person can have given it (monotonic, s).

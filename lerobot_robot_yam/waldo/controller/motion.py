@@ -45,7 +45,7 @@ class Command:
         opening: target of the jaws, 0 closed … 1 open; None: they stay.
         label: a checkpoint's.
         radius_m: distance to its end at which the next motion may begin; 0: it comes to rest there.
-        index: its number, once it is queued.
+        index: number in the queue, once it is queued.
     """
 
     name: str

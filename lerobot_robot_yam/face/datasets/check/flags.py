@@ -50,7 +50,7 @@ class Flag:
     """One defect.
 
     Attributes:
-        kind: its kind.
+        kind: kind of the defect.
         text: the finding, with numbers.
         frames: first and last frame of the episode that show it, None if no frames do.
     """

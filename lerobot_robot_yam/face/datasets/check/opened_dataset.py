@@ -50,12 +50,12 @@ class OpenedDataset:
     """A data set.
 
     Attributes:
-        root: its directory.
+        root: directory of the data set.
         info: `meta/info.json`.
         tasks: texts by `task_index`.
         statistics: `meta/stats.json`, empty if it cannot be read.
         episodes: by number.
-        flags: flags of its files.
+        flags: defects of the files.
     """
 
     root: Path
