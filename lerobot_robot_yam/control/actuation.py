@@ -22,13 +22,13 @@ class Actuation:
     Args:
         hardware: the arm.
         interface: its motors.
-        status: of the arm.
+        status: mode, trouble and orders of the arm.
         gravity: its model, if that has been made before.
 
     Attributes:
         estimate: what is known of its joints.
         commands: (n, 5) in joint coordinates, that go out next.
-        finding: of the last `check`.
+        finding: result of the last `check`.
         limp: motors that are being enabled, by index: they get no torque.
         landing: the landing under way; `landing_response` owns it.
         grips: while it floats its gripper keeps to the set-point: a hand guides it.

@@ -35,7 +35,7 @@ class GravityBalance:
     """Compares the torques of n joints. Ask once per tick while the arm is held, `reset` when it is not.
 
     Args:
-        names: of the joints.
+        names: (n,) names of the joints, for messages.
         range_nm: (n,) torque range of their motors.
     """
 

@@ -40,13 +40,13 @@ class Inputs(NamedTuple):
         before: the same of each motor's sample before, NaN before there is one.
         gripper: its measured rate and torque, strokes/s and Nm.
         asked, asked_ddq: (2, n) position and speed of the set-point, (n,) its acceleration.
-        mode: of the arm.
+        mode: present mode of the arm.
         whole: all motors can be relied on.
         feed_nm: (n,) that carries the arm along its set-point, see `Impedance.feed_forward`; empty while it floats.
         learns: the arm lands and hangs off its set-point: what its model misses is learnt.
         fade: (joints,) shares of stiffness with feed-forward, and of the landing's damping, that are left while
             landing ends; None: the arm's own.
-        assist: of an arm that floats, within the torque limits.
+        assist: torque and damping beside the weight while the arm floats, within the torque limits; None: none.
         grips: while the arm floats its gripper keeps to its set-point; else it is free, too.
     """
 

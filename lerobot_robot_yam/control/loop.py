@@ -110,7 +110,7 @@ class ControlLoop:
     def ticks(
         self, on_ready: Callable[[str], None] = lambda _: None, must_land: Callable[[], bool] = lambda: False
     ) -> Iterator[None]:
-        """The same, tick by tick: each step sleeps until the next deadline and ticks once.
+        """Tick until every arm is off, step by step: each step sleeps until the next deadline and ticks once.
 
         Args:
             on_ready: called once: when every arm has left bring-up, with ""; or when that has failed and the arms begin

@@ -20,7 +20,7 @@ class ModeCommand:
     """Computes commands from what is known of the arm and where it shall be.
 
     Args:
-        hardware, status, estimate, setpoint, impedance: of the arm.
+        hardware, status, estimate, setpoint, impedance: parts of one arm.
         gripper: its gripper's axis, if it has a motor.
     """
 
@@ -41,8 +41,8 @@ class ModeCommand:
 
         Args:
             now, dt: s.
-            landing: under way.
-            grips, assist: of an arm that floats, see `Inputs`.
+            landing: the landing under way, if any.
+            grips, assist: see `Inputs`; used while the arm floats.
         """
         status, setpoint = self._status, self._setpoint
         pressed = self._gripper is not None and self._gripper.force_limited

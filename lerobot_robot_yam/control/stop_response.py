@@ -29,7 +29,7 @@ class EffortLimit:
 
     Args:
         limit_nm: (n,) largest |tau|.
-        names: of the joints.
+        names: (n,) names of the joints.
     """
 
     def __init__(self, limit_nm: np.ndarray, names: Sequence[str]):
@@ -69,7 +69,7 @@ class StopTriggers:
 
         Args:
             now: s.
-            buttons: of the handle, whether they are down.
+            buttons: whether the buttons of the handle are down.
             tau_nm: (joints,) measured.
             works: whether the effort limit applies now.
         """

@@ -28,16 +28,19 @@ from collections.abc import Iterable, Sequence
 
 from lerobot_robot_yam.damiao.tables import MotorType
 
-_NOISE_RAD = 0.005  # play in the gears and 13 codes of a position
-_NOISE_RAD_S = 0.5
-_UNSEEN_RAD_S = 2.0  # mean speed of a joint between two samples, beyond what both say
-_SNATCHED_RAD_S, _SNATCHED_RAD = 5.0, 0.24  # the same while nobody looks, and how far it goes beyond
-_AWAY_RAD, _BLOW_RAD_S = 0.5, 10.0  # a joint's way and gain of speed, whatever the times say
-_GAINED_RAD_S = 2.5  # by a joint from one sample to the next
-_DOUBTS = 4  # answers that cannot be, of which one is forgotten for every so many good ones
-_FORGET = 1.0 / 50.0
+_NOISE_RAD = 0.005  # noise of a position, rad: play in the gears, 13 codes
+_NOISE_RAD_S = 0.5  # noise of a speed, rad/s
+_UNSEEN_RAD_S = 2.0  # mean speed of a joint between two samples, rad/s, beyond what both say
+_SNATCHED_RAD_S, _SNATCHED_RAD = (
+    5.0,
+    0.24,
+)  # mean speed, rad/s, and way, rad, of a joint that a hand snatches in a silence
+_AWAY_RAD, _BLOW_RAD_S = 0.5, 10.0  # most way, rad, and gain of speed, rad/s, of a joint between two samples
+_GAINED_RAD_S = 2.5  # gain of speed of a joint from one sample to the next, rad/s
+_DOUBTS = 4  # impossible answers after which a motor is not believed
+_FORGET = 1.0 / 50.0  # impossible answers that a good one makes forgotten
 
-_UNHEARD_S = 0.02  # five ticks: nobody has seen what it did, and one reading is not enough to tell
+_UNHEARD_S = 0.02  # silence, s, after which one reading is not enough: five ticks
 
 
 _Sample = tuple[float, float, float, float, float, float]
@@ -48,10 +51,10 @@ _NOTHING: _Sample = (math.nan,) * 6  # whatever follows it is not beyond it
 
 
 class Plausibility:
-    """Of the motors of a chain. Lists and plain floats: it looks at each frame.
+    """Judges the answers of the motors of a chain. Lists and plain floats: each frame is judged.
 
     Args:
-        types: of the motors.
+        types: types of the motors.
         light: per motor, whether it moves next to nothing, as a gripper's does.
 
     Attributes:

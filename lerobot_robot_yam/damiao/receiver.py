@@ -34,7 +34,7 @@ class FeedbackStore:
     `publish` turns them into arrays of shape (n,), new ones each time, so that a reader may keep them.
 
     Args:
-        types: of the motors.
+        types: types of the motors.
         turns: per motor, whether it may turn beyond the range of the wire, and is followed there.
 
     Attributes:

@@ -17,19 +17,19 @@ import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 
-_OPEN_MAX = 128  # per motor: half a second at 250 Hz, and no motor is silent for so long without being told of
-_BEHIND_TICKS = 2  # in a row that one motor owes more than the others, before it is left out of one
-_APART_TICKS, _APART_MAX_TICKS = 8, 128  # between two ticks without the same motor
-_SLOW_TICKS = 50  # in a row that all owe more than they used to, before it is found out why
-_ENDED_TICKS = 4  # in a row in which others answer, and a motor that is not asked does not: its answers have ended
-_REST_TICKS = 30  # for so many at most, 0.12 s: after 0.4 s without a command it lets go
+_OPEN_MAX = 128  # open questions per motor: 0.5 s at 250 Hz; a motor that is silent for so long is a fault
+_BEHIND_TICKS = 2  # ticks in a row in which a motor owes more than the others, before one goes out without it
+_APART_TICKS, _APART_MAX_TICKS = 8, 128  # least and most ticks between two that go out without the same motor
+_SLOW_TICKS = 50  # ticks in a row in which all owe more than before, until the first motor rests
+_ENDED_TICKS = 4  # ticks in a row with answers of others only, after which those of the resting motor have ended
+_REST_TICKS = 30  # longest rest, ticks (0.12 s): a motor without commands lets go after 0.4 s
 
 
 class Request:
     """One question to several motors.
 
     Attributes:
-        number: of the question, growing.
+        number: number of the question, growing.
         asked: how many motors.
         motors: by index, those that have not answered.
         handle: whether the handle was asked and has not answered.

@@ -19,7 +19,7 @@ HELD_S = 0.02  # round trip, above which an adapter holds frames back: five tick
 
 
 class RoundTrip:
-    """Of one channel.
+    """Measures the round trips of one channel.
 
     Attributes:
         one_way_s: adapter's time each way, of the quickest answers of late.
@@ -51,8 +51,8 @@ class RoundTrip:
         """When a motor took the sample in its answer: most likely, and at the latest.
 
         Args:
-            sent_s, arrived_s: of the command and of its answer (the same clock).
-            place: of the motor among those asked, from 0.
+            sent_s, arrived_s: times of the command and of its answer (the same clock).
+            place: place of the motor among those asked, from 0.
             count: how many were asked.
             paced: not all at once: this tells nothing about the adapter.
         """

@@ -101,7 +101,7 @@ class MotorType:
 
     @property
     def acceleration_max_rad_s2(self) -> float:
-        """Of its bare rotor under its largest torque; a load makes it slower."""
+        """Acceleration of the bare rotor under its largest torque; a load makes it slower."""
         return self.torque_max_nm / self.rotor_inertia_kg_m2 if self.rotor_inertia_kg_m2 else math.inf
 
 

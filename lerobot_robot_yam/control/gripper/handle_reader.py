@@ -25,7 +25,7 @@ NO_HANDLE = HandleState(math.nan, (False, False), -math.inf)
 
 
 class HandleReader:
-    """Of one handle. Ask once per tick.
+    """Reads one handle. Ask once per tick.
 
     Args:
         arm: for messages.

@@ -77,7 +77,7 @@ class ArmSetPoint(SetPoint):
         self.seed(self.here)
 
     def start_joints(self) -> None:
-        """The same, but for the gripper: its set-point is its grip, and is kept."""
+        """Start the joints again, at rest, from where they are; the gripper keeps its set-point, which is its grip."""
         q = self.here.copy()
         q[self._joints :] = self.q[self._joints :]
         self.seed(q)

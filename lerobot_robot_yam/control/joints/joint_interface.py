@@ -171,7 +171,7 @@ class JointInterface:
 
 
 def _trigger_range(hardware: ResolvedArm) -> TriggerRange:
-    """Of the arm's handle; the nominal one where a calibration may follow.
+    """Return the range of the handle's trigger; the nominal one where a calibration may follow.
 
     Raises:
         GripperError: the file that keeps it is damaged.

@@ -145,7 +145,7 @@ class WorkspaceGuard:
         Speed and acceleration limits hold for what is taken, too.
 
         Args:
-            setpoints: of the arms; their first coordinates are the joints, further ones are left alone.
+            setpoints: set-points of the arms; their first coordinates are the joints, further ones are left alone.
             measured: joints (joints,) or more of every arm, rad: where an arm is that is not guarded.
             guarded: arms that may be held back. The others (floating, landing, off) are only in the way.
             now, dt: monotonic time and length of the tick, s.

@@ -49,7 +49,7 @@ class Heat:
     Attributes:
         level: (n,) 0 cool … 1 at the trip.
         stages: (n,) `Stage` of each motor.
-        stage: of the warmest.
+        stage: stage of the warmest motor.
         message: names each motor that is WARM or HOT, both its temperatures and its trips; empty when no motor is.
     """
 
@@ -78,7 +78,7 @@ class ThermalMonitor:
     Args:
         arm: name for messages.
         mos_trip_c, rotor_trip_c: (n,) °C, where power stage and coil switch the motor off, see `trips_c`.
-        names: of the motors.
+        names: (n,) names of the motors.
     """
 
     def __init__(self, arm: str, mos_trip_c: np.ndarray, rotor_trip_c: np.ndarray, names: Sequence[str]):

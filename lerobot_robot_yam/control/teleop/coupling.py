@@ -33,7 +33,7 @@ _JOINED = 1e-6
 
 
 class Coupling:
-    """Of one follower, n motors. Ask once per tick.
+    """Couples one follower, n motors, to its leader. Ask once per tick.
 
     Attributes:
         number: `coupling_number` of the leader that is followed at this tick; 0: none.

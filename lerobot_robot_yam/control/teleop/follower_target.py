@@ -28,10 +28,10 @@ Target = tuple[np.ndarray, np.ndarray]
 
 
 class TargetRamp:
-    """Of one pair, whose follower has m motors.
+    """Ramps the target of one pair, whose follower has m motors.
 
     Args:
-        config: of the leader.
+        config: configuration of the leader.
         home, lower, upper: (m,) of the follower.
     """
 
@@ -87,7 +87,7 @@ class TargetRamp:
         """Target and its speed (m,) at this tick; None until the follower was seen, where that matters.
 
         Args:
-            state: of the gate.
+            state: present state of the gate.
             now, dt: s.
             leader, rate: (m,) where the leader is, and its trigger's opening; and their speed.
             follower: while it is there.

@@ -20,11 +20,11 @@ _AWAITED_S = 30.0  # a LeRobot command that opens cameras takes seconds to conne
 
 
 class FollowerView:
-    """Of one follower. Ask once per tick.
+    """Shows one follower to its leader. Ask once per tick.
 
     Args:
         leader: name of the leader, for messages.
-        key, own_key: of the follower's channel and of the leader's.
+        key, own_key: keys of the follower's channel and of the leader's.
         joints, motors: that the follower has to have.
 
     Attributes:

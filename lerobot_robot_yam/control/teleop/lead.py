@@ -68,7 +68,7 @@ class MotionFilter:
 
 
 class Lead:
-    """Of one leader.
+    """Leads the follower of one leader.
 
     Args:
         arm: the leader.
@@ -76,7 +76,7 @@ class Lead:
         index: which arm of the gate this is.
 
     Attributes:
-        state: of the gate.
+        state: present state of the gate.
         action, action_dq: (m,) target of the follower, gripper last, and its speed; None while there is none.
         stamp_s: when the leader was there.
         assist: torque and damping (joints,) that act on the leader beside its weight, None when none do.
@@ -141,7 +141,7 @@ class Lead:
 
         Args:
             now: s.
-            mode: of the leader; None: it must not lead, because another arm is in trouble.
+            mode: mode of the leader; None: the leader must not lead, because another arm is in trouble.
             sample: q, dq and stamp of each joint's sample, (joints,) each or more.
             handle: trigger, buttons, and stamp of its newest report.
             weight_nm: (joints,) what the leader weighs.
@@ -202,7 +202,7 @@ class Lead:
         return self._config.mirror and self._follower.led_by_another
 
     def _opening(self) -> float:
-        """Of the follower's gripper; before the trigger's first report it stays as it is."""
+        """Opening asked of the follower's gripper; the present one before the trigger's first report."""
         if self._trigger.opening is not None:
             return self._trigger.opening
         return float(self._follower.setpoint[-1]) if self._follower.there else 1.0
@@ -277,7 +277,7 @@ class Lead:
 
 
 def make_leads(arms: Sequence[ResolvedArm]) -> list[Lead | None]:
-    """Of each arm that leads one; those whose configuration says so move through one gate.
+    """Make the lead of each arm that has a follower; those whose configuration says so move through one gate.
 
     Raises:
         ConfigError: a follower that cannot be led, or one that two leaders lead; gates together that differ.

@@ -130,7 +130,7 @@ class PassiveArm:
 
 
 class PassiveStop:
-    """Of all leaders of a loop: they fall when a hand lets go of them to stop the arms. Ask once per tick.
+    """Stops the leaders of a loop, which fall when a hand lets go of them to stop the arms. Ask once per tick.
 
     A leader that lies on the table must not take its follower along once the stop is released. A gate that begins with
     a lift or a button takes care of that. All other leaders stay stopped until their triggers are squeezed: then they
@@ -138,7 +138,7 @@ class PassiveStop:
 
     Args:
         stop: the latch.
-        names: of the leaders that stay stopped until their triggers are squeezed, by number of the leader.
+        names: names of the leaders that stay stopped until their triggers are squeezed, by number of the leader.
     """
 
     def __init__(self, stop: EmergencyStop, names: dict[int, str]):

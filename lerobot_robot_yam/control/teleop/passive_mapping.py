@@ -70,7 +70,7 @@ class PassiveCalibration:
 
 
 class PassiveMapping:
-    """Of one leader with n joints.
+    """Maps the encoders of one leader with n joints.
 
     Args:
         arm: for messages.

@@ -19,7 +19,7 @@ class PeerBlock:
     To read a tuple of struct costs a tick 5 µs, a numpy record 40.
 
     Args:
-        key: of the other arm's channel.
+        key: key of the other arm's channel.
         fields: names of the fields of `STATE_DTYPE` that are wanted, besides stamp_s.
     """
 
