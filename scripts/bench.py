@@ -50,8 +50,6 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="a short look: 2 s each instead of 20 s")
     parser.add_argument("--seconds", type=float, help="seconds for each distribution of periods")
     parser.add_argument("--short-seconds", type=float, help="seconds for every other figure")
-    parser.add_argument("--arms", type=int, choices=(1, 2), default=2, help="arms whose periods are measured")
-    parser.add_argument("--only", nargs="+", choices=STEPS, default=list(STEPS), help="measure only these")
     return parser.parse_args()
 
 
@@ -60,12 +58,11 @@ def main(args: argparse.Namespace) -> int:
     settings = Settings(
         seconds=args.seconds or (2.0 if args.quick else 20.0),
         short_s=args.short_seconds or (1.0 if args.quick else 5.0),
-        arms=args.arms,
     )
     results = Results()
     where = machine()
     failed = False
-    with tqdm(args.only, file=sys.stderr, unit="step") as progress:
+    with tqdm(STEPS, file=sys.stderr, unit="step") as progress:
         for name in progress:
             progress.set_postfix_str(name)
             try:

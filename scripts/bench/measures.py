@@ -14,7 +14,7 @@ import numpy as np
 from bench.runner import Subject, cpu_s, driver, measure_periods, percentiles
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
 
-MOTORS = 7
+ARMS, MOTORS = 2, 7
 WIRE_LIMIT_HZ = 1.0 / (2 * MOTORS * FRAME_TIME_S)  # a command and a reply per motor
 CONTROL_HZ = 250.0
 LATENCY_S = 0.00025  # of a USB adapter, each way
@@ -29,12 +29,10 @@ class Settings:
     Attributes:
         seconds: time for each distribution of periods.
         short_s: the same for every other figure.
-        arms: that our loop drives at 250 Hz, and the vendor's as fast as it does.
     """
 
     seconds: float = 20.0
     short_s: float = 5.0
-    arms: int = 2
 
 
 @dataclass
@@ -60,19 +58,19 @@ class Results:
 
 def ours_at_250_hz(settings: Settings, results: Results) -> None:
     """Period at the rig with the caller idle and hogged, and the loop's CPU per arm: loop in its own process."""
-    with driver("ours", arms=settings.arms, rate_hz=CONTROL_HZ) as (rig, subject):
+    with driver("ours", arms=ARMS, rate_hz=CONTROL_HZ) as (rig, subject):
         loop, begin = subject.loop_pid(), time.monotonic()
         used = cpu_s(loop)
         results.put_periods("ours", "idle", measure_periods(rig, settings.seconds))
         share = (cpu_s(loop) - used) / (time.monotonic() - begin)
-        results.put("ours", "cpu_per_arm", share / settings.arms)
+        results.put("ours", "cpu_per_arm", share / ARMS)
         with subject.hogging():
             results.put_periods("ours", "hogged", measure_periods(rig, settings.seconds))
 
 
 def ours_as_thread(settings: Settings, results: Results) -> None:
     """The same with the loop in a thread of the caller."""
-    with driver("ours", arms=settings.arms, rate_hz=CONTROL_HZ, isolation="thread") as (rig, subject):
+    with driver("ours", arms=ARMS, rate_hz=CONTROL_HZ, isolation="thread") as (rig, subject):
         results.put_periods("ours", "thread_idle", measure_periods(rig, settings.short_s))
         with subject.hogging():
             results.put_periods("ours", "thread_hogged", measure_periods(rig, settings.seconds))
@@ -122,11 +120,11 @@ def vendor(settings: Settings, results: Results) -> None:
     if find_spec("i2rt") is None:
         results.put("vendor", "missing", "dreamscale-i2rt is not installed (pip install dreamscale-i2rt)")
         return
-    with driver("vendor", arms=settings.arms) as (rig, subject):
+    with driver("vendor", arms=ARMS) as (rig, subject):
         used, begin = cpu_s(subject.pid), time.monotonic()
         results.put_periods("vendor", "idle", measure_periods(rig, settings.seconds))
         share = (cpu_s(subject.pid) - used) / (time.monotonic() - begin)
-        results.put("vendor", "cpu_per_arm", share / settings.arms)
+        results.put("vendor", "cpu_per_arm", share / ARMS)
         with subject.hogging():
             results.put_periods("vendor", "hogged", measure_periods(rig, settings.seconds))
     with driver("vendor", arms=2) as (_, subject):

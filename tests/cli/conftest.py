@@ -14,6 +14,7 @@ from lerobot_robot_yam.rig.control import running_rig
 from tests.support.landed import MOST_M, moved_after_cut_m
 from tests.support.paths import ROOT
 from tests.support.preloaded import Preloaded
+from tests.support.terminal import Terminal
 from tests.support.waiting import wait
 
 CHANNELS = ("follower_left", "follower_right", "leader_left", "leader_right")
@@ -51,11 +52,7 @@ class Commands:
     def start(self, name, *arguments, stdin=subprocess.DEVNULL, cwd=ROOT):
         """Start an installed command, such as lerobot-record, or Python's own options (name "-c", "-m")."""
         program = [sys.executable, name] if name.startswith("-") else [str(Path(sys.executable).parent / name)]
-        environment = os.environ | {"HF_LEROBOT_CALIBRATION": str(self.directory / "cal")}
-        # For plugins that live with the tests: unlike `python -m`, an installed command does not look where it is.
-        environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
-        if self.rig is not None:
-            environment["YAM_RIG"] = self.rig.name
+        environment = self.environment()
         self._said_before = len(self.output())
         with open(self.directory / "output.txt", "ab") as output, open(os.devnull) as nothing:
             if _preloaded is not None and not name.startswith("-"):
@@ -73,6 +70,18 @@ class Commands:
                 )
         self._started.append(process)
         return process
+
+    def environment(self):
+        """The environment of a command."""
+        environment = os.environ | {"HF_LEROBOT_CALIBRATION": str(self.directory / "cal")}
+        # For plugins that live with the tests: unlike `python -m`, an installed command does not look where it is.
+        environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+        return environment if self.rig is None else environment | {"YAM_RIG": self.rig.name}
+
+    def in_terminal(self, name, *arguments):
+        """Start an installed command in a terminal of its own."""
+        program = Path(sys.executable).with_name(name)
+        return Terminal(self.directory, program, *arguments, cwd=ROOT, env=self.environment())
 
     def close(self):
         """Kill what a failed test has left running: the next one would have its arms beside it."""

@@ -1,9 +1,6 @@
 """lerobot-record of a follower that a hand leads, with a key for its gripper, and lerobot-replay of it."""
 
-import os
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +9,6 @@ from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.rig.control import running_rig
 from tests.cli.conftest import ROOT, Commands
-from tests.support.terminal import Terminal
 
 pytestmark = pytest.mark.alone
 
@@ -34,16 +30,10 @@ def joints(rig):
 def record(commands, root):
     """Record an episode in a terminal, in which the hand leads the arm to two places, and g is typed on the way."""
     rig = commands.rig
-    environment = os.environ | {
-        "HF_LEROBOT_CALIBRATION": str(commands.directory / "cal"),
-        "YAM_RIG": rig.name,
-        "PYTHONPATH": str(ROOT),
-    }
     config = yaml.safe_load((ROOT / "configs" / "sim" / "hand_guide_record.yaml").read_text())
     config["robot"]["cameras"] = {}
     path = commands.directory / "hand_guide.yaml"
     path.write_text(yaml.safe_dump(config))
-    program = Path(sys.executable).with_name("lerobot-record")
     arguments = [
         f"--config_path={path}",
         "--dataset.num_episodes=1",
@@ -51,7 +41,7 @@ def record(commands, root):
         f"--dataset.root={root}",
         "--dataset.no_stamp=true",
     ]
-    terminal = Terminal(commands.directory, program, *arguments, cwd=ROOT, env=environment)
+    terminal = commands.in_terminal("lerobot-record", *arguments)
     try:
         terminal.wait_shown("is guided by hand", 120.0)
         rig.lift(ARM, THERE, 2.0)

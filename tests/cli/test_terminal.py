@@ -3,18 +3,14 @@
 The default tier runs a typed key, `-m long` the ways to end.
 """
 
-import os
 import signal
-import sys
 import time
-from pathlib import Path
 
 import pytest
 from lerobot.datasets import LeRobotDataset
 
-from tests.cli.conftest import CALM, ROOT
+from tests.cli.conftest import CALM
 from tests.cli.test_buttons import BUTTONS, Handles, press
-from tests.support.terminal import Terminal
 from tests.support.waiting import wait
 
 pytestmark = pytest.mark.alone
@@ -26,15 +22,7 @@ class TypedSession(Handles):
     """A recording in a terminal of its own."""
 
     def start(self):
-        commands = self.commands
-        environment = os.environ | {
-            "HF_LEROBOT_CALIBRATION": str(commands.directory / "cal"),
-            "YAM_RIG": self.rig.name,
-            "PYTHONPATH": str(ROOT),
-        }
-        program = Path(sys.executable).with_name("lerobot-record")
-        arguments = (program, f"--config_path={self.config}", *CALM)
-        self.terminal = Terminal(commands.directory, *arguments, cwd=ROOT, env=environment)
+        self.terminal = self.commands.in_terminal("lerobot-record", f"--config_path={self.config}", *CALM)
         self.terminal.wait_shown("Recording episode 0", 120.0)
         time.sleep(1.0)
 
