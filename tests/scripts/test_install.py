@@ -125,16 +125,6 @@ def test_an_index_without_a_cpu_build_is_spoken_of(index, clone):
     assert "no CPU build of torch" in done.stderr and "PIP_EXTRA_INDEX_URL" in done.stderr
 
 
-@pytest.mark.long
-def test_with_nvidias_driver_torch_is_for_cuda_in_a_clone(index, clone, tmp_path, monkeypatch):
-    (tmp_path / "nvidia-smi").write_text("#!/bin/sh\n")
-    (tmp_path / "nvidia-smi").chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
-    index("+cpu", "+cu130")
-    done = run(clone, *SAY)
-    assert done.stdout.split() == ["2.11.0+cu130", "0.26.0+cu130"], done.stderr
-
-
 def test_with_nvidias_driver_torch_is_for_cuda(tmp_path, monkeypatch, capsys):
     (tmp_path / "nvidia-smi").write_text("#!/bin/sh\n")
     (tmp_path / "nvidia-smi").chmod(0o755)

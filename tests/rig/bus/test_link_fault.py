@@ -6,17 +6,12 @@ import threading
 import time
 
 import can
-import numpy as np
 import pytest
 
-from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
-from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.errors import BusError
-from tests.support.rigged import exchange
 
 CHANNEL = "follower_left"
-TYPES = ["DM4340"] * 3 + ["DM4310"] * 4
 DOWN, NO_DEVICE, FULL = errno.ENETDOWN, errno.ENODEV, errno.ENOBUFS
 
 
@@ -26,11 +21,6 @@ def refresh(can_id=1):
 
 def enable(can_id, command=SpecialCommand.ENABLE):
     return can.Message(arbitration_id=can_id, data=command.value, is_extended_id=False)
-
-
-def chain_on(bus):
-    motors = [MotorSpec(f"joint_{i}", i, kind) for i, kind in enumerate(TYPES, 1)]
-    return MotorChain(bus, motors, channel=CHANNEL)
 
 
 def answers(bus):
@@ -101,20 +91,6 @@ def test_a_receive_that_waits_is_woken(rig, kind, code):
     assert errors == [code]
 
 
-def test_motors_lose_their_driver_while_the_link_is_down(rig, bus):
-    chain = chain_on(bus)
-    rig.fault(CHANNEL, "joint_6", "register", 2000, register=9)  # a watchdog of 100 ms
-    since = len(rig.events())
-    bus.send(enable(6))
-    assert bus.recv(5.0) is not None  # it has heard it
-    rig.fault(CHANNEL, None, "link_down")
-    assert rig.wait_event("motor_fault", 5.0, since, motor="joint_6")["fault"] == 0xD
-    rig.fault(CHANNEL, None, "link_down", False)
-    chain.refresh(1.0)
-    assert chain.fault[5] == 0xD
-    rig.fault(CHANNEL, "joint_6", "register", 8000, register=9)
-
-
 def test_an_unplugged_adapter_kills_open_buses_for_good_and_can_come_back(rig):
     with can.Bus(interface="yam_sim", channel=CHANNEL, rig=rig.name) as old:
         rig.fault(CHANNEL, None, "adapter_gone")
@@ -169,42 +145,6 @@ def test_taking_the_link_down_and_up_ends_bus_off(rig, bus):
     rig.fault(CHANNEL, None, "link_down")
     rig.fault(CHANNEL, None, "link_down", False)
     assert answers(bus)
-
-
-def test_the_driver_meets_bus_off_as_silence_and_then_an_error(rig, bus):
-    chain = chain_on(bus)
-    rig.fault(CHANNEL, None, "bus_off")
-    exchange(chain, np.zeros((7, 5)))
-    assert (chain.missed == 1).all()
-    assert chain.error_frames == 1
-    with pytest.raises(BusError, match="No buffer space"):
-        exchange(chain, np.zeros((7, 5)))
-
-
-def test_a_cable_that_is_out_is_only_silence(rig, bus):
-    chain = chain_on(bus)
-    assert all(chain.refresh(1.0))
-    rig.fault(CHANNEL, None, "cable_out")
-    for _ in range(20):
-        exchange(chain, np.zeros((7, 5)))
-    assert (chain.missed == 20).all()
-    assert chain.error_frames == 0
-    rig.fault(CHANNEL, None, "cable_out", False)
-    assert all(chain.refresh(1.0))
-
-
-def test_a_foreign_driver_is_obeyed_by_motors_and_counted_by_the_chain(rig, bus):
-    chain = chain_on(bus)
-    q = rig.state()["arms"][CHANNEL]["q"][5]
-    bus.send(enable(6, SpecialCommand.CLEAR))
-    bus.send(enable(6))
-    rig.fault(CHANNEL, None, "foreign", {"id": 6, "rate_hz": 100.0})
-    time.sleep(1.0)  # longer than the watchdog waits: somebody feeds it
-    chain.drain()
-    assert motor(rig, "joint_6")["enabled"]
-    assert rig.state()["arms"][CHANNEL]["q"][5] == pytest.approx(q, abs=0.02)
-    assert chain.foreign_commands >= 10
-    assert chain.duplicates[5] >= 10  # answers that we did not ask for
 
 
 def test_foreign_frames_that_command_nothing_are_eight_zeros(rig, bus):

@@ -142,19 +142,6 @@ def test_a_torque_bias_displaces_a_held_joint_and_is_not_reported(desk, can_id, 
     assert settled(desk, can_id, q=middle, kp=kp, kd=1).position == pytest.approx(middle, abs=0.015)
 
 
-@pytest.mark.parametrize("can_id", [2, WRIST, 7])
-def test_a_stuck_motor_does_not_move_under_any_command(desk, can_id):
-    desk.special(can_id, SpecialCommand.ENABLE)
-    before = desk.mit(can_id).position
-    fault(desk, can_id, "stuck")
-    target = before - 1.0 if can_id == 7 else before + 1.0
-    feedback = settled(desk, can_id, q=target, kp=20, kd=1)
-    assert feedback.position == pytest.approx(before, abs=0.01)
-    assert abs(feedback.torque) > 2
-    fault(desk, can_id, "stuck", False)
-    assert abs(settled(desk, can_id, q=target, kp=20, kd=1).position - before) > 0.5
-
-
 def test_more_friction_holds_a_joint_against_less_torque(desk):
     desk.special(WRIST, SpecialCommand.ENABLE)
     fault(desk, WRIST, "friction_nm", 1.0)
@@ -237,6 +224,14 @@ def test_a_fault_that_makes_no_sense_is_refused(desk, motor, kind, value, text):
         fault(desk, motor, kind, value)
     assert refresh(desk, 1) != []
     assert [e["kind"] for e in desk.device.events.since(0, 100)] == []
+
+
+def test_without_power_it_is_limp_and_silent(desk):
+    desk.special(1, SpecialCommand.ENABLE)
+    fault(desk, 1, "power", False)
+    assert refresh(desk, 1) == [] and desk.motor(1).torque_nm == 0
+    fault(desk, 1, "power", True)
+    assert desk.mit(1).fault == Fault.DISABLED
 
 
 def test_every_kind_is_documented():

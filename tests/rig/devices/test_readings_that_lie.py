@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.damiao.codec import SpecialCommand
-from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ConfigError
 from tests.support.rig_desk import Desk
 
@@ -22,20 +21,6 @@ def desk():
 
 def lie(desk, can_id, value):
     desk.fault(CHANNEL, can_id, "reading", value)
-
-
-def test_offsets_are_added_to_reports(desk):
-    desk.special(WRIST, SpecialCommand.ENABLE)
-    true = desk.mit(WRIST)
-    lie(desk, WRIST, {"position_rad": 1.5, "velocity_rad_s": -4.0, "torque_nm": 3.0})
-    for _ in range(3):
-        told = desk.mit(WRIST)
-        assert told.position - true.position == pytest.approx(1.5, abs=2 * LSB)
-        assert told.velocity - true.velocity == pytest.approx(-4.0, abs=0.05)
-        assert told.torque - true.torque == pytest.approx(3.0, abs=0.02)
-        assert told.fault == Fault.NORMAL
-    lie(desk, WRIST, False)
-    assert desk.mit(WRIST).position == pytest.approx(true.position, abs=2 * LSB)
 
 
 def test_offsets_are_in_joint_sign():

@@ -4,8 +4,6 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from lerobot_robot_yam.damiao import codec, registers
 from lerobot_robot_yam.damiao.codec import SpecialCommand
@@ -218,26 +216,6 @@ def test_a_flooded_bus_loses_frames_instead_of_queueing_for_ever(desk):
 def test_an_impossible_range_is_not_taken(desk, value):
     raw = struct.pack("<HBBf", 1, 0x55, Register.PMAX, value)
     assert registers.decode_reply(ask(desk, 1, raw).data).value == 12.5
-
-
-def test_commands_that_are_not_finite_do_not_move_a_motor(desk):
-    ask(desk, WRIST, registers.encode_write(WRIST, Register.CTRL_MODE, 3))
-    desk.special(WRIST, SpecialCommand.ENABLE)
-    desk.send((0x200 + WRIST, struct.pack("<ff", float("nan"), 0.0)))
-    desk.run(0.05)
-    assert np.isfinite(desk.device.world.qpos).all()
-
-
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=6), st.integers(1, 7))
-def test_no_frame_breaks_the_rig(desk, frames, enabled):
-    desk.send(
-        (enabled, SpecialCommand.ENABLE.value),
-        *frames,
-        (0x7FF, bytes((enabled, 0)) + frames[0][1][:6]) if frames else (0x50E, b""),
-    )
-    desk.run(0.004)
-    assert np.isfinite(desk.device.world.qpos).all()
 
 
 def test_an_unknown_register_cannot_be_set(desk):

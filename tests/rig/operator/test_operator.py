@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -17,7 +16,6 @@ from lerobot_robot_yam.rig.operator.operator import RigHands
 from lerobot_robot_yam.rig.operator.script import SIDES, Setup, make_setup
 from lerobot_robot_yam.rig.operator.task_scripts import CATALOG, make_script
 from lerobot_robot_yam.rig.scene.scene import Scene, load_scene
-from lerobot_robot_yam.rig.world.world_model import build_world
 from lerobot_robot_yam.session.arm_session import ArmSession
 from tests.support import transfers
 from tests.support.stand_in import StandIn, described
@@ -49,46 +47,6 @@ def task(setup, world):
     task = CATALOG["pick_and_place"](world, setup)
     task.begin()
     return task
-
-
-class Top:
-    """What camera `top` sees, 240 pixels high, by geometry."""
-
-    def __init__(self, scene: Scene):
-        self.model = build_world(scene)
-        self.data = mujoco.MjData(self.model)
-        self.owners = np.array([self.model.body(body).name for body in self.model.geom_bodyid])
-        self.half = np.tan(np.radians(self.model.cam("top").fovy[0]) / 2)  # of the picture's height, 1 m away
-
-    def look(self, qpos):
-        """Axes (3, 3) and place (3,) of the camera in a state of the world."""
-        self.data.qpos[:] = qpos
-        mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_camlight(self.model, self.data)
-        return self.data.cam("top").xmat.reshape(3, 3), self.data.cam("top").xpos
-
-    def pixels(self, qpos, body):
-        """How many rays through the pixels about a body meet it first."""
-        axes, eye = self.look(qpos)
-        x, y, z = (self.data.body(body).xpos - eye) @ axes
-        grid = np.mgrid[-12:13, -12:13].reshape(2, -1).T / 120 * self.half
-        rays = np.column_stack([grid - [x / z, y / z], np.full(len(grid), -1.0)]) @ axes.T
-        met, far = np.empty(len(rays), np.int32), np.empty(len(rays))
-        shown = np.array([1, 0, 1, 0, 0, 0], np.uint8)  # groups of shapes
-        mujoco.mj_multiRay(self.model, self.data, eye, rays.ravel(), shown, True, -1, met, far, None, len(rays), 10.0)
-        return int((self.owners[met[met >= 0]] == body).sum())
-
-    def farthest(self, qpos, prefix):
-        """Where the farthest corner of these bodies is; 1 is the edge of the picture."""
-        axes, eye = self.look(qpos)
-        corners = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), axis=-1).reshape(8, 3)
-        found = 0.0
-        for geom in np.flatnonzero(np.char.startswith(self.owners, prefix) & (self.model.geom_group == 2)):
-            box, frame = self.model.geom_aabb[geom], self.data.geom(geom)
-            points = (box[:3] + corners * box[3:]) @ frame.xmat.reshape(3, 3).T + frame.xpos
-            seen = (points - eye) @ axes
-            found = max(found, np.abs(seen[:, :2] / seen[:, 2:] / self.half / [4 / 3, 1]).max())
-        return found
 
 
 def kinds(world: StandIn) -> list[str]:
@@ -135,14 +93,6 @@ def test_both_arms_work_without_a_pause_and_no_two_carries_are_alike(cycle):
     ends = [event["to"] for event in world.events]
     off = [end["xy_m"] - world.world.scene.places[end["place"]][:2] for end in ends]
     assert np.ptp(off, axis=0).min() > 0.02, "where it is put down is drawn"
-
-
-def test_top_shows_both_arms_whole_and_the_prop_while_it_is_carried(cycle):
-    world, qpos, _ = cycle
-    top, cube = Top(world.world.scene), world.world.model.joint("cube").qposadr[0]
-    carried = qpos[qpos[:, cube + 2] > 0.03]
-    assert len(carried) > 100 and min(top.pixels(q, "cube") for q in carried[::3]) >= 25
-    assert max(top.farthest(q, "follower") for q in qpos[::5]) < 1.0
 
 
 @pytest.mark.long

@@ -7,11 +7,11 @@ import pytest
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from tests.support.rigged import arm_on, either_rig, rig_of
+from tests.support.rigged import arm_on, lockstep_rig, rig_of
 
 LEADER, FOLLOWER = "leader_left", "follower_left"
 RAISED = [0.2, 1.0, 0.9, -0.3, 0.1, 0.2]
-rig = either_rig(LEADER)
+rig = lockstep_rig(LEADER)
 
 
 @pytest.fixture

@@ -44,26 +44,5 @@ def test_a_payload_pulls_as_a_mass_at_the_tool_does(desk):
     weight = jacobian.T @ [0.0, 0.0, 0.8 * 9.81]
     assert loaded - plain == pytest.approx(weight[desk.device.world.joint_dofs(CHANNEL)], abs=1e-3)
     assert np.abs(loaded - plain).max() > 1.0
-
-
-def test_a_payload_has_the_inertia_of_a_point(desk):
-    world = desk.device.world
-    dofs = world.joint_dofs(CHANNEL)
-
-    def inertia():
-        mujoco.mj_forward(world.model, world.data)
-        columns = np.zeros((len(dofs), world.model.nv))
-        for column, unit in zip(columns, np.eye(world.model.nv)[dofs], strict=True):
-            mujoco.mj_mulM(world.model, world.data, column, unit)
-        return columns[:, dofs]
-
-    before = inertia()
-    desk.fault(CHANNEL, None, "payload_kg", 0.8)
-    after = inertia()
-    jacobian = np.zeros((3, world.model.nv))
-    mujoco.mj_jacSite(world.model, world.data, jacobian, None, world.model.site(f"{CHANNEL}/tcp_site").id)
-    assert after - before == pytest.approx(0.8 * jacobian[:, dofs].T @ jacobian[:, dofs], abs=1e-6)
-    places = world.data.geom_xpos.copy(), world.data.site_xpos.copy()
     desk.clear_faults(CHANNEL)
-    assert inertia() == pytest.approx(before, abs=1e-12)
-    assert (world.data.geom_xpos, world.data.site_xpos) == (pytest.approx(places[0]), pytest.approx(places[1]))
+    assert standing_torque(desk, LIFTED) == pytest.approx(plain)
