@@ -228,7 +228,7 @@ def bad_motor_keeps_both_arms_limp(rig, isolation, kind):
     [
         ({"channel": "follower_middle"}, BusError, "follower_middle.*follower_left"),
         ({"interface": "nosuchcan"}, BusError, "nosuchcan"),
-        ({"arm": "yam_max"}, ConfigError, "unknown arm 'yam_max'; did you mean 'yam.*Known: yam, yam_pro"),
+        ({"arm": "yam_max"}, ConfigError, "unknown arm 'yam_max'; did you mean 'yam.*Known: yam, big_yam"),
         ({"gripper": "claw"}, ConfigError, "unknown gripper 'claw'"),
         ({"rate_hz": 900}, ConfigError, "at most 500 Hz"),
         ({"kp": [1.0]}, ConfigError, "kp takes 6 numbers"),
