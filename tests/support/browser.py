@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Page
 
 # As root, without a graphics card, with little shared memory.
 _OPTIONS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--disable-dev-shm-usage"]
@@ -56,8 +56,11 @@ def yam_view(*arguments: str, patient: bool = False) -> Iterator[str]:
 
 
 @contextlib.contextmanager
-def chromium() -> Iterator["Browser"]:
-    """A browser; where there is none the test is skipped, aloud."""
+def browser_page(url: str, errors: list[str], width: int = 1280, height: int = 900) -> Iterator["Page"]:
+    """A page in a browser of its own; `errors` collects what its console and its scripts complain of.
+
+    Where there is no browser the test is skipped, aloud.
+    """
     playwright = pytest.importorskip(
         "playwright.sync_api", reason='needs Playwright: pip install -e ".[test]" in the clone'
     )
@@ -67,21 +70,14 @@ def chromium() -> Iterator["Browser"]:
     with playwright.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=program, args=_OPTIONS)
         try:
-            yield browser
+            page = browser.new_page(viewport={"width": width, "height": height})
+            page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
+            page.on("pageerror", lambda error: errors.append(str(error)))
+            page.set_default_timeout(_PATIENCE_MS)
+            page.goto(url)
+            yield page
         finally:
             browser.close()
-
-
-@contextlib.contextmanager
-def browser_page(url: str, errors: list[str], width: int = 1280, height: int = 900) -> Iterator["Page"]:
-    """A page in a browser of its own; `errors` collects what its console and its scripts complain of."""
-    with chromium() as browser:
-        page = browser.new_page(viewport={"width": width, "height": height})
-        page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.set_default_timeout(_PATIENCE_MS)
-        page.goto(url)
-        yield page
 
 
 def take_picture(page: "Page", directory: Path) -> Image.Image:

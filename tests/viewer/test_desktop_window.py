@@ -4,9 +4,12 @@ YAM_DOCS_PICTURE=docs/view_desktop.png has the test write the picture of the win
 """
 
 import contextlib
+import os
+import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 
 import pytest
 from PIL import ImageGrab
@@ -14,7 +17,6 @@ from PIL import ImageGrab
 from lerobot_robot_yam.rig.control import running_rig
 from tests.support.browser import keep_picture
 from tests.support.rigged import session_on, sim_config, track
-from tests.support.virtual_screen import virtual_screen
 from tests.support.waiting import wait
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
@@ -24,6 +26,32 @@ RAISED = [0.4, 1.1, 1.2, -0.5, 0.0, 0.2]
 COLOURS = 1200  # that the two arms have, with light and shade; the sky has 200
 WAIT_S = 60.0
 SCREEN = "1500x900x24"  # of which the window takes two thirds each way
+
+
+@contextlib.contextmanager
+def virtual_screen(size: str = "640x480x8") -> Iterator[dict[str, str]]:
+    """Yields the environment of programs that are to use it; where there is no Xvfb the test is skipped, aloud.
+
+    size: width x height x bits of a pixel.
+    """
+    if shutil.which("Xvfb") is None:
+        pytest.skip("what needs a screen is not tested: there is no Xvfb (Debian: apt install xvfb)")
+    read, write = os.pipe()
+    server = subprocess.Popen(
+        ["Xvfb", "-displayfd", str(write), "-screen", "0", size, "-nolisten", "tcp"],
+        pass_fds=[write],
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(write)
+    try:
+        with open(read) as numbers:
+            environment = os.environ | {"DISPLAY": f":{numbers.readline().strip()}"}
+        for name in ("WAYLAND_DISPLAY", "XDG_SESSION_TYPE"):
+            environment.pop(name, None)
+        yield environment
+    finally:
+        server.terminate()
+        server.wait()
 
 
 def window_on(screen):

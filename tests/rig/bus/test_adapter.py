@@ -176,14 +176,6 @@ def test_frames_are_held_back_and_then_come_at_once_in_order(lockstep):
     assert np.diff(np.array(ask_for(bus, now, 0.4))[:, :2]).max() < 0.002 + slack_s
 
 
-def test_frames_are_held_back_once(lockstep):
-    rig, bus, now, _ = lockstep
-    rig.fault(CHANNEL, None, "hold_back", {"seconds": 0.03})
-    rows = np.array(ask_for(bus, now, 0.5))
-    late = rows[:, 1] - rows[:, 0] > 0.001
-    assert late[:7].all() and not late[9:].any()
-
-
 def test_times_at_which_a_frame_is_released():
     hold = HoldBack(10.0, 0.05, 0.3)
     assert hold.release_s(9.9) == 9.9
