@@ -1,11 +1,136 @@
 """The force at a leader: what a hand feels, what an arm without a hand does, and that nothing ever grows."""
 
+import mujoco
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.control.laws.bilateral import BilateralForce
-from tests.support.held_leader import TICK_S, HeldLeader
+from lerobot_robot_yam.control.laws.set_point import SetPoint
+from lerobot_robot_yam.control.teleop.lead import MotionFilter
+
+STEP_S, TICK_S = 0.001, 0.004
+_Q_STEP = 25.0 / 65535
+_DQ_STEP = np.array([20.0] * 3 + [60.0] * 3) / 4095
+_AHEAD_S = 0.0033
+GRIP_M = 0.05  # radius at which fingers hold a handle: by that they resist turning
+
+
+class _Arm:
+    """M ddq = K (q* − q) + D (dq* − dq) + tau, (6,), about a pose."""
+
+    def __init__(self, model, q, extra_mass_kg=0.0):
+        profile = load_arm("yam")
+        data = mujoco.MjData(model)
+        data.qpos[:6] = q
+        mujoco.mj_forward(model, data)
+        full = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, full)
+        self.jacobian = np.zeros((3, model.nv))
+        self.turning = np.zeros((3, model.nv))
+        mujoco.mj_jacSite(model, data, self.jacobian, self.turning, model.site("tcp_site").id)
+        self.jacobian, self.turning = self.jacobian[:, :6], self.turning[:, :6]
+        self.inertia = full[:6, :6] + np.diag(profile.armature_kg_m2)
+        self.inertia += extra_mass_kg * self.jacobian.T @ self.jacobian
+        self.q, self.dq = np.zeros(6), np.zeros(6)  # from the pose
+
+    def step(self, stiffness, damping, pull):
+        """Implicit, so that a stiff hand is no matter; pull: (6,) K q* + D dq* + tau."""
+        left = self.inertia + STEP_S * damping + STEP_S**2 * stiffness
+        self.dq = np.linalg.solve(left, self.inertia @ self.dq + STEP_S * (pull - stiffness @ self.q))
+        self.q = self.q + STEP_S * self.dq
+
+    def read(self):
+        return np.round(self.q / _Q_STEP) * _Q_STEP, np.round(self.dq / _DQ_STEP) * _DQ_STEP
+
+
+class HeldLeader:
+    """A leader in a hand, and its follower, linearised about a pose: laws and filters of both loops, in ms steps.
+
+    The hand is a mass at the leader's tool on a damped spring. Links do not rub, so that only the laws can bring them
+    to rest. Readings have the steps of the motors' frames. What a loop publishes the other one uses a tick later, and
+    a command acts a tick after the sample that it is made of.
+
+    Args:
+        q: (6,) the pose, rad.
+        gain: of the force.
+        stiffness_n_m, mass_kg, damping_ratio: of the hand.
+        gated: see `BilateralForce`.
+        sag_nm: (6,) torque that pulls the follower off its set-point.
+        blocked: the follower cannot move.
+
+    Attributes:
+        energies_j: one for each tick.
+    """
+
+    def __init__(self, q, gain, stiffness_n_m, mass_kg, damping_ratio, gated=True, sag_nm=None, blocked=False):
+        profile = load_arm("yam")
+        self.leader = _Arm(GravityModel("yam", "yam_teaching_handle").model, q, mass_kg)
+        self.follower = _Arm(GravityModel("yam", "linear_4310").model, q)
+        self._kp, self._kd = np.array(profile.kp), np.array(profile.kd)
+        self._idle = np.array(profile.idle_kd)
+        jacobian = self.leader.jacobian
+        grip = jacobian.T @ jacobian + GRIP_M**2 * self.leader.turning.T @ self.leader.turning
+        self._hand = stiffness_n_m * grip
+        self._hand_damping = 2.0 * damping_ratio * np.sqrt(stiffness_n_m * mass_kg) * grip
+        self._force = BilateralForce(np.full(6, gain), self._kp, np.array(profile.torque_limit_nm), gated)
+        wide = np.full(6, 10.0)
+        self._setpoint = SetPoint(np.full(6, 1.5), np.full(6, 30.0), -wide, wide, np.full(6, 5.0))
+        self._motion = MotionFilter(6)
+        self.sag, self._blocked = np.zeros(6) if sag_nm is None else sag_nm, blocked
+        self.tau = np.zeros(6)
+        self.hand_pull = np.zeros(6)
+        self._next = np.zeros(6)
+        self._asked = np.zeros((2, 6)), np.zeros(6)
+        self._published = np.zeros(6), np.zeros(6), 0.0
+        self._seen = np.zeros(6), np.zeros(6), 0.0
+        self.now = 0.0
+        self.energies_j = []
+
+    @property
+    def energy_j(self):
+        """Of the leader in its hand, and of the spring that pulls it to its follower."""
+        q, dq, error = self.leader.q, self.leader.dq, self.follower.q - self.leader.q
+        return 0.5 * (dq @ self.leader.inertia @ dq + q @ self._hand @ q + self._force.stiffness @ error**2)
+
+    def run(self, seconds):
+        """(k, 6) speeds of the leader, (k, 6) its positions, and torques on it, one row per tick."""
+        rows = []
+        for _ in range(round(seconds / TICK_S)):
+            self._tick()
+            for _ in range(round(TICK_S / STEP_S)):
+                self._step()
+            self.energies_j.append(self.energy_j)
+            rows.append((self.leader.dq.copy(), self.leader.q.copy(), self.tau.copy()))
+        return tuple(np.array(column) for column in zip(*rows, strict=True))
+
+    def _tick(self):
+        now = self.now
+        action, rate, stamp_s = self._published  # of the leader, a tick ago
+        self._setpoint.track(action + rate * (now - stamp_s + _AHEAD_S), rate, now)
+        self._setpoint.step(now, TICK_S)
+        self._asked = self._setpoint.asked, self._setpoint.asked_ddq
+        q, dq = self.leader.read()
+        self._motion.advance(q, dq, now)
+        there, there_dq, seen_s = self._seen
+        error = there + there_dq * (now - seen_s) - self._motion.q
+        self._next = self._force.torque(error, self._motion.dq, np.zeros(6), TICK_S)
+        self._published = self._motion.q, self._motion.dq, now
+        self._seen = (*self.follower.read(), now)
+
+    def _step(self):
+        damping = self._hand_damping + np.diag(self._idle + self._force.damping)
+        self.leader.step(self._hand, damping, self.tau + self.hand_pull)
+        if not self._blocked:
+            (q, dq), ddq = self._asked
+            feed_forward = self.follower.inertia @ ddq
+            pull = self._kp * q + self._kd * dq + feed_forward + self.sag
+            self.follower.step(np.diag(self._kp), np.diag(self._kd), pull)
+        self.now += STEP_S
+        if round(self.now / STEP_S) % round(TICK_S / STEP_S) == 2:  # the command of this tick arrives
+            self.tau = self._next
+
 
 POSE = np.array([0.0, 1.0, 1.0, -0.3, 0.0, 0.0])
 SAG_NM = np.array([0.0, 2.0, 1.0, 0.2, 0.0, 0.0])
