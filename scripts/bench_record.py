@@ -46,17 +46,9 @@ def cpu_s(since: float) -> dict[str, float]:
     return used
 
 
-def machine_speed() -> float:
-    """How fast this machine is at the moment: millions of rounds of an empty Python loop in 1 s."""
-    begin = time.process_time()
-    for _ in range(2_000_000):
-        pass
-    return 2.0 / (time.process_time() - begin)
-
-
 def record(clone: Path, arguments: list[str]) -> dict[str, Any]:
     """One run of the main job in a clone; its figures."""
-    report: dict[str, Any] = {"speed": machine_speed()}
+    report: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         data, log = Path(folder) / "data", Path(folder) / "log"
         command = [str(clone / "scripts/record_sim"), f"--dataset.root={data}", *arguments]
@@ -126,7 +118,6 @@ def summary(name: str, runs: list[dict[str, Any]]) -> str:
     lines.append(_row("warnings shown", [run["warnings_shown"] for run in runs], "{:.0f}"))
     lines.append(_row("lines shown", [run["lines_shown"] for run in runs], "{:.0f}"))
     lines.append(_row("period p99, ms", [max(run["period_p99_ms"], default=np.nan) for run in runs], "{:.2f}"))
-    lines.append(_row("speed of the machine", [run["speed"] for run in runs], "{:.0f}"))
     lines += [f"  failed: {run['error']}" for run in runs if run["status"]]
     return "\n".join(lines)
 
