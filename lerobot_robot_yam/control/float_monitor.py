@@ -25,6 +25,7 @@ _PATIENCE_S = 2.0  # for a hand that has held the arm up so far to let it go
 _AT_STOP_RAD = 0.05  # zeros and stops of real arms are off by a few hundredths
 _STILL_RAD_S = 0.15
 _KNOWN_S = 0.2  # of standing still: what is left of the jerk of coming to rest
+_MEMORY_S = 1.0  # for which the torques before a motion count: a joint that slips for a moment proves nothing
 _SMOOTH_S = 0.06
 _WRONG_SHARE = 0.2  # of w; real arms are 10 to 20 % off their models (vendor's gravity factors: 1.0 … 1.2)
 _WRONG_NM = 0.02  # of the motor's range, 0.56 Nm of a DM4340: twice the friction that the vendor compensates
@@ -46,10 +47,11 @@ class GravityBalance:
         self._before = -math.inf
         self._wrong: np.ndarray = np.zeros(len(self._names))
         self._weight: np.ndarray = np.zeros(len(self._names))
+        self._known_until = -math.inf
 
     def reset(self) -> None:
         """The arm is not held any more, or not by all its motors."""
-        self._still_since = math.inf
+        self._still_since, self._known_until = math.inf, -math.inf
 
     def advance(self, now: float, tau_nm: np.ndarray, weight_nm: np.ndarray, dq: np.ndarray) -> None:
         """One tick of an arm that is held.
@@ -61,6 +63,8 @@ class GravityBalance:
         """
         dt, self._before = now - self._before, now
         if largest(dq) > _STILL_RAD_S:
+            if now - self._still_since > _KNOWN_S:
+                self._known_until = now
             self._still_since = math.inf
             return
         if self._still_since == math.inf:
@@ -69,14 +73,15 @@ class GravityBalance:
         self._wrong += (tau_nm - weight_nm - self._wrong) * min(dt / _SMOOTH_S, 1.0)
         self._weight = weight_nm
 
-    def verdict(self, now: float, unknown: np.ndarray | None = None) -> str | None:
+    def verdict(self, now: float, unknown: np.ndarray | None = None, memory_s: float = 0.0) -> str | None:
         """Names the joints that would run away; "" when the arm may float, None while that is unknown.
 
         Args:
             now: s.
             unknown: (n,) rad, direction in which a stop may hold the joint, 0 where none does: not judged.
+            memory_s: time for which an arm that moves is judged by the torques before, s.
         """
-        if not now - self._still_since > _KNOWN_S:
+        if not now - self._still_since > _KNOWN_S and now - self._known_until > memory_s:
             return None
         wrong, weight = self._wrong, self._weight
         if unknown is not None:
@@ -149,6 +154,6 @@ class FloatMonitor:
             return
         hw, q = self._hardware, self._estimate.q[self._j]
         at_stop = (q > hw.upper[self._j] - _AT_STOP_RAD).astype(float) - (q < hw.lower[self._j] + _AT_STOP_RAD)
-        wrong = self._balance.verdict(self._now, at_stop)
+        wrong = self._balance.verdict(self._now, at_stop, _MEMORY_S)
         if wrong:
             raise LifeCycleError(f"{arm} does not float: {wrong}")

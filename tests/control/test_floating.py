@@ -260,3 +260,13 @@ def test_a_joint_on_its_stop_is_not_weighed():
     assert balance.verdict(0.4, np.array([0.0, 1.0])) != ""
     balance.reset()
     assert balance.verdict(0.5) is None
+
+
+def test_a_joint_that_slips_for_a_moment_is_judged_by_what_held_it_before():
+    balance = GravityBalance(["joint_1"], np.array([28.0]))
+    for tick in range(100):
+        balance.advance(tick * 0.004, np.array([5.0]), np.array([1.0]), np.zeros(1))
+    balance.advance(0.4, np.array([5.0]), np.array([1.0]), np.array([0.2]))
+    assert balance.verdict(0.4) is None
+    assert "joint_1 is held with 5.0 Nm where the model says 1.0" in balance.verdict(0.4, memory_s=1.0)
+    assert balance.verdict(1.5, memory_s=1.0) is None  # a hand that moves the arm all the time holds it
