@@ -81,7 +81,7 @@ class GravityBalance:
             unknown: (n,) rad, direction in which a stop may hold the joint, 0 where none does: not judged.
             memory_s: time for which an arm that moves is judged by the torques before, s.
         """
-        if not now - self._still_since > _KNOWN_S and now - self._known_until > memory_s:
+        if not now - self._still_since > _KNOWN_S and now - self._known_until >= memory_s:
             return None
         wrong, weight = self._wrong, self._weight
         if unknown is not None:
