@@ -1,9 +1,12 @@
 """Opening an arm's CAN channel, with errors that say what to check."""
 
+import contextlib
+import importlib
 import logging
 from collections.abc import Sequence
 
 import can
+import can.interfaces
 
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
 from lerobot_robot_yam.damiao.bus_port import RESET_LINK
@@ -17,6 +20,13 @@ logging.getLogger("can.bus").setLevel(logging.INFO)
 
 _ID_MASK = 0x7FF
 _KNOWN = (SOCKETCAN, VIRTUAL, "yam_lockstep")
+
+
+def load_driver(interface: str) -> None:
+    """Import python-can's module of an interface, so that `open_bus` need not: that takes 50 ms the first time."""
+    if interface in can.interfaces.BACKENDS:
+        with contextlib.suppress(ImportError):  # `open_bus` names what is missing
+            importlib.import_module(can.interfaces.BACKENDS[interface][0])
 
 
 def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC:

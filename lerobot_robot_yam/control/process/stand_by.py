@@ -21,7 +21,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.impedance import gravity_model
 from lerobot_robot_yam.control.loop import ControlLoop
-from lerobot_robot_yam.control.preflight.open_bus import open_bus
+from lerobot_robot_yam.control.preflight.open_bus import load_driver, open_bus
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd
 from lerobot_robot_yam.control.state_publisher import ControllerBlocks
 from lerobot_robot_yam.damiao.handle_encoder import HANDLE_IDS
@@ -86,6 +86,8 @@ class StandBy:
         self._poll = select.poll()
         self._poll.register(self._process, select.POLLIN)
         self._gravity = [gravity_model(arm) for arm in arms]
+        for arm in arms:
+            load_driver(arm.config.interface)
         self._records: list[np.ndarray | None] = [None] * len(keys)
 
     def run(self, rt_priority: int) -> None:
