@@ -149,7 +149,7 @@ class MotorChain:
         for index, command in instead.items():
             self._messages[index].data = command.value
         self.drain()
-        absent = self._requests.absent()
+        absent = [i for i in self._requests.absent() if i not in instead]  # DISABLE must not wait
         messages = self._messages
         if absent:  # hardly ever
             messages = [message for i, message in enumerate(messages) if i not in absent]

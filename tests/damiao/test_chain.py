@@ -133,6 +133,17 @@ def test_special_commands_reach_every_motor_and_report_the_motors_that_answered(
     assert not chain.lost.any()  # counts replies of the loop only
 
 
+def test_a_motor_that_is_left_out_to_find_losses_is_switched_off_with_the_others(bus, chain):
+    bus.silent.update(range(1, 8))
+    for _ in range(60):  # all owe more than they used to
+        bus.sent.clear()
+        tick(chain)
+    assert [message.arbitration_id for message in bus.sent] == [2, 3, 4, 5, 6, 7]
+    bus.sent.clear()
+    chain.send(commands(), dict.fromkeys(range(7), SpecialCommand.DISABLE))
+    assert [message.data for message in bus.sent] == [SpecialCommand.DISABLE.value] * 7
+
+
 def test_wrong_commands_send_nothing(bus, chain):
     with pytest.raises(ActionError, match=r"\(7, 5\)"):
         chain.send(np.zeros((6, 5)))
