@@ -21,13 +21,16 @@ class CameraFeed:
         name: for messages.
         open_source: finds and opens the camera; raises a YamError if it cannot.
         finish: converts each picture for the caller, in the reading thread.
+
+    Attributes:
+        number: number of pictures until now.
     """
 
     def __init__(self, name: str, open_source: Callable[[], PictureSource], finish: Callable[[Picture], Picture]):
         self._name, self._open, self._finish = name, open_source, finish
         self._news = threading.Condition()
         self._picture: Picture | None = None
-        self._number = 0  # number of pictures until now
+        self.number = 0
         self._trouble = ""
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
@@ -63,15 +66,10 @@ class CameraFeed:
             StaleStateError: none within timeout_s.
         """
         with self._news:
-            if not self._news.wait_for(lambda: self._number > after, timeout_s):
+            if not self._news.wait_for(lambda: self.number > after, timeout_s):
                 raise self._stale(f"no new picture within {timeout_s * 1e3:.0f} ms")
             assert self._picture is not None
-            return self._picture, self._number
-
-    @property
-    def number(self) -> int:
-        """Number of pictures until now."""
-        return self._number
+            return self._picture, self.number
 
     def stop(self) -> None:
         """Release the camera. Idempotent."""
@@ -83,31 +81,26 @@ class CameraFeed:
         if thread.is_alive():
             logger.warning("%s: is still waiting for a picture; it is released when one comes", self._name)
 
-    def _run(self, source: PictureSource | None) -> None:
-        while source is not None:
+    def _run(self, source: PictureSource) -> None:
+        """Read the camera until the feed is stopped; one that is gone is opened again and again."""
+        while True:
             try:
                 while not self._ended.is_set():
                     self._publish(source.read())
+                return
             except CameraError as error:
-                self._trouble = f"{error}; it is waited for"
+                self._trouble, since_s = f"{error}; it is waited for", time.monotonic()
                 logger.warning("%s: %s", self._name, self._trouble)
             finally:
                 source.close()
-            source = self._opened_again()
-
-    def _opened_again(self) -> PictureSource | None:
-        """Wait until the camera is back and has given a picture; None when the feed is stopped first."""
-        since_s = time.monotonic()
-        while not self._ended.wait(_RETRY_S):
-            try:
-                source = self._opened()
-            except YamError as error:
-                self._trouble = f"{error}; it is waited for"
-                continue
-            self._trouble = ""
+            while self._trouble:
+                if self._ended.wait(_RETRY_S):
+                    return
+                try:
+                    source, self._trouble = self._opened(), ""
+                except YamError as error:
+                    self._trouble = f"{error}; it is waited for"
             logger.warning("%s: is back after %.2f s", self._name, time.monotonic() - since_s)
-            return source
-        return None
 
     def _opened(self) -> PictureSource:
         """Open the camera, and publish its first picture."""
@@ -123,7 +116,7 @@ class CameraFeed:
         finished = self._finish(picture)
         with self._news:
             self._picture = finished
-            self._number += 1
+            self.number += 1
             self._news.notify_all()
 
     def _stale(self, what: str) -> StaleStateError:

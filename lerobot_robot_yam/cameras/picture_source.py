@@ -67,8 +67,13 @@ class PictureSource(Protocol):
     def exposure_range(self) -> tuple[int, int]:
         """Least and greatest exposure, in the unit of `Wanted.exposure`. Raises CameraError: no exposure can be set."""
 
-    def set_exposure(self, exposure: int) -> None:
-        """Set a manual exposure. Raises CameraError: the camera does not accept it."""
+    def set_control(self, name: str, value: int) -> None:
+        """Set exposure, gain or white_balance, each in the unit of `Wanted`, by hand.
+
+        Raises:
+            ConfigError: the value is out of range.
+            CameraError: the camera has no such control, or does not accept the value.
+        """
 
     def close(self) -> None:
         """Release the camera. Idempotent."""

@@ -67,7 +67,7 @@ def modes_of(device: Any, kind: Any) -> list[tuple[int, int, int]]:
 
 
 class RealSenseSource:
-    """Open RealSense.
+    """Open RealSense: a `PictureSource` with colour and depth of one moment.
 
     Args:
         device: a device of `plugged_in`.
@@ -96,7 +96,7 @@ class RealSenseSource:
             streams.enable_stream(kind, wanted.width, wanted.height, form, wanted.fps)
         for name in _AUTOMATIC:
             if (asked := getattr(wanted, name)) is not None:
-                self._set(name, asked)
+                self.set_control(name, asked)
         self._pipeline = rs.pipeline()
         self._pipeline.set_device(device)
         try:
@@ -106,11 +106,6 @@ class RealSenseSource:
         self._running = True
 
     def read(self) -> Picture:
-        """Wait for the next picture, with colour and depth of one moment.
-
-        Raises:
-            CameraError: the camera is gone, or gives none.
-        """
         begin_s = time.monotonic()
         try:
             while True:
@@ -125,21 +120,10 @@ class RealSenseSource:
             raise CameraError(f"{self._name}: {error}") from error
 
     def exposure_range(self) -> tuple[int, int]:
-        """Least and greatest exposure of the colour sensor. Raises CameraError: no exposure can be set."""
         span = self._sensor("exposure").get_option_range(self._rs.option.exposure)
         return int(span.min), int(span.max)
 
-    def set_exposure(self, exposure: int) -> None:
-        """Set a manual exposure.
-
-        Raises:
-            ConfigError: it is out of range.
-            CameraError: no exposure can be set.
-        """
-        self._set("exposure", exposure)
-
     def close(self) -> None:
-        """Release the camera. Idempotent."""
         if self._running:
             self._running = False
             self._pipeline.stop()
@@ -165,7 +149,7 @@ class RealSenseSource:
                 return sensor
         raise CameraError(f"{self._name} takes no {name} for its colour: leave {name} out")
 
-    def _set(self, name: str, value: int) -> None:
+    def set_control(self, name: str, value: int) -> None:
         sensor, number = self._sensor(name), getattr(self._rs.option, name)
         automatic = getattr(self._rs.option, _AUTOMATIC[name])
         span = sensor.get_option_range(number)

@@ -22,12 +22,13 @@ _CONTROLS = {
     "white_balance": (v4l2.WHITE_BALANCE, v4l2.AUTO_WHITE_BALANCE, v4l2.OFF),
 }
 _COLOUR = ("YUYV", "MJPG", "NV12", "RGB3", "BGR3")  # formats that OpenCV converts, the best first
+_SIZE = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
 _OLDEST_S = 10.0  # greatest plausible age of a picture's own time stamp, s
 _UNITS_PER_STEP = 100  # µs per step of V4L2's exposure: on a D405, `Wanted.exposure` is in µs
 
 
 class UvcSource:
-    """Open camera of `video_devices`.
+    """Open camera of `video_devices`: a `PictureSource` of colour only.
 
     Args:
         device: the camera.
@@ -51,23 +52,24 @@ class UvcSource:
                 raise CameraError(f"{device} cannot be opened: {in_use([self._node])}")
             if mode is not None:
                 self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*mode.fourcc))
-            for name, value in ((3, wanted.width), (4, wanted.height), (cv2.CAP_PROP_FPS, wanted.fps)):
-                if value is not None and is_v4l2:
-                    self._capture.set(name, value)
+            wants = zip((*_SIZE, cv2.CAP_PROP_FPS), (wanted.width, wanted.height, wanted.fps), strict=True)
+            for number, value in wants if is_v4l2 else ():
+                if value is not None:
+                    self._capture.set(number, value)
             for name in _CONTROLS:
                 if (asked := getattr(wanted, name)) is not None:
-                    self._set(name, asked)
-            self._check_size(wanted)
+                    self.set_control(name, asked)
+            width, height = (int(self._capture.get(number)) for number in _SIZE)
+            if wanted.width is not None and (width, height) != (wanted.width, wanted.height):
+                raise ConfigError(
+                    f"{device} gives {width}x{height}, not {wanted.width}x{wanted.height}: set width and height to "
+                    "what it gives"
+                )
         except BaseException:
             self.close()
             raise
 
     def read(self) -> Picture:
-        """Wait for the next picture, colour only.
-
-        Raises:
-            CameraError: there is none: the camera is unplugged or has stalled, or another program reads it.
-        """
         read, image = self._capture.read()
         now_s = time.monotonic()
         if not read:
@@ -78,44 +80,12 @@ class UvcSource:
         return Picture(stamp_s, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
     def exposure_range(self) -> tuple[int, int]:
-        """Least and greatest exposure, in the unit of `Wanted.exposure`. Raises CameraError: it has none."""
-        _, low, high = self._control("exposure")
-        return low * self._unit("exposure"), high * self._unit("exposure")
+        _, unit, low, high = self._control("exposure")
+        return low * unit, high * unit
 
-    def set_exposure(self, exposure: int) -> None:
-        """Set a manual exposure.
-
-        Raises:
-            CameraError: no node of the camera has an exposure.
-            ConfigError: the value is out of range.
-        """
-        self._set("exposure", exposure)
-
-    def close(self) -> None:
-        """Release the camera. Idempotent."""
-        self._capture.release()
-
-    def _unit(self, name: str) -> int:
-        return _UNITS_PER_STEP if name == "exposure" and self._device.stereo_colour else 1
-
-    def _control(self, name: str) -> tuple[Path, int, int]:
-        """Find the node that has a control, with its least and greatest value; the colour's node first.
-
-        A D405 has its exposure on the node of depth.
-        """
-        for node in dict.fromkeys((self._node, *self._device.nodes)):
-            limits = v4l2.control_range(node, _CONTROLS[name][0])
-            if limits is not None:
-                return node, *limits
-        raise CameraError(
-            f"{self._device} offers no {name} over UVC: leave {name} out, or read it with librealsense; "
-            f"{install_extra('realsense')}"
-        )
-
-    def _set(self, name: str, value: int) -> None:
-        node, low, high = self._control(name)
+    def set_control(self, name: str, value: int) -> None:
+        node, unit, low, high = self._control(name)
         number, automatic, manual = _CONTROLS[name]
-        unit = self._unit(name)
         steps = round(value / unit)
         if not low <= steps <= high:
             raise ConfigError(f"{self._device}: {name} {value} is out of range; it takes {low * unit} to {high * unit}")
@@ -123,15 +93,23 @@ class UvcSource:
             v4l2.set_control(node, automatic, manual)
         v4l2.set_control(node, number, steps)
 
-    def _check_size(self, wanted: Wanted) -> None:
-        if wanted.width is None:
-            return
-        width, height = (int(self._capture.get(name)) for name in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-        if (width, height) != (wanted.width, wanted.height):
-            raise ConfigError(
-                f"{self._device} gives {width}x{height}, not {wanted.width}x{wanted.height}: set width and height to "
-                "what it gives"
-            )
+    def close(self) -> None:
+        self._capture.release()
+
+    def _control(self, name: str) -> tuple[Path, int, int, int]:
+        """Find the node that has a control, the unit of its steps, and the least and greatest step.
+
+        A D405 has its exposure on the node of depth, so all nodes are tried, the colour's first.
+        """
+        unit = _UNITS_PER_STEP if name == "exposure" and self._device.stereo_colour else 1
+        for node in dict.fromkeys((self._node, *self._device.nodes)):
+            limits = v4l2.control_range(node, _CONTROLS[name][0])
+            if limits is not None:
+                return node, unit, *limits
+        raise CameraError(
+            f"{self._device} offers no {name} over UVC: leave {name} out, or read it with librealsense; "
+            f"{install_extra('realsense')}"
+        )
 
 
 def _colour_node(device: VideoDevice) -> tuple[Path, list[v4l2.Mode]]:

@@ -21,35 +21,28 @@ from lerobot_robot_yam.cameras.exposure_search import TARGET
 from lerobot_robot_yam.cameras.opening import Plugged, config_of, find_camera, listed, plugged_cameras
 from lerobot_robot_yam.cameras.role_names import ROLES, named_cameras, read_config, with_cameras
 from lerobot_robot_yam.cameras.video_devices import ROOT
-from lerobot_robot_yam.commands.lib.arm_command import agreed, ask, need_terminal, run_command, table, tell
 from lerobot_robot_yam.commands.lib.camera_bench import Bench
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
+from lerobot_robot_yam.commands.lib.dialogue import agreed, ask, need_terminal, table, tell
 from lerobot_robot_yam.errors import CameraError, ConfigError, SetupError
 from lerobot_robot_yam.system.paths import user_path, write_whole
 
-_SKIP = ""
+_NONE = "there is no camera; plug one in (`lsusb` lists what is plugged in)"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-cameras`; returns the exit status."""
-    args = _parser().parse_args(arguments)
-    works = {"list": _list, "preview": _preview, "tune": _tune, "name": _name}
-    return run_command("yam-cameras", lambda: works[args.work](args))
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="yam-cameras", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    works = parser.add_subparsers(dest="work", required=True)
-    shows = works.add_parser("list", help="show what is plugged in")
+    parser = command_parser("yam-cameras", __doc__)
+    actions = parser.add_subparsers(dest="work", required=True)
+    shows = actions.add_parser("list", help="show what is plugged in")
     shows.add_argument("--formats", action="store_true", help="all formats of each camera")
-    preview = works.add_parser("preview", help="write a picture of each camera on one sheet")
+    preview = actions.add_parser("preview", help="write a picture of each camera on one sheet")
     preview.add_argument("sheet", type=user_path, metavar="FILE.png")
-    tune = works.add_parser("tune", help="find the exposure of one camera")
+    tune = actions.add_parser("tune", help="find the exposure of one camera")
     tune.add_argument("camera", nargs="?", help="serial number, model, or role in the config; the only camera without")
     tune.add_argument("--target", type=float, default=TARGET, help="mean brightness, 0 to 1 (default %(default)s)")
     tune.add_argument("--sheet", type=user_path, metavar="FILE.png", help="write pictures of before and after")
-    name = works.add_parser("name", help="write cameras by their roles into a config")
+    name = actions.add_parser("name", help="write cameras by their roles into a config")
     name.add_argument("pairs", nargs="*", metavar="ROLE=SERIAL", help=f"without any, it asks ({', '.join(ROLES)}, …)")
     for work in (preview, tune, name):
         default = Path("cameras.yaml") if work is name else None
@@ -64,7 +57,17 @@ def _parser() -> argparse.ArgumentParser:
         work.add_argument("--yes", action="store_true", help="do not ask before the config is changed")
     for work in (shows, preview, tune, name):
         work.add_argument("--root", type=user_path, default=ROOT, help="another computer's files: sys, dev")
-    return parser
+    args = parser.parse_args(arguments)
+    works = {"list": _list, "preview": _preview, "tune": _tune, "name": _name}
+    return run_command("yam-cameras", lambda: works[args.work](args))
+
+
+def _plugged(args: argparse.Namespace) -> list[Plugged]:
+    """Return what is plugged in. Raises CameraError: nothing is."""
+    cameras = plugged_cameras(args.root)
+    if not cameras:
+        raise CameraError(_NONE)
+    return cameras
 
 
 def _list(args: argparse.Namespace) -> int:
@@ -78,7 +81,7 @@ def _list(args: argparse.Namespace) -> int:
         rows.append([camera.serial or "-", camera.model, port, link, nodes or "-"])
     sys.stdout.write(table(["serial", "model", "USB port", "link", "nodes"], rows) + "\n")
     if not cameras:
-        tell("there is no camera; plug one in (`lsusb` lists what is plugged in)")
+        tell(_NONE)
     for camera in cameras:
         if args.formats:
             sys.stdout.write(f"{camera}: {', '.join(camera.modes()) or 'tells no formats'}\n")
@@ -88,16 +91,12 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _preview(args: argparse.Namespace) -> int:
-    cameras = plugged_cameras(args.root)
-    if not cameras:
-        raise CameraError("there is no camera; plug one in (`lsusb` lists what is plugged in)")
-    roles = _roles(args.config)
+    roles, cameras = _roles(args.config), _plugged(args)
     bench, failed = Bench(args.width, args.height, args.fps), False
     for camera in cameras:
         title = f"{roles.get(camera.serial or '', '')} {camera.model} {camera.serial or ''}".strip()
         try:
-            seen = bench.look(camera, title)
-            tell(f"{title}: {seen}")
+            tell(f"{title}: {bench.look(camera, title)}")
         except (CameraError, ConfigError) as error:
             tell(f"{title}: {error}")
             bench.miss(title)
@@ -127,11 +126,7 @@ def _tune(args: argparse.Namespace) -> int:
 
 
 def _chosen(args: argparse.Namespace) -> Plugged:
-    """The camera to tune.
-
-    Raises:
-        CameraError: it is not there, or there are several and none was named.
-    """
+    """Return the camera to tune. Raises CameraError: it is not there, or there are several and none was named."""
     if args.camera is not None:
         roles = named_cameras(read_config(args.config)) if args.config else {}
         return find_camera(str(roles.get(args.camera, {}).get("serial_number_or_name", args.camera)), args.root)
@@ -155,16 +150,14 @@ def _name(args: argparse.Namespace) -> int:
 
 def _asked(args: argparse.Namespace) -> dict[str, Plugged]:
     """The camera of each role, as the person says."""
-    cameras = plugged_cameras(args.root)
-    if not cameras:
-        raise CameraError("there is no camera; plug one in (`lsusb` lists what is plugged in)")
+    cameras = _plugged(args)
     need_terminal(False)
     found: dict[str, Plugged] = {}
     tell(f"Which camera is it ({', '.join(ROLES)}, or a name of yours)? `yam-cameras preview` shows what each sees.")
     for camera in cameras:
-        while (role := ask(f"{camera} (Enter skips it):")) != _SKIP and (not role.isidentifier() or role in found):
+        while (role := ask(f"{camera} (Enter skips it):")) and (not role.isidentifier() or role in found):
             tell("that is taken" if role in found else "take letters, digits and _")
-        if role != _SKIP:
+        if role:
             found[role] = camera
     return found
 
@@ -186,11 +179,10 @@ def _write(args: argparse.Namespace, cameras: Mapping[str, Mapping[str, Any]]) -
     tell("\n".join([f"{args.config}:", *(line for line in list(lines)[2:] if not line.startswith("@@"))]))
     if args.dry_run:
         return
-    if not args.yes:
-        need_terminal(False)
-        if not agreed("Make this change?"):
-            tell("nothing was changed")
-            return
+    need_terminal(args.yes)
+    if not args.yes and not agreed("Make this change?"):
+        tell("nothing was changed")
+        return
     try:
         write_whole(args.config, after)
     except OSError as error:

@@ -18,6 +18,7 @@ from pathlib import Path
 
 from lerobot_robot_yam.arm.config import ARMS, GRIPPERS, SOCKETCAN, VIRTUAL
 from lerobot_robot_yam.cameras.video_devices import video_devices
+from lerobot_robot_yam.commands.lib.command_line import command_parser
 from lerobot_robot_yam.commands.lib.host_option import add_host_arguments, run_tool
 from lerobot_robot_yam.doctor.check_adapters import RULES_DIRECTORIES, check_adapters, read_rules
 from lerobot_robot_yam.doctor.check_calibration import check_calibrations
@@ -89,9 +90,7 @@ def _say(text: str) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="yam-doctor", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("yam-doctor", __doc__)
     parser.add_argument(
         "--channel",
         action="append",

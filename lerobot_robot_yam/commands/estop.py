@@ -22,6 +22,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from platform import node
 
+from lerobot_robot_yam.commands.lib.command_line import command_parser
 from lerobot_robot_yam.commands.lib.host_option import add_host_arguments, ask_host
 from lerobot_robot_yam.errors import ConfigError, YamError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
@@ -38,9 +39,7 @@ _NOT = {"latch": "NOT STOPPED", "release": "NOT RELEASED", "status": "NOT KNOWN"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-estop`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-estop", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("yam-estop", __doc__)
     parser.add_argument("action", nargs="?", choices=("latch", "release", "status"), default="latch")
     parser.add_argument("--why", default="yam-estop", help="the reason, for others to read")
     parser.add_argument("--json", action="store_true", help="answer in JSON")

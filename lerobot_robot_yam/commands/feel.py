@@ -16,9 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL
 from lerobot_robot_yam.arm.mounting import resolve_profiles
-from lerobot_robot_yam.commands.lib.arm_command import command_parser, run_command, table, tell
+from lerobot_robot_yam.commands.lib.arm_command import add_place_arguments, place_of
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
+from lerobot_robot_yam.commands.lib.dialogue import table, tell
 from lerobot_robot_yam.commands.lib.feel_figures import (
     SPEED_RAD_S,
     Effort,
@@ -32,7 +33,6 @@ from lerobot_robot_yam.commands.lib.plot_file import plot_file
 from lerobot_robot_yam.errors import BusError, ConfigError, StaleStateError
 from lerobot_robot_yam.state.records import STATE_DTYPE, channel_key, state_path
 from lerobot_robot_yam.system.paths import user_path
-from lerobot_robot_yam.system.runtime_files import rig_name
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _HEAD = ("joint", "moved rad", "lag ms", "tracking mrad", "jerk ratio", "feedback Nm", "largest", "backdrive Nm")
@@ -48,8 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--episode", type=int, default=0, help="of the data set (default 0)")
     parser.add_argument("--leader", help="CAN channel of the leader")
     parser.add_argument("--follower", help="CAN channel of the follower")
-    parser.add_argument("--interface", help=f"python-can interface (default {SOCKETCAN}, with --rig {VIRTUAL})")
-    parser.add_argument("--rig", help="name of a virtual rig")
+    add_place_arguments(parser)
     parser.add_argument("--arm", default="yam", help="profile of the leader (default yam)")
     parser.add_argument("--gripper", default="yam_teaching_handle", help="its end (default yam_teaching_handle)")
     parser.add_argument("--seconds", type=float, default=10.0, help="to watch the session (default 10)")
@@ -69,9 +68,9 @@ def _watch(args: argparse.Namespace) -> int:
         YamError: no session drives one of the arms, it ends, or the profile is not the leader's.
     """
     arm, gripper = resolve_profiles(args.arm, args.gripper)
-    interface = args.interface or (VIRTUAL if args.rig else SOCKETCAN)
-    rig = rig_name(args.rig)[0] if interface == VIRTUAL else None
-    keys = {name: channel_key(interface, name, rig) for name in (args.leader, args.follower)}
+    place = place_of(args.interface, args.rig)
+    rig = place["can_options"].get("rig")
+    keys = {name: channel_key(place["interface"], name, rig) for name in (args.leader, args.follower)}
     hint = f"move the leader by hand, each joint to and fro, for {args.seconds:g} s …"
     led, follows = _record_states(keys, args.seconds, lambda: tell(hint))
     lines, periods = [], {}

@@ -13,16 +13,9 @@ from collections.abc import Sequence
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.mounting import seeks_stops
-from lerobot_robot_yam.commands.lib.arm_command import (
-    add_arm_arguments,
-    command_parser,
-    confirm_word,
-    each_arm,
-    run_command,
-    tell,
-    tell_landed,
-    with_likely_gripper,
-)
+from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, each_arm, with_likely_gripper
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
+from lerobot_robot_yam.commands.lib.dialogue import confirm_word, tell, tell_landed
 from lerobot_robot_yam.commands.lib.float_console import FloatConsole
 from lerobot_robot_yam.commands.lib.key_terminal import key_terminal
 from lerobot_robot_yam.errors import ConfigError
@@ -59,8 +52,7 @@ def _float(args: argparse.Namespace) -> int:
     if loaded is not None:
         loaded.check([session.hardware(config.name) for config in configs])
     tell(_hazard(configs))
-    if not args.yes:
-        confirm_word(_WORD, f"Type {_WORD} to go on:")
+    confirm_word(args.yes, _WORD, f"Type {_WORD} to go on:")
     with key_terminal() as terminal:
         try:
             session.start()

@@ -14,17 +14,9 @@ import select
 import sys
 from collections.abc import Callable, Iterator, Sequence
 
-from lerobot_robot_yam.commands.lib.arm_command import (
-    add_arm_arguments,
-    arm_config,
-    command_parser,
-    confirm_word,
-    need_terminal,
-    own_bus,
-    run_command,
-    seconds,
-    tell,
-)
+from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, arm_config, own_bus
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command, seconds
+from lerobot_robot_yam.commands.lib.dialogue import confirm_word, need_terminal, tell
 from lerobot_robot_yam.control.gripper.trigger_range import learn, load_range, save_range
 from lerobot_robot_yam.damiao.handle_encoder import (
     EEPROM_ZERO_HIGH,
@@ -124,8 +116,8 @@ def _report(args: argparse.Namespace, handle: HandleAccess) -> None:
 def _zero(args: argparse.Namespace, handle: HandleAccess) -> None:
     handle.firmware()
     tell(f"the trigger reads {handle.report().position_rad:+.3f} rad")
-    if not args.yes:
-        confirm_word("zero", "Let go of the trigger, then type zero to make this its zero:", "nothing was changed")
+    question = "Let go of the trigger, then type zero to make this its zero:"
+    confirm_word(args.yes, "zero", question, "nothing was changed")
     handle.set_zero()
     tell("the released trigger reads 0 now. Learn its range again (yam-handle range)")
 

@@ -19,16 +19,9 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id, seeks_stops
 from lerobot_robot_yam.arm.profile import ArmProfile
 from lerobot_robot_yam.arm.profile_files import load_arm
-from lerobot_robot_yam.commands.lib.arm_command import (
-    add_arm_arguments,
-    arm_config,
-    ask,
-    need_terminal,
-    own_bus,
-    run_command,
-    table,
-    tell,
-)
+from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, arm_config, own_bus
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
+from lerobot_robot_yam.commands.lib.dialogue import ask, confirm_word, need_terminal, table, tell
 from lerobot_robot_yam.commands.lib.host_option import add_host_arguments, run_tool
 from lerobot_robot_yam.control.preflight.binding import bind, check_identity
 from lerobot_robot_yam.control.preflight.fingerprint import Fingerprint, read_fingerprint
@@ -64,9 +57,7 @@ def describe(channel: str, found: Fingerprint, role: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-identify`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-identify", description="Which arm is on this CAN channel? Reads only, except with --wiggle."
-    )
+    parser = command_parser("yam-identify", "Which arm is on this CAN channel? Reads only, except with --wiggle.")
     add_arm_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print the fingerprint as JSON")
     parser.add_argument("--bind", type=user_path, metavar="PATH", help="remember this arm in the file PATH")
@@ -135,8 +126,7 @@ def _watch_it_move(args: argparse.Namespace, config: ArmConfig, found: Fingerpri
         tell(f"taking the gripper to be {gripper} (else give --gripper)")
     config = arm_config(args, gripper=gripper, calibration_path=args.calibration)
     tell(hazard(config))
-    if not args.yes and ask("Clear the space around every arm, then type wiggle to go on:") != "wiggle":
-        raise ConfigError("not confirmed; nothing was energised")
+    confirm_word(args.yes, "wiggle", "Clear the space around every arm, then type wiggle to go on:")
     answer = _wiggle(config, None if args.yes else _QUESTION)
     if args.yes:
         return config.name

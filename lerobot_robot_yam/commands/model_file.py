@@ -7,12 +7,11 @@ yam-model --format urdf --arm yam_pro --gripper crank_4310
 Without a file it goes to standard output. Exit status: 0 written; 1 it cannot be done; 2 wrong arguments.
 """
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from lerobot_robot_yam.commands.lib.arm_command import run_command
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
@@ -43,9 +42,7 @@ def write(path: Path | None, arm: str, gripper: str, form: str) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-model`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-model", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("yam-model", __doc__)
     parser.add_argument("path", type=user_path, nargs="?", metavar="FILE", help="file to write")
     parser.add_argument("--format", choices=FORMATS, required=True, help="of the file")
     parser.add_argument("--arm", default="yam", help="profile of the arm, by name or file (default: yam)")

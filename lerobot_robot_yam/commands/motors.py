@@ -18,17 +18,9 @@ import json
 import sys
 from collections.abc import Callable, Sequence
 
-from lerobot_robot_yam.commands.lib.arm_command import (
-    add_arm_arguments,
-    arm_config,
-    command_parser,
-    need_terminal,
-    own_bus,
-    run_command,
-    seconds,
-    table,
-    tell,
-)
+from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, arm_config, own_bus
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command, seconds
+from lerobot_robot_yam.commands.lib.dialogue import need_terminal, table, tell
 from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench, nothing_answers
 from lerobot_robot_yam.commands.lib.motor.motor_changes import (
     restore_arm,

@@ -20,8 +20,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.commands.lib.arm_command import agreed, need_terminal, run_command, tell
-from lerobot_robot_yam.commands.lib.new_rig.found_parts import Place, find_arms, find_cameras
+from lerobot_robot_yam.cameras.video_devices import ROOT
+from lerobot_robot_yam.commands.lib.arm_command import add_place_arguments, place_of
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
+from lerobot_robot_yam.commands.lib.dialogue import agreed, need_terminal, tell
+from lerobot_robot_yam.commands.lib.new_rig.found_parts import find_arms, find_cameras, find_channels
 from lerobot_robot_yam.commands.lib.new_rig.rig_document import difference, draw_rig, rig_text, write_rig
 from lerobot_robot_yam.commands.lib.new_rig.rig_plan import Answers, RigPlan, plan_rig
 from lerobot_robot_yam.doctor.check_channel import examine_channel
@@ -38,9 +41,7 @@ _ONE_MOTOR = re.compile(r" --motor \d+")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-setup`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-setup", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("yam-setup", __doc__)
     parser.add_argument("file", nargs="?", type=user_path, default=Path(FILE), help=f"the rig's file (default {FILE})")
     parser.add_argument("--check", action="store_true", help="look for mistakes in the file, and change nothing")
     parser.add_argument("--dry-run", action="store_true", help="show what is found, and change nothing")
@@ -48,8 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--channel", action="append", metavar="NAME", help="an arm's channel, repeatable (default: all)"
     )
-    parser.add_argument("--interface", help="python-can interface (default socketcan, with --rig yam_sim)")
-    parser.add_argument("--rig", help="name of a virtual rig")
+    add_place_arguments(parser)
     parser.add_argument("--root", type=user_path, help="whose sys and dev list adapters and cameras (default /)")
     args = parser.parse_args(arguments)
     return run_command("yam-setup", lambda: _check(args) if args.check else _set_up(args))
@@ -70,10 +70,12 @@ def _check(args: argparse.Namespace) -> int:
 def _set_up(args: argparse.Namespace) -> int:
     sure = args.yes or args.dry_run
     need_terminal(sure)
-    place = Place.of(args.interface, args.rig, args.root)
-    arms = find_arms(place, args.channel or place.channels(), tell)
+    place = place_of(args.interface, args.rig)
+    rig = place["can_options"].get("rig")
+    channels = args.channel or find_channels(rig, args.root)
+    arms = find_arms([ArmConfig(name=channel, channel=channel, **place) for channel in channels], tell)
     answers = Answers(args.file.with_name(args.file.name + ".answers"), sure)
-    plan = plan_rig(place, arms, find_cameras(place), answers)
+    plan = plan_rig(arms, find_cameras(rig, args.root or ROOT), answers)
     sys.stdout.write(draw_rig(plan) + "\n")
     sys.stdout.flush()
     _repair(plan, args)
@@ -124,7 +126,7 @@ def _inspected(plan: RigPlan) -> list[Finding]:
     for arm in [*plan.followers.values(), *plan.leaders.values()]:
         options = {key: value for key, value in arm.options.items() if key in ArmConfig.__dataclass_fields__}
         if "kind" not in arm.options:
-            target = Target(ArmConfig(**{"name": arm.found.channel, "gripper": LEADER_GRIPPER, **options}))
+            target = Target(ArmConfig(**{"name": arm.channel, "gripper": LEADER_GRIPPER, **options}))
             examine_channel(target, None, 0, report, lambda text: tell(f"{text} …"))
     found = [finding for section in report.values() for finding in section.findings]
     return [finding for finding in found if finding.severity is not Severity.NOTE]

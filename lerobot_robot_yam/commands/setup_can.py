@@ -16,37 +16,26 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
-from typing import Any
 
-from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig
-from lerobot_robot_yam.commands.lib.arm_command import agreed, need_terminal, run_command, tell
+from lerobot_robot_yam.commands.lib.arm_command import place_of
 from lerobot_robot_yam.commands.lib.can_naming import Naming
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
+from lerobot_robot_yam.commands.lib.dialogue import need_terminal, tell
 from lerobot_robot_yam.errors import SetupError
 from lerobot_robot_yam.setup.rights import rights_changes, user_of
 from lerobot_robot_yam.setup.system_files import SystemFiles
 from lerobot_robot_yam.setup.system_tools import SystemTools, check_undriven
 from lerobot_robot_yam.system.own_commands import as_root
 from lerobot_robot_yam.system.paths import user_path
-from lerobot_robot_yam.system.runtime_files import rig_name
 
 NAMES = ("can_follower_l", "can_follower_r", "can_leader_l", "can_leader_r")  # of the shipped run configs
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-setup-can`; returns the exit status."""
-    args = _parser().parse_args(arguments)
-    return run_command("yam-setup-can", lambda: _set_up(args))
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="yam-setup-can",
-        description=__doc__,
-        epilog=f"All but --dry-run and --list takes root. Where `which` finds nothing: {as_root('yam-setup-can')}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    epilog = f"All but --dry-run and --list takes root. Where `which` finds nothing: {as_root('yam-setup-can')}"
+    parser = command_parser("yam-setup-can", __doc__, epilog=epilog)
     parser.add_argument(
         "names",
         nargs="*",
@@ -65,7 +54,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--yes", action="store_true", help="do not ask before changes")
     parser.add_argument("--root", type=user_path, default=Path("/"), help="another computer's files: etc, sys, var")
     parser.add_argument("--rig", help="with --wrist: a virtual rig whose channels are named as the adapters")
-    return parser
+    args = parser.parse_args(arguments)
+    return run_command("yam-setup-can", lambda: _set_up(args))
 
 
 def _set_up(args: argparse.Namespace) -> int:
@@ -99,16 +89,8 @@ def _reset(naming: Naming, names: Sequence[str]) -> None:
 
 def _undo(naming: Naming) -> None:
     changes, left = naming.files.undo_changes()
-    for change in changes:
-        tell(change.shown())
-    if not changes:
-        tell("there is nothing to undo")
-    if not naming.dry:
-        if changes and not naming.sure and not agreed("Undo these changes?"):
-            tell("nothing was undone")
-            return
-        naming.files.write(changes)
-    naming.tools.load(changes)
+    if not naming.make(changes, undo=True):
+        return
     if not naming.dry:
         naming.files.forget()
         for path in left:
@@ -140,14 +122,8 @@ def _name(naming: Naming, args: argparse.Namespace) -> None:
         need_terminal(False)
         if args.wrist and not args.rig:
             _reset(naming, ())
-        naming.guide(names, partial(_arms, naming, args.rig) if args.wrist else None)
+        naming.guide(names, place_of(None, args.rig) if args.wrist else None)
     tell(naming.table())
-
-
-def _arms(naming: Naming, rig: str | None) -> list[ArmConfig]:
-    """The arm behind each adapter."""
-    where: dict[str, Any] = {"interface": VIRTUAL, "can_options": {"rig": rig_name(rig)[0]}} if rig else {}
-    return [ArmConfig(name=adapter.name, channel=adapter.name, **where) for adapter in naming.adapters]
 
 
 if __name__ == "__main__":

@@ -23,16 +23,9 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.mounting import seeks_stops
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.arm.tuning import Tuning, load_tuning, save_tuning
-from lerobot_robot_yam.commands.lib.arm_command import (
-    add_arm_arguments,
-    ask,
-    command_parser,
-    confirm_word,
-    need_terminal,
-    run_command,
-    tell,
-    with_likely_gripper,
-)
+from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, with_likely_gripper
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
+from lerobot_robot_yam.commands.lib.dialogue import ask, confirm_word, need_terminal, tell
 from lerobot_robot_yam.commands.lib.plot_file import require_plot
 from lerobot_robot_yam.commands.lib.tune.gravity_terms import GravityTerms
 from lerobot_robot_yam.commands.lib.tune.tune_fit import Fit, NotToldError, fit, require_engine
@@ -103,8 +96,7 @@ def _tune(args: argparse.Namespace) -> int:
         "mm from the table and from itself; it knows of nothing else in its way. Keep hands off all arms and the "
         f"emergency stop within reach.{seeks if seeks_stops(config) else ''}"
     )
-    if not args.yes:
-        confirm_word(_WORD, f"Clear the space around the arm, then type {_WORD} to go on:")
+    confirm_word(args.yes, _WORD, f"Clear the space around the arm, then type {_WORD} to go on:")
     return tune(config, args)
 
 

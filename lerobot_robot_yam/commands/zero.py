@@ -22,18 +22,9 @@ from lerobot_robot_yam.arm.config import NO_ARM, ArmConfig
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD, resolve_turn
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.commands.lib.arm_command import (
-    add_arm_arguments,
-    arm_config,
-    command_parser,
-    confirm_word,
-    need_terminal,
-    own_bus,
-    run_command,
-    table,
-    tell,
-    with_answering_gripper,
-)
+from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, arm_config, own_bus, with_answering_gripper
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
+from lerobot_robot_yam.commands.lib.dialogue import confirm_word, need_terminal, table, tell
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.motor_inspection import verify
@@ -80,9 +71,8 @@ def _zero(args: argparse.Namespace) -> int:
         if not args.yes:
             _wait_until_placed(zeroing)
         _warn_of_change(zeroing, zeroing.read())
-        if not args.yes:
-            question = f"Type {_WORD} to make the present pose the zero of these joints:"
-            confirm_word(_WORD, question, "nothing was zeroed")
+        question = f"Type {_WORD} to make the present pose the zero of these joints:"
+        confirm_word(args.yes, _WORD, question, "nothing was zeroed")
         zeroing.require_still()
         before, after = zeroing.set_zero()
     if args.json:

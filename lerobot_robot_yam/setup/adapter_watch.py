@@ -85,7 +85,7 @@ class WristWatch:
         if not self._start:
             raise MotorError(f"no arm answers on {', '.join(buses)}: switch the arms' power on, check the CAN cables")
 
-    def wait(self, answer: Callable[[float], str | None], tell: Callable[[str], None]) -> tuple[str | None, str | None]:
+    def wait(self, answer: Callable[[float], str | None], tell: Callable[[str], None]) -> tuple[str, str]:
         """Wait until the wrist of one arm is moved, or the person types a line.
 
         Args:
@@ -93,7 +93,7 @@ class WristWatch:
             tell: receives a line of text.
 
         Returns:
-            The channel, or the line; the other is None.
+            The channel, or the line; the other is empty.
         """
         while (line := answer(_POLL_S)) is None:
             moved = self._moved_rad()
@@ -101,10 +101,10 @@ class WristWatch:
             if moved[furthest] >= MOVED_RAD:
                 also = [channel for channel in moved if channel != furthest and moved[channel] >= MOVED_RAD / 2]
                 if not also:
-                    return furthest, None
+                    return furthest, ""
                 tell(f"several arms move ({', '.join([furthest, *also])}): move one alone")
                 self._await_rest()
-        return None, line
+        return "", line
 
     def _await_rest(self) -> None:
         """Wait until no wrist moves, and store the positions there."""

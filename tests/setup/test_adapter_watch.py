@@ -44,9 +44,9 @@ def test_several_wrists_are_told_and_then_the_one_that_moves_alone_is_found(arms
             turned(rig, "leader_right", -0.8)
         time.sleep(seconds)
 
-    assert watch.wait(answer, said.append) == ("leader_right", None)
+    assert watch.wait(answer, said.append) == ("leader_right", "")
     assert said and said[0].startswith("several arms move")
-    assert WristWatch(buses).wait(lambda _: "typed", said.append) == (None, "typed")
+    assert WristWatch(buses).wait(lambda _: "typed", said.append) == ("", "typed")
 
 
 def test_the_hand_that_still_moves_the_arm_before_is_no_answer(arms):
@@ -58,7 +58,7 @@ def test_the_hand_that_still_moves_the_arm_before_is_no_answer(arms):
         time.sleep(seconds)
         return next(typed, "typed")
 
-    assert watch.wait(answer, lambda text: None) == (None, "typed")
+    assert watch.wait(answer, lambda text: None) == ("", "typed")
 
 
 def test_an_energised_arm_is_refused(arms):

@@ -9,7 +9,7 @@ does the task once per seed; failed attempts are dropped. Run it again and it go
 import sys
 from collections.abc import Sequence
 
-from lerobot_robot_yam.commands.lib.arm_command import command_parser
+from lerobot_robot_yam.commands.lib.command_line import command_parser
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.system.paths import user_path
 

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from lerobot_robot_yam.commands.data.dataset_command import add_paths, bar, paths, say
-from lerobot_robot_yam.commands.lib.arm_command import run_command
+from lerobot_robot_yam.commands.lib.command_line import run_command
 
 _SUFFIX = "_repaired"
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -36,11 +37,8 @@ class Bench:
         Raises:
             CameraError, ConfigError: as the camera says.
         """
-        source = camera.open(self._wanted(camera))
-        try:
+        with closing(self._opened(camera)) as source:
             return self._take(source, _SETTLE, title)
-        finally:
-            source.close()
 
     def miss(self, title: str) -> None:
         """Leave a field of the sheet empty."""
@@ -52,22 +50,19 @@ class Bench:
         Raises:
             CameraError, ConfigError: as the camera says; also where no exposure can be set.
         """
-        source = camera.open(self._wanted(camera))
-        try:
+        with closing(self._opened(camera)) as source:
             limits = source.exposure_range()
             before = self._take(source, _SETTLE, "before")
 
             def measure(exposure: int) -> Brightness:
-                source.set_exposure(exposure)
+                source.set_control("exposure", exposure)
                 seen = _settled(source, _TAKES)[1]
                 tell(f"exposure {exposure}: {seen}")
                 return seen
 
             exposure, _ = find_exposure(measure, limits, target)[-1]
-            source.set_exposure(exposure)
+            source.set_control("exposure", exposure)
             return before, exposure, self._take(source, _TAKES, f"after, exposure {exposure}")
-        finally:
-            source.close()
 
     def write(self, path: Path) -> None:
         """Write the sheet.
@@ -82,8 +77,8 @@ class Bench:
         except OSError as error:
             raise SetupError(f"{path} cannot be written: {error}") from error
 
-    def _wanted(self, camera: Plugged) -> Wanted:
-        return Wanted(camera.serial or "", self._width, self._height, self._fps)
+    def _opened(self, camera: Plugged) -> PictureSource:
+        return camera.open(Wanted(camera.serial or "", self._width, self._height, self._fps))
 
     def _take(self, source: PictureSource, count: int, title: str) -> Brightness:
         colour, seen = _settled(source, count)

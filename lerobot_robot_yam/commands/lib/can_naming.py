@@ -1,16 +1,15 @@
 """Naming CAN adapters with a person at the terminal: which adapter is it, show what changes, ask, change it."""
 
 import contextlib
-import os
-import select
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import can
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.commands.lib.arm_command import agreed, ask, own_bus, table, tell
-from lerobot_robot_yam.errors import ConfigError, SetupError
+from lerobot_robot_yam.commands.lib.arm_command import own_bus
+from lerobot_robot_yam.commands.lib.dialogue import agreed, ask, table, tell, typed_line
+from lerobot_robot_yam.errors import SetupError
 from lerobot_robot_yam.setup.adapter_rules import (
     RULES,
     check_free,
@@ -87,33 +86,30 @@ class Naming:
                 tell(f"{interface} is NOT {name} yet: unplug all adapters and plug them in again, or restart")
         return True
 
-    def make(self, changes: Sequence[Change]) -> bool:
-        """Show changes, ask, and make them; returns whether the person agreed.
+    def make(self, changes: Sequence[Change], undo: bool = False) -> bool:
+        """Show changes, or those that undo all; ask, and make them; return whether the person agreed.
 
         Raises:
             SetupError: a file cannot be written.
         """
         if not changes:
-            tell("nothing to change")
-            return True
+            tell("there is nothing to undo" if undo else "nothing to change")
         for change in changes:
             tell(change.shown())
-        if self.dry:
-            self.tools.load(changes)
-            return True
-        if not self.sure and not agreed("Make these changes?"):
-            tell("nothing was changed")
-            return False
-        self.files.apply(changes)
+        if changes and not self.dry:
+            if not self.sure and not agreed("Undo these changes?" if undo else "Make these changes?"):
+                tell("nothing was undone" if undo else "nothing was changed")
+                return False
+            (self.files.write if undo else self.files.apply)(changes)
         self.tools.load(changes)
         return True
 
-    def guide(self, names: Sequence[str], arms: Callable[[], Sequence[ArmConfig]] | None) -> None:
+    def guide(self, names: Sequence[str], place: Mapping[str, Any] | None) -> None:
         """Ask for the adapter of each name, one after another. Each is done before the next is asked for.
 
         Args:
             names: to be given.
-            arms: gives the arm of each channel, to find them by their wrists; None: adapters are plugged in.
+            place: where the arms are, to find them by their wrists; None: adapters are plugged in.
 
         Raises:
             YamError: the terminal has gone, or no arm answers. The names that were given stay.
@@ -121,37 +117,36 @@ class Naming:
         for name in names:
             while True:
                 try:
-                    found = self._found(name, arms)
-                    if found is None:
-                        break
+                    found = self._found(name, place)
                     if found == "q":
                         return
-                    if self.assign({name: found}):
+                    if not found or self.assign({name: found}):
                         break
                 except SetupError as error:
                     tell(f"{error}")
 
-    def _found(self, name: str, arms: Callable[[], Sequence[ArmConfig]] | None) -> str | None:
-        """The interface that the person shows or types, or "q"; None to skip this name."""
+    def _found(self, name: str, place: Mapping[str, Any] | None) -> str:
+        """Return the interface that the person shows or types, or "q"; empty to skip this name."""
         there = ", ".join(adapter.name for adapter in self.adapters)
         question = f"\n{name}: {{}}.\nOr type its present name{f' ({there})' if there else ''}; Enter skips it, q ends."
-        if arms is not None:
-            with open_buses(arms()) as buses:
+        if place is not None:
+            arms = [ArmConfig(name=adapter.name, channel=adapter.name, **place) for adapter in self.adapters]
+            with open_buses(arms) as buses:
                 wrists = WristWatch(buses)
                 tell(question.format(_WRIST))
                 channel, line = wrists.wait(typed_line, tell)
-            if channel is not None:
+            if channel:
                 tell(f"{channel} it is")
-            return channel or line or None
+            return channel or line
         plugs = PlugWatch(self.files.root / "sys")
         tell(question.format(_PLUG))
         plugged = plugs.wait(typed_line, tell)
         if isinstance(plugged, str):
-            return plugged or None
+            return plugged
         tell(f"found {', '.join(map(_described, plugged))}")
         if len(plugged) == 1:
             return plugged[0].name
-        return ask(f"This adapter has {len(plugged)} channels. Which one is for {name}?") or None
+        return ask(f"This adapter has {len(plugged)} channels. Which one is for {name}?")
 
     def table(self) -> str:
         """All names and adapters, with what ties them."""
@@ -165,20 +160,6 @@ class Naming:
         present = [adapter.name for adapter in adapters]
         rows += [[entry.name, "not plugged in", *"---", "yes"] for entry in self.named if entry.name not in present]
         return table(["name", "product", "serial", "USB port", "channel", "tied"], rows)
-
-
-def typed_line(timeout_s: float) -> str | None:
-    """A line that is typed within a time, None without one.
-
-    Raises:
-        ConfigError: the terminal has gone.
-    """
-    if not select.select([sys.stdin], [], [], timeout_s)[0]:
-        return None
-    line = os.read(sys.stdin.fileno(), 4096)
-    if not line:
-        raise ConfigError("the terminal has gone; the names that were given stay")
-    return line.decode(errors="replace").strip()
 
 
 @contextlib.contextmanager

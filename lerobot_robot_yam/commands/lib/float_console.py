@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
-from lerobot_robot_yam.commands.lib.arm_command import CLEAR_SCREEN, table, tell
+from lerobot_robot_yam.commands.lib.dialogue import CLEAR_SCREEN, table, tell
 from lerobot_robot_yam.commands.lib.key_terminal import QUIT, KeyTerminal
 from lerobot_robot_yam.control.actuation import gravity_model
 from lerobot_robot_yam.errors import LifeCycleError, StaleStateError, YamError

@@ -20,16 +20,9 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from lerobot_robot_yam.commands.lib.arm_command import (
-    add_arm_arguments,
-    command_parser,
-    confirm_word,
-    need_terminal,
-    run_command,
-    tell,
-    tell_landed,
-    with_likely_gripper,
-)
+from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, with_likely_gripper
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
+from lerobot_robot_yam.commands.lib.dialogue import confirm_word, need_terminal, tell, tell_landed
 from lerobot_robot_yam.commands.lib.host_option import add_host_arguments
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.own_commands import install_extra
@@ -125,8 +118,7 @@ def _desktop(args: argparse.Namespace) -> int:
     )
     for note in plan.notes:
         tell(note)
-    if not args.yes:
-        confirm_word(_WORD, f"Type {_WORD} to go on:")
+    confirm_word(args.yes, _WORD, f"Type {_WORD} to go on:")
     session = ArmSession(plan.configs)
     try:
         session.start()

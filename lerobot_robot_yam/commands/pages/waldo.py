@@ -20,14 +20,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.commands.lib.arm_command import (
-    add_arm_arguments,
-    ask,
-    need_terminal,
-    run_command,
-    tell,
-    with_likely_gripper,
-)
+from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, with_likely_gripper
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
+from lerobot_robot_yam.commands.lib.dialogue import confirm_word, need_terminal, tell
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.waldo.arm_choice import ArmChoice
 from lerobot_robot_yam.waldo.wire import HOST, PORT, ask_operator_door
@@ -39,9 +34,7 @@ _EVERYBODY = ("0.0.0.0", "::")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-waldo`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-waldo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("yam-waldo", __doc__)
     acts = {"serve": _serve, "arm": _arm, "land": _land}
     parser.add_argument("act", nargs="?", default="serve", choices=acts, help="what to do (default: serve)")
     parser.add_argument("--hardware", action="store_true", help="serve the real arm on --channel, not only a simulated")
@@ -101,8 +94,7 @@ def _arm(args: argparse.Namespace) -> int:
     need_terminal(args.yes)
     about = json.loads(ask_operator_door(args.port, "about"))
     tell(hazard(about["channel"], about["seeks"]))
-    if not args.yes and ask(f"Type {_WORD} to go on:") != _WORD:
-        raise ConfigError("not confirmed; nothing was energised")
+    confirm_word(args.yes, _WORD, f"Type {_WORD} to go on:")
     tell(ask_operator_door(args.port, "arm"))
     return 0
 

@@ -22,7 +22,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lerobot_robot_yam.commands.lib.arm_command import run_command, seconds, tell
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command, seconds
+from lerobot_robot_yam.commands.lib.dialogue import tell
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 
 if TYPE_CHECKING:
@@ -41,9 +42,7 @@ logger = logging.getLogger(__name__)
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-host`; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="yam-host", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_parser("yam-host", __doc__)
     parser.add_argument("action", nargs="?", choices=("serve", "pair", "status"), default="serve")
     parser.add_argument("name", nargs="?", help="pair: what the other computer is called here")
     parser.add_argument("--config_path", type=Path, help="the rig's file, as yam-setup writes it")

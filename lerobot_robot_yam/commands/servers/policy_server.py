@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import yaml
 
-from lerobot_robot_yam.commands.lib.arm_command import run_command
+from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
 from lerobot_robot_yam.errors import ConfigError
 
 logger = logging.getLogger(__name__)
@@ -28,12 +28,7 @@ _OURS = ("--policy.path", "--policy.discover_packages_path")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `yam-policy-server`; returns the exit status."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    parser = argparse.ArgumentParser(
-        prog="yam-policy-server",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    parser = command_parser("yam-policy-server", __doc__, allow_abbrev=False)
     path, packages = _OURS
     parser.add_argument(path, dest="path", required=True, help="directory of the checkpoint, or its name on the hub")
     parser.add_argument(packages, dest="packages", metavar="PACKAGE", help="a package with policies or processors")

@@ -9,7 +9,7 @@ import can
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.mounting import gripper_id
 from lerobot_robot_yam.arm.profile_files import load_arm
-from lerobot_robot_yam.commands.lib.arm_command import table, tell
+from lerobot_robot_yam.commands.lib.dialogue import table, tell
 from lerobot_robot_yam.control.preflight.fingerprint import MotorPrint
 from lerobot_robot_yam.damiao.handle_check import handle_firmware
 from lerobot_robot_yam.damiao.registers import Register

@@ -6,7 +6,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 
-from lerobot_robot_yam.commands.lib.arm_command import confirm_word, table, tell
+from lerobot_robot_yam.commands.lib.dialogue import confirm_word, table, tell
 from lerobot_robot_yam.commands.lib.motor.motor_bench import ANSWERS_BEYOND, SAFE_COUNTS, MotorBench
 from lerobot_robot_yam.commands.lib.motor.motor_dump import kept_until_stored, load_dump, shown
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
@@ -39,7 +39,7 @@ def _confirm(args: argparse.Namespace, bench: MotorBench, ids: Sequence[int], wo
         MotorError: one of these motors has been energised, or joined by another, while the question waited.
     """
     if not args.yes:
-        confirm_word(word, f"Type {word} to {question}:", "nothing was changed")
+        confirm_word(False, word, f"Type {word} to {question}:", "nothing was changed")
         bench.require_settable(ids)
 
 

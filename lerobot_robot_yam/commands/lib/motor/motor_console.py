@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 from lerobot_robot_yam.arm.joint_map import resolve_turn
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.commands.lib.arm_command import confirm_word, tell, with_answering_gripper
+from lerobot_robot_yam.commands.lib.arm_command import with_answering_gripper
+from lerobot_robot_yam.commands.lib.dialogue import confirm_word, tell
 from lerobot_robot_yam.commands.lib.key_terminal import DOWN, LEFT, QUIT, RIGHT, UP, KeyTerminal, key_terminal
 from lerobot_robot_yam.commands.lib.motor.motor_bench import SAFE_COUNTS, MotorBench
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
@@ -151,7 +152,7 @@ def _confirm(args: argparse.Namespace, bench: MotorBench, name: str) -> None:
     if off := _off_rest(args, bench):
         word = "in the air"
         tell(f"THE ARM HANGS IN THE AIR OR IS HELD UP: {off}. It falls when it is let go: support it all the time.")
-    confirm_word(word, f"Type {word} to energise {name}:")
+    confirm_word(False, word, f"Type {word} to energise {name}:")
 
 
 def _off_rest(args: argparse.Namespace, bench: MotorBench) -> str:

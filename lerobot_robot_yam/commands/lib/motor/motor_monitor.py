@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 import can
 import numpy as np
 
-from lerobot_robot_yam.commands.lib.arm_command import arm_config, table, tell
+from lerobot_robot_yam.commands.lib.arm_command import arm_config
+from lerobot_robot_yam.commands.lib.dialogue import table, tell
 from lerobot_robot_yam.commands.lib.motor.motor_bench import ANSWERS_BEYOND, motor_names
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.damiao.bus_port import BusPort, is_classic_data

@@ -5,11 +5,11 @@ handles tell it, as in `yam-identify`; they are asked.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from lerobot_robot_yam.arm.config import ARMS, GRIPPERS, SOCKETCAN, VIRTUAL, ArmConfig
+from lerobot_robot_yam.arm.config import ARMS, GRIPPERS, VIRTUAL, ArmConfig
 from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.cameras.opening import config_of, plugged_cameras
@@ -22,66 +22,12 @@ from lerobot_robot_yam.doctor.check_session import driver_of
 from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
 from lerobot_robot_yam.errors import ChannelInUseError, SetupError, YamError
 from lerobot_robot_yam.rig.control import RigControl
-from lerobot_robot_yam.system.runtime_files import rig_name
 from lerobot_robot_yam.system.sysfs import read_adapters
 
 FOLLOWER, LEADER, PASSIVE = "follower", "leader", "leader without motors"
 _PIXELS = {"width": 640, "height": 480, "fps": 30}
+_RIG_PIXELS = {"width": 320, "height": 240, "fps": 30}
 _IDS = sorted({can_id for name in ARMS for can_id in arm_ids(load_arm(name))})
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where the arms are.
-
-    Attributes:
-        interface: python-can interface.
-        rig: name of the virtual rig, None of real arms.
-        root: whose sysfs lists adapters and cameras; None: this computer's, and of a virtual rig its own channels.
-    """
-
-    interface: str
-    rig: str | None
-    root: Path | None
-
-    @classmethod
-    def of(cls, interface: str | None, rig: str | None, root: Path | None) -> "Place":
-        """As the options of a command say."""
-        interface = interface or (VIRTUAL if rig else SOCKETCAN)
-        return cls(interface, rig_name(rig)[0] if interface == VIRTUAL else None, root)
-
-    @property
-    def sysfs(self) -> Path:
-        """Root of sysfs."""
-        return (self.root or ROOT) / "sys"
-
-    def channels(self) -> list[str]:
-        """Channels that there are.
-
-        Raises:
-            SetupError: none.
-            RigError: the rig cannot be reached.
-        """
-        if self.rig is not None and self.root is None:
-            with RigControl(self.rig, hold=False) as rig:
-                return [arm["channel"] for arm in rig.scene()["arms"]]
-        found = [adapter.name for adapter in read_adapters(self.sysfs)]
-        if not found:
-            raise SetupError("there is no CAN adapter; plug one in (`lsusb` lists what is plugged in)")
-        return found
-
-    def config(self, channel: str) -> ArmConfig:
-        """The arm on a channel, as far as nobody has been asked."""
-        return ArmConfig(name=channel, channel=channel, interface=self.interface, can_options=self._can_options)
-
-    def options(self, arm: "FoundArm") -> dict[str, Any]:
-        """Options by which a rig's file says where an arm is."""
-        where = {"interface": VIRTUAL, "can_options": self._can_options} if self.interface == VIRTUAL else {}
-        return {"channel": arm.channel, **where}
-
-    @property
-    def _can_options(self) -> dict[str, str]:
-        return {} if self.rig is None else {"rig": self.rig}
 
 
 @dataclass(frozen=True)
@@ -89,46 +35,67 @@ class FoundArm:
     """One arm.
 
     Attributes:
-        channel: CAN channel.
+        config: where it is; the rest of it is not known yet.
         role: FOLLOWER, LEADER or PASSIVE.
         arms, grippers: profiles that fit what answers, the likeliest first.
         mark: firmware of the handle, or type of the gripper's motor, for the drawing.
+        options: what the rig's file says of it.
     """
 
-    channel: str
+    config: ArmConfig
     role: str
     arms: tuple[str, ...]
     grippers: tuple[str, ...]
     mark: str
+    options: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def channel(self) -> str:
+        return self.config.channel
+
+    @property
+    def virtual(self) -> bool:
+        """Whether it is an arm of a virtual rig."""
+        return self.config.interface == VIRTUAL
 
 
-@dataclass(frozen=True)
-class FoundCamera:
-    """One camera.
-
-    Attributes:
-        label: for the person who names it.
-        options: LeRobot's config of it.
-        name: a name that suits it, empty without one.
-    """
+class FoundCamera(NamedTuple):
+    """One camera: what it is called for the person who names it, LeRobot's config of it, and a name that suits it."""
 
     label: str
     options: dict[str, Any]
     name: str = ""
 
 
-def find_arms(place: Place, channels: Sequence[str], tell: Callable[[str], None]) -> list[FoundArm]:
-    """The arms on these channels; of a channel that has none, `tell` gets the reason.
+def find_channels(rig: str | None, root: Path | None) -> list[str]:
+    """List the channels of a virtual rig; else, or below a root, those that sysfs shows.
+
+    Raises:
+        SetupError: there is none.
+        RigError: the rig cannot be reached.
+    """
+    if rig is not None and root is None:
+        with RigControl(rig, hold=False) as control:
+            return [arm["channel"] for arm in control.scene()["arms"]]
+    found = [adapter.name for adapter in read_adapters((root or ROOT) / "sys")]
+    if not found:
+        raise SetupError("there is no CAN adapter; plug one in (`lsusb` lists what is plugged in)")
+    return found
+
+
+def find_arms(configs: Sequence[ArmConfig], tell: Callable[[str], None]) -> list[FoundArm]:
+    """Return the arms on these channels; of a channel that has none, `tell` gets the reason.
 
     Raises:
         SetupError: none has.
     """
     found = []
-    for channel in channels:
+    for config in configs:
+        channel = config.channel
         try:
-            arm = _find(place.config(channel))
+            arm = _find(config)
         except ChannelInUseError as error:
-            tell(f"{channel}: left out: {error} ({driver_of(Target(place.config(channel)))}). End that session first")
+            tell(f"{channel}: left out: {error} ({driver_of(Target(config))}). End that session first")
         except YamError as error:
             tell(f"{channel}: left out: {error}")
         else:
@@ -142,20 +109,19 @@ def find_arms(place: Place, channels: Sequence[str], tell: Callable[[str], None]
     return found
 
 
-def find_cameras(place: Place) -> list[FoundCamera]:
-    """Cameras of the virtual rig; else of the computer.
+def find_cameras(rig: str | None, root: Path) -> list[FoundCamera]:
+    """Return the cameras of a virtual rig; else of the computer.
 
     Raises:
         RigError: the rig cannot be reached.
         CameraError: nothing tells a camera from another.
     """
-    if place.rig is None:
-        root = place.root or ROOT
+    if rig is None:
         return [FoundCamera(str(one), config_of(one, root) | _PIXELS) for one in plugged_cameras(root)]
-    with RigControl(place.rig, hold=False) as rig:
-        names = rig.scene()["cameras"]
-    size = {"width": 320, "height": 240, "fps": 30}
-    return [FoundCamera(f"{name} of the rig", {"type": "yam_sim", "camera": name, **size}, name) for name in names]
+    with RigControl(rig, hold=False) as control:
+        names = control.scene()["cameras"]
+    rows = {name: {"type": "yam_sim", "camera": name, **_RIG_PIXELS} for name in names}
+    return [FoundCamera(f"{name} of the rig", options, name) for name, options in rows.items()]
 
 
 def _find(config: ArmConfig) -> FoundArm | None:
@@ -164,7 +130,7 @@ def _find(config: ArmConfig) -> FoundArm | None:
         devices = HandleAccess(bus, config.channel).devices() if found.handle_firmware else []
     arms = tuple(name for name in ARMS if found.motors and _fits(name, found))
     if len(devices) > 1:
-        return FoundArm(config.channel, PASSIVE, arms or ARMS, (LEADER_GRIPPER,), f"{len(devices)} encoders")
+        return FoundArm(config, PASSIVE, arms or ARMS, (LEADER_GRIPPER,), f"{len(devices)} encoders")
     if not arms:
         if found.motors:
             kinds = ", ".join(f"{can_id}: {motor.kind}" for can_id, motor in sorted(found.motors.items()))
@@ -172,12 +138,12 @@ def _find(config: ArmConfig) -> FoundArm | None:
         return None
     if found.handle_firmware is not None:
         version = ".".join(map(str, found.handle_firmware))
-        return FoundArm(config.channel, LEADER, arms, (LEADER_GRIPPER,), f"handle {version}")
+        return FoundArm(config, LEADER, arms, (LEADER_GRIPPER,), f"handle {version}")
     motor = found.motors.get(gripper_id(load_arm(arms[0])))
     motors = {name: load_gripper(name).motor for name in GRIPPERS}
     fitting = tuple(name for name, row in motors.items() if motor and row and row.type == motor.kind)
     grippers = fitting or (likely_gripper(False, motor.gear_ratio if motor else None),)
-    return FoundArm(config.channel, FOLLOWER, arms, grippers, f"gripper {motor.kind}" if motor else "no gripper motor")
+    return FoundArm(config, FOLLOWER, arms, grippers, f"gripper {motor.kind}" if motor else "no gripper motor")
 
 
 def _fits(name: str, found: Fingerprint) -> bool:

@@ -7,7 +7,8 @@ from typing import Any
 
 import yaml
 
-from lerobot_robot_yam.commands.lib.new_rig.rig_plan import PlannedArm, RigPlan
+from lerobot_robot_yam.commands.lib.new_rig.found_parts import PASSIVE, FoundArm
+from lerobot_robot_yam.commands.lib.new_rig.rig_plan import RigPlan
 from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER
 from lerobot_robot_yam.errors import SetupError
 from lerobot_robot_yam.system.paths import write_whole
@@ -27,34 +28,29 @@ _LED = "^ leads"
 
 
 def draw_rig(plan: RigPlan) -> str:
-    """A drawing in plain text: followers above, their leaders below, then the cameras."""
-    rows = [("follower", plan.followers)]
-    rows += [("leader", plan.leaders)] if plan.leaders else []
-    texts = {
-        (role, side): [f"{side} {role}".strip(), *_words(arm)] for role, arms in rows for side, arm in arms.items()
-    }
-    width = max(len(line) for lines in texts.values() for line in lines)
-    drawing: list[str] = []
-    for number, (role, arms) in enumerate(rows):
+    """Draw a rig in plain text: followers above, their leaders below, then the cameras."""
+    rows = [
+        [[f"{side} {role}".strip(), *_words(arm)] for side, arm in arms.items()]
+        for role, arms in (("follower", plan.followers), ("leader", plan.leaders))
+        if arms
+    ]
+    width = max(len(line) for row in rows for lines in row for line in lines)
+    edge, drawing = f"+{'-' * (width + 2)}+", [f"rig {plan.ident}"]
+    for number, row in enumerate(rows):
         if number:
-            drawing.append(_GAP.join(_LED.center(width + 4) for _ in arms).rstrip())
-        boxes = [_box(texts[role, side], width) for side in arms]
+            drawing.append(_GAP.join(_LED.center(width + 4) for _ in row).rstrip())
+        boxes = [[edge, *(f"| {line:<{width}} |" for line in lines), edge] for lines in row]
         drawing += [_GAP.join(lines) for lines in zip(*boxes, strict=True)]
     drawing += [f"camera {name}: {_source(camera)}" for name, camera in plan.cameras.items()] or ["no cameras"]
-    return "\n".join([f"rig {plan.ident}", *drawing])
+    return "\n".join(drawing)
 
 
-def _words(arm: PlannedArm) -> list[str]:
+def _words(arm: FoundArm) -> list[str]:
     options = arm.options
     kind = options["arm"] if "kind" not in options else f"{options['kind']} station, follower {options['arm']}"
     load = f", {options['payload_mass_kg']:g} kg on the wrist" if "payload_mass_kg" in options else ""
     end = options.get("gripper", LEADER_GRIPPER)
-    return [options["channel"], kind + load, "teaching handle" if end == LEADER_GRIPPER else end, arm.found.mark]
-
-
-def _box(lines: list[str], width: int) -> list[str]:
-    edge = f"+{'-' * (width + 2)}+"
-    return [edge, *(f"| {line:<{width}} |" for line in lines), edge]
+    return [options["channel"], kind + load, "teaching handle" if end == LEADER_GRIPPER else end, arm.mark]
 
 
 def _source(camera: Mapping[str, Any]) -> str:
@@ -63,15 +59,15 @@ def _source(camera: Mapping[str, Any]) -> str:
 
 
 def rig_document(plan: RigPlan) -> dict[str, Any]:
-    """What the file holds, for LeRobot's parser."""
+    """Return what the file holds, for LeRobot's parser."""
     document = {"robot": _device(plan.ident, "yam_follower", plan.followers) | {_CAMERAS: plan.cameras}}
     if plan.leaders:
-        kind = "yam_passive_leader" if plan.passive else "yam_leader"
-        document["teleop"] = _device(plan.ident, kind, plan.leaders)
+        passive = any(arm.role == PASSIVE for arm in plan.leaders.values())
+        document["teleop"] = _device(plan.ident, "yam_passive_leader" if passive else "yam_leader", plan.leaders)
     return document
 
 
-def _device(ident: str, kind: str, arms: Mapping[str, PlannedArm]) -> dict[str, Any]:
+def _device(ident: str, kind: str, arms: Mapping[str, FoundArm]) -> dict[str, Any]:
     if "" in arms:
         return {"type": kind, "id": ident, **arms[""].options}
     return {"type": f"bi_{kind}", "id": ident} | {f"{side}_arm_config": arm.options for side, arm in arms.items()}

@@ -3,16 +3,15 @@
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from lerobot_robot_yam.arm.config import VIRTUAL
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS
 from lerobot_robot_yam.arm.profile_files import load_arm
-from lerobot_robot_yam.commands.lib.arm_command import ask, tell
-from lerobot_robot_yam.commands.lib.can_naming import open_buses, typed_line
-from lerobot_robot_yam.commands.lib.new_rig.found_parts import FOLLOWER, PASSIVE, FoundArm, FoundCamera, Place
+from lerobot_robot_yam.commands.lib.can_naming import open_buses
+from lerobot_robot_yam.commands.lib.dialogue import ask, tell, typed_line
+from lerobot_robot_yam.commands.lib.new_rig.found_parts import FOLLOWER, PASSIVE, FoundArm, FoundCamera
 from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER
 from lerobot_robot_yam.errors import ConfigError, SetupError
 from lerobot_robot_yam.setup.adapter_watch import WristWatch
@@ -26,8 +25,8 @@ _LEAVE_OUT = "-"
 _WRIST = "Turn its wrist by hand, a hand's width to and fro. Or: "
 _FOREVER_S = 1e6
 
-Check = Callable[[str], None]
-"""Raises ConfigError: an answer does not do, and why."""
+Check = Callable[[str], str]
+"""What is wrong with an answer, in words; empty when it does."""
 
 
 class Answers:
@@ -54,8 +53,8 @@ class Answers:
         if self._given:
             tell(f"going on with the answers in {path}; delete it to be asked anew")
 
-    def ask(self, question: str, usual: str, check: Check, get: Callable[[], str] | None = None) -> str:
-        """The answer to a question; Enter takes the usual one.
+    def ask(self, question: str, usual: str, wrong: Check, get: Callable[[], str] | None = None) -> str:
+        """Return the answer to a question; Enter takes the usual one.
 
         Args:
             get: gets the answer in another way than by typing it.
@@ -63,45 +62,30 @@ class Answers:
         Raises:
             ConfigError: the terminal has gone, or nobody may be asked and the usual answer does not do.
         """
-        get = get or (lambda: ask(f"{question} [{usual}]:") or usual)
-        if question in self._given:
-            try:
-                check(self._given[question])
-                return self._given[question]
-            except ConfigError:
-                del self._given[question]  # things have changed since
+        given = self._given.get(question)
+        if given is not None and not wrong(given):  # else things have changed since
+            return given
         if self._sure:
-            check(usual)
+            if complaint := wrong(usual):
+                raise ConfigError(complaint)
             return usual
-        while True:
-            answer = get()
-            try:
-                check(answer)
-            except ConfigError as error:
-                tell(str(error))
-                continue
-            self._given[question] = answer
-            write_whole(self._path, json.dumps(self._given, indent=1) + "\n")
-            return answer
+        get = get or (lambda: ask(f"{question} [{usual}]:") or usual)
+        while complaint := wrong(answer := get()):
+            tell(complaint)
+        self._given[question] = answer
+        write_whole(self._path, json.dumps(self._given, indent=1) + "\n")
+        return answer
 
     def choose(self, question: str, among: Sequence[str], usual: Sequence[str] = ()) -> str:
-        """One of several; by default the first of them that is usual, such as that of the arm before."""
+        """Return one of several; by default the first of them that is usual, such as that of the arm before."""
         if len(among) == 1:
             return among[0]
         likely = next((name for name in usual if name in among), among[0])
-        return self.ask(f"{question} ({', '.join(among)})", likely, _one_of(among))
+        return self.ask(f"{question} ({', '.join(among)})", likely, _none_of(among))
 
     def forget(self) -> None:
-        """The set-up is done."""
+        """Delete the file: the set-up is done."""
         self._path.unlink(missing_ok=True)
-
-
-@dataclass(frozen=True)
-class PlannedArm:
-    """One arm, and its options in the file."""
-
-    found: FoundArm
-    options: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -115,17 +99,12 @@ class RigPlan:
     """
 
     ident: str
-    followers: dict[str, PlannedArm]
-    leaders: dict[str, PlannedArm] = field(default_factory=dict)
-    cameras: dict[str, dict[str, Any]] = field(default_factory=dict)
-
-    @property
-    def passive(self) -> bool:
-        """Whether its leaders have no motors."""
-        return any(arm.found.role == PASSIVE for arm in self.leaders.values())
+    followers: dict[str, FoundArm]
+    leaders: dict[str, FoundArm]
+    cameras: dict[str, dict[str, Any]]
 
 
-def plan_rig(place: Place, arms: Sequence[FoundArm], cameras: Sequence[FoundCamera], answers: Answers) -> RigPlan:
+def plan_rig(arms: Sequence[FoundArm], cameras: Sequence[FoundCamera], answers: Answers) -> RigPlan:
     """Ask what cannot be found out.
 
     Raises:
@@ -142,108 +121,105 @@ def plan_rig(place: Place, arms: Sequence[FoundArm], cameras: Sequence[FoundCame
             "LeRobot drives one follower or two, with as many leaders of one kind. Look for a missing one, or name the "
             f"channels that belong to the rig (--channel for each); found: {', '.join(arm.channel for arm in arms)}"
         )
-    ident = answers.ask("Name of this rig, under which LeRobot keeps its calibration", "lab", _check_name)
-    placed = _sides(place, followers, "follower", answers)
-    leading = _sides(place, leaders, "leader", answers)
-    planned: dict[str, PlannedArm] = {}
+    ident = answers.ask("Name of this rig, under which LeRobot keeps its calibration", "lab", _no_name)
+    placed = _sides(followers, "follower", answers)
+    leading = _sides(leaders, "leader", answers)
+    planned: dict[str, FoundArm] = {}
     for side, arm in placed.items():
-        planned[side] = _follower(place, arm, planned, answers)
-    led = {side: _leader(place, arm, planned[side].options, answers) for side, arm in leading.items()}
+        planned[side] = _follower(arm, planned, answers)
+    led = {side: _leader(arm, planned[side].options, answers) for side, arm in leading.items()}
     return RigPlan(ident, planned, led, _named(cameras, answers))
 
 
-def _sides(place: Place, arms: Sequence[FoundArm], role: str, answers: Answers) -> dict[str, FoundArm]:
-    """The arms by side, as their channels are called, or as the person shows."""
+def _sides(arms: Sequence[FoundArm], role: str, answers: Answers) -> dict[str, FoundArm]:
+    """Return the arms by side, as their channels are called, or as the person shows."""
     if len(arms) < 2:
         return dict(zip(("",), arms, strict=False))
-    by_channel = {arm.channel: arm for arm in arms}
-    sides = {_SIDE_OF.get(re.split(r"[_-]", channel)[-1], ""): arm for channel, arm in by_channel.items()}
+    sides = {_SIDE_OF.get(re.split(r"[_-]", arm.channel)[-1], ""): arm for arm in arms}
     if set(sides) == set(SIDES):
         return {side: sides[side] for side in SIDES}
-    channels = list(by_channel)
+    channels = [arm.channel for arm in arms]
     question = f"Which of {' and '.join(channels)} is the left {role}, as you see it from behind the arms?"
-    wrists = all(arm.role != PASSIVE for arm in arms)
 
     def shown() -> str:
-        if not wrists:
+        if any(arm.role == PASSIVE for arm in arms):
             tell(f"{question} Type its name:")
             return typed_line(_FOREVER_S) or ""
-        with open_buses([place.config(channel) for channel in channels]) as buses:
+        with open_buses([arm.config for arm in arms]) as buses:
             watch = WristWatch(buses)
             tell(f"{question} {_WRIST}Type its name:")
             channel, line = watch.wait(typed_line, tell)
-        return channel or line or ""
+        return channel or line
 
-    left = answers.ask(question, channels[0], _one_of(channels), shown)
-    (right,) = [channel for channel in channels if channel != left]
-    tell(f"{left} is the left {role}, {right} the right one")
-    return {"left": by_channel[left], "right": by_channel[right]}
+    left = answers.ask(question, channels[0], _none_of(channels), shown)
+    ordered = sorted(arms, key=lambda arm: arm.channel != left)
+    tell(f"{left} is the left {role}, {ordered[1].channel} the right one")
+    return dict(zip(SIDES, ordered, strict=True))
 
 
-def _follower(place: Place, arm: FoundArm, others: Mapping[str, PlannedArm], answers: Answers) -> PlannedArm:
-    options, usual = place.options(arm), [str(value) for other in others.values() for value in other.options.values()]
+def _follower(arm: FoundArm, others: Mapping[str, FoundArm], answers: Answers) -> FoundArm:
+    usual = [str(value) for other in others.values() for value in other.options.values()]
+    options = _place(arm)
     options["arm"] = answers.choose(f"Which arm is on {arm.channel}? Read its label", arm.arms, usual)
     options["gripper"] = answers.choose(f"Which gripper is on {arm.channel}?", arm.grippers, usual)
-    options |= _weight(place, options["arm"])
-    if place.rig is None:
+    if not arm.virtual:
         question = f"Mass of what is fixed to the wrist on {arm.channel}, such as a camera, kg?"
-        mass = float(answers.ask(question, "0", _check_mass))
-        options |= {"payload_mass_kg": mass} if mass else {}
-    return PlannedArm(arm, options)
+        if mass := float(answers.ask(question, "0", _no_mass)):
+            options["payload_mass_kg"] = mass
+    return _weighed(arm, options)
 
 
-def _leader(place: Place, arm: FoundArm, follower: Mapping[str, Any], answers: Answers) -> PlannedArm:
-    led, gripper = follower["arm"], follower["gripper"]
-    options = place.options(arm)
+def _leader(arm: FoundArm, follower: Mapping[str, Any], answers: Answers) -> FoundArm:
+    led, options = follower["arm"], _place(arm)
     if arm.role == PASSIVE:
         options["kind"] = answers.choose(f"From which station is the leader on {arm.channel}?", tuple(JOINT_SIGNS))
-        return PlannedArm(arm, {**options, "arm": led, "ee_gripper": gripper})
+        return replace(arm, options={**options, "arm": led, "ee_gripper": follower["gripper"]})
     options["arm"] = answers.choose(f"Which arm is on {arm.channel}? Read its label", arm.arms, [led])
-    options |= {"gripper": LEADER_GRIPPER, "ee_gripper": gripper}
+    options |= {"gripper": LEADER_GRIPPER, "ee_gripper": follower["gripper"]}
     options |= {} if options["arm"] == led else {"follower_arm": led}
-    return PlannedArm(arm, {**options, **_weight(place, options["arm"])})
+    return _weighed(arm, options)
 
 
-def _weight(place: Place, arm: str) -> dict[str, Any]:
-    """The rig's arms weigh exactly what the model says; real ones do not quite."""
-    return {"gravity_factor": [1.0] * load_arm(arm).joint_count} if place.interface == VIRTUAL else {}
+def _place(arm: FoundArm) -> dict[str, Any]:
+    """Return the options by which a rig's file says where an arm is."""
+    where = {"interface": arm.config.interface, "can_options": {**arm.config.can_options}} if arm.virtual else {}
+    return {"channel": arm.channel, **where}
+
+
+def _weighed(arm: FoundArm, options: Mapping[str, Any]) -> FoundArm:
+    """Return the planned arm. The rig's arms weigh exactly what the model says; real ones do not quite."""
+    weight = {"gravity_factor": [1.0] * load_arm(options["arm"]).joint_count} if arm.virtual else {}
+    return replace(arm, options={**options, **weight})
 
 
 def _named(cameras: Sequence[FoundCamera], answers: Answers) -> dict[str, dict[str, Any]]:
     named: dict[str, dict[str, Any]] = {}
 
-    def check(answer: str) -> None:
-        if answer != _LEAVE_OUT:
-            _check_name(answer)
+    def wrong(answer: str) -> str:
         if answer in named:
-            raise ConfigError(f"another camera is called {answer} already")
+            return f"another camera is called {answer} already"
+        return "" if answer == _LEAVE_OUT else _no_name(answer)
 
     for camera in cameras:
         usual = camera.name or f"camera_{len(named) + 1}"
         question = f"What is the camera {camera.label} called in data sets? ({_LEAVE_OUT} leaves it out)"
-        name = answers.ask(question, usual, check)
+        name = answers.ask(question, usual, wrong)
         if name != _LEAVE_OUT:
             named[name] = camera.options
     return named
 
 
-def _one_of(words: Sequence[str]) -> Check:
-    def check(answer: str) -> None:
-        if answer not in words:
-            raise ConfigError(f"{answer!r} is none of {', '.join(words)}")
-
-    return check
+def _none_of(words: Sequence[str]) -> Check:
+    return lambda answer: "" if answer in words else f"{answer!r} is none of {', '.join(words)}"
 
 
-def _check_name(answer: str) -> None:
-    if not _NAME.fullmatch(answer):
-        raise ConfigError(f"{answer!r} is no name: take letters, digits, _ and -")
+def _no_name(answer: str) -> str:
+    return "" if _NAME.fullmatch(answer) else f"{answer!r} is no name: take letters, digits, _ and -"
 
 
-def _check_mass(answer: str) -> None:
+def _no_mass(answer: str) -> str:
     try:
         mass = float(answer)
-    except ValueError as error:
-        raise ConfigError(f"{answer!r} is no number") from error
-    if not 0.0 <= mass <= _PAYLOAD_KG:
-        raise ConfigError(f"{answer} is not within 0 … {_PAYLOAD_KG:g}")
+    except ValueError:
+        return f"{answer!r} is no number"
+    return "" if 0.0 <= mass <= _PAYLOAD_KG else f"{answer} is not within 0 … {_PAYLOAD_KG:g}"

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.commands.lib.arm_command import table
+from lerobot_robot_yam.commands.lib.dialogue import table
 from lerobot_robot_yam.commands.lib.plot_file import plot_file
 from lerobot_robot_yam.commands.lib.tune.tune_fit import Fit
 

@@ -1,0 +1,39 @@
+"""The frame of a console command: its parser, its exit status, errors as one line."""
+
+import argparse
+import logging
+import math
+from collections.abc import Callable
+from typing import Any
+
+from lerobot_robot_yam.commands.lib.dialogue import tell
+from lerobot_robot_yam.errors import YamError
+
+_INTERRUPTED = 130  # the shell's own status after Ctrl-C
+
+
+def command_parser(program: str, text: str | None, **more: Any) -> argparse.ArgumentParser:
+    """Return the parser of a command whose help is `text`, line by line. `more`: arguments of ArgumentParser."""
+    form = argparse.RawDescriptionHelpFormatter
+    return argparse.ArgumentParser(prog=program, description=text, formatter_class=form, **more)
+
+
+def seconds(text: str) -> float:
+    """Parse a time on the command line. Raises argparse.ArgumentTypeError: none that passes."""
+    found = float(text)
+    if not 0.0 < found < math.inf:  # not a number, too
+        raise argparse.ArgumentTypeError(f"give a number of seconds above 0, not {text}")
+    return found
+
+
+def run_command(program: str, work: Callable[[], int]) -> int:
+    """Do the work of a command; errors of ours become one line and status 1."""
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
+    try:
+        return work()
+    except YamError as error:
+        tell(f"{program}: {error}")
+        return 1
+    except KeyboardInterrupt:
+        tell(f"{program}: interrupted")
+        return _INTERRUPTED
