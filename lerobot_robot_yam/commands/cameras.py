@@ -17,11 +17,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from lerobot_robot_yam.cameras.exposure_search import TARGET
 from lerobot_robot_yam.cameras.opening import Plugged, config_of, find_camera, listed, plugged_cameras
 from lerobot_robot_yam.cameras.role_names import ROLES, named_cameras, read_config, with_cameras
 from lerobot_robot_yam.cameras.video_devices import ROOT
-from lerobot_robot_yam.commands.lib.camera_bench import Bench
+from lerobot_robot_yam.commands.lib.camera_bench import TARGET, Bench
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
 from lerobot_robot_yam.commands.lib.dialogue import agreed, ask, need_terminal, table, tell
 from lerobot_robot_yam.errors import CameraError, ConfigError, SetupError

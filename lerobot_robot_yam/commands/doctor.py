@@ -16,9 +16,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from lerobot_robot_yam.arm.config import ARMS, GRIPPERS, SOCKETCAN, VIRTUAL
+from lerobot_robot_yam.arm.config import ARMS, GRIPPERS, SOCKETCAN, VIRTUAL, ArmConfig
 from lerobot_robot_yam.cameras.video_devices import video_devices
 from lerobot_robot_yam.commands.lib.command_line import command_parser
+from lerobot_robot_yam.commands.lib.dialogue import tell
 from lerobot_robot_yam.commands.lib.host_option import add_host_arguments, run_tool
 from lerobot_robot_yam.doctor.check_adapters import RULES_DIRECTORIES, check_adapters, read_rules
 from lerobot_robot_yam.doctor.check_calibration import check_calibrations
@@ -27,7 +28,7 @@ from lerobot_robot_yam.doctor.check_channel import examine_channel
 from lerobot_robot_yam.doctor.check_host import check_host
 from lerobot_robot_yam.doctor.check_link import IP_COMMAND, TC_COMMAND, Link, check_links, parse_links, tool_output
 from lerobot_robot_yam.doctor.kit.findings import Report, Section, as_json, as_text, empty_report, exit_status
-from lerobot_robot_yam.doctor.kit.targets import Plan, calibration_root, from_config, from_option, undeclared
+from lerobot_robot_yam.doctor.kit.targets import Plan, Target, calibration_root, from_config, from_option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.sysfs import SYSFS, read_adapters
 
@@ -43,14 +44,14 @@ def examine(plan: Plan, samples: int = _SAMPLES, sysfs: Path = SYSFS) -> Report:
         links = _read_links(wanted, sysfs, report["interfaces"])
         if not targets:
             wanted = list(links or ())
-            targets = [undeclared(name) for name in wanted]
+            targets = [Target(ArmConfig(channel=name, name=name), declared=False) for name in wanted]
         check_adapters(read_adapters(sysfs), wanted, read_rules(RULES_DIRECTORIES), report["adapters"])
     if plan.real or plan.real_cameras:
         check_cameras(video_devices(sysfs=sysfs), plan.cameras, DEV, report["cameras"])
     for target in targets:
         link = links.get(target.channel) if links is not None and target.real else None
         if link is not None or links is None or not target.real:  # else it is not there
-            examine_channel(target, link, samples, report, _say)
+            examine_channel(target, link, samples, report, lambda text: tell(f"yam-doctor: {text} …"))
     check_calibrations(targets, calibration_root(), report["gripper_calibration"])
     check_host(sysfs, report["host"])
     return report
@@ -85,11 +86,8 @@ def _read_links(wanted: Sequence[str], sysfs: Path, section: Section) -> dict[st
     return links
 
 
-def _say(text: str) -> None:
-    sys.stderr.write(f"yam-doctor: {text} …\n")
-
-
-def _parser() -> argparse.ArgumentParser:
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `yam-doctor`; returns the exit status."""
     parser = command_parser("yam-doctor", __doc__)
     parser.add_argument(
         "--channel",
@@ -107,7 +105,20 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--json", action="store_true", help="one JSON object instead of text")
     parser.add_argument("--sysfs", type=Path, default=SYSFS, help="where sysfs is (a copy of another computer's)")
     add_host_arguments(parser)
-    return parser
+    args = parser.parse_args(arguments)
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s %(message)s")
+    if args.arms_host is not None:
+        return run_tool("yam-doctor", args, tool="doctor")
+    try:
+        plan = _plan(args)
+    except ConfigError as error:
+        tell(f"yam-doctor: {error}")
+        return 2
+    report = examine(plan, args.samples, args.sysfs)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a terminal that cannot show a character
+    sys.stdout.write((as_json(report) if args.json else as_text(report, args.verbose)) + "\n")
+    return exit_status(report)
 
 
 def _plan(args: argparse.Namespace) -> Plan:
@@ -127,24 +138,6 @@ def _plan(args: argparse.Namespace) -> Plan:
     if len({target.channel for target in targets}) < len(targets):
         raise ConfigError("a channel is named twice")
     return Plan(tuple(targets))
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-doctor`; returns the exit status."""
-    args = _parser().parse_args(arguments)
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s %(message)s")
-    if args.arms_host is not None:
-        return run_tool("yam-doctor", args, tool="doctor")
-    try:
-        plan = _plan(args)
-    except ConfigError as error:
-        sys.stderr.write(f"yam-doctor: {error}\n")
-        return 2
-    report = examine(plan, args.samples, args.sysfs)
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # a terminal that cannot show a character
-    sys.stdout.write((as_json(report) if args.json else as_text(report, args.verbose)) + "\n")
-    return exit_status(report)
 
 
 if __name__ == "__main__":

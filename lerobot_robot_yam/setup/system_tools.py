@@ -1,12 +1,18 @@
-"""System tools that make changes take effect. With a root other than "/" only usermod runs, others are only shown."""
+"""System tools that make changes take effect. With a root other than "/" only usermod runs, others are only shown.
+
+A CAN link is brought up by a systemd unit for each named adapter, at plug-in and at boot, and by hand in the same way.
+All target systems run systemd, but not systemd-networkd: Debian, Ubuntu's desktop and Raspberry Pi OS use
+NetworkManager or ifupdown, which do not support CAN. And udev's manual keeps network programs out of its rules.
+"""
 
 import shutil
 import subprocess
 from collections.abc import Callable, Sequence
 
+from lerobot_robot_yam.damiao.tables import BITRATE
+from lerobot_robot_yam.doctor.check_link import NO_RESTART, QUEUE_LENGTH, RESTART_MS
 from lerobot_robot_yam.errors import ChannelInUseError, SetupError
 from lerobot_robot_yam.setup.adapter_rules import RULES
-from lerobot_robot_yam.setup.link_unit import UNIT, bring_up
 from lerobot_robot_yam.setup.rights import RULES_OF_DEVICES
 from lerobot_robot_yam.setup.system_files import Change, GroupChange, SystemFiles
 from lerobot_robot_yam.state.records import channel_key
@@ -14,6 +20,24 @@ from lerobot_robot_yam.system.runtime_files import lock_holders, runtime_dirs
 from lerobot_robot_yam.system.sysfs import CanAdapter, text_of
 
 _TIMEOUT_S = 30.0
+UNIT = "etc/systemd/system/yam-can@.service"
+_UP = f"up txqueuelen {QUEUE_LENGTH} type can bitrate {BITRATE}"  # `ip` accepts txqueuelen only before the type
+_IS_NO_RESTART = " || ".join(f"[ /sys/class/net/%i/device/driver -ef /sys/bus/usb/drivers/{d} ]" for d in NO_RESTART)
+UNIT_TEXT = f"""\
+# Written by yam-setup-can; `yam-setup-can --undo` takes it away. /{RULES} starts it.
+[Unit]
+Description=CAN bus of an arm on %i at {BITRATE} bit/s
+BindsTo=sys-subsystem-net-devices-%i.device
+After=sys-subsystem-net-devices-%i.device
+
+[Service]
+Type=oneshot
+RemainAfterExit=yes
+ExecStart=-ip link set %i down
+# Some drivers cannot restart a controller: newer kernels refuse this for them, older ones crash at bus-off.
+ExecStart=-sh -c '{_IS_NO_RESTART} || ip link set %i type can restart-ms {RESTART_MS}'
+ExecStart=ip link set %i {_UP}
+"""
 
 
 class SystemTools:
@@ -79,6 +103,15 @@ class SystemTools:
             raise SetupError(f"{' '.join(command)} failed: {error}") from error
         if done.returncode != 0:
             raise SetupError(f"{' '.join(command)} failed: {done.stderr.strip() or done.returncode}")
+
+
+def bring_up(adapter: CanAdapter) -> list[list[str]]:
+    """List the commands that take a link down and bring it up as the arms need it."""
+    commands = [f"ip link set {adapter.name} down"]
+    if adapter.driver is not None and adapter.driver not in NO_RESTART:
+        commands.append(f"ip link set {adapter.name} type can restart-ms {RESTART_MS}")
+    commands.append(f"ip link set {adapter.name} {_UP}")
+    return [command.split() for command in commands]
 
 
 def check_undriven(interfaces: Sequence[str]) -> None:

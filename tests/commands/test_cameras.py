@@ -78,9 +78,10 @@ def test_list_shows_serial_model_link_and_nodes(capsys, tree):
     assert err == "D435i 7 (USB 1-2): USB 2 is too slow for a RealSense; use a USB 3 port (blue) with a USB 3 cable\n"
 
 
-def test_list_without_cameras(capsys, tree):
-    status, _, err = run(capsys, "list", "--root", tree.root)
-    assert status == 0 and "there is no camera; plug one in" in err
+def test_without_cameras_each_action_says_so(capsys, tree, tmp_path):
+    for arguments, status in ((["list"], 0), (["preview", tmp_path / "a.png"], 1), (["name"], 1)):
+        found, _, err = run(capsys, *arguments, "--root", tree.root)
+        assert found == status and "there is no camera; plug one in" in err
 
 
 def test_formats(capsys, tree, realsense):
@@ -107,10 +108,6 @@ def test_preview_shows_each_camera_and_says_which_fails(capsys, tree, tmp_path):
     pixels = cv2.imread(str(sheet))
     fields = [pixels[180, 240], pixels[180, 720], pixels[404 + 180, 240]]  # two columns
     assert sorted(int(field[0]) for field in fields) == pytest.approx([40, 128, 250], abs=3)
-
-
-def test_preview_without_cameras(capsys, tree, tmp_path):
-    assert run(capsys, "preview", tmp_path / "a.png", "--root", tree.root)[0] == 1
 
 
 def test_tune_finds_the_exposure_and_writes_it(capsys, realsense, tmp_path, config):
@@ -147,6 +144,8 @@ def test_name_writes_roles_and_keeps_the_file(capsys, tree, config):
     pair = [f"wrist_left={SERIAL}", f"--config={config}", "--root", tree.root]
     status, _, err = run(capsys, "name", *pair, "--dry-run")
     assert status == 0 and "+    wrist_left: {type: yam_realsense" in err and config.read_text() == before
+    status, _, err = run(capsys, "name", *pair)
+    assert status == 1 and "there is no terminal to confirm at" in err and config.read_text() == before
     assert run(capsys, "name", *pair, "--yes")[0] == 0
     text = config.read_text()
     added = f"wrist_left: {{type: yam_realsense, serial_number_or_name: '{SERIAL}', root: {tree.root}, "
@@ -162,33 +161,21 @@ def test_name_writes_roles_and_keeps_the_file(capsys, tree, config):
     assert "the file is no YAML" in run(capsys, "name", *pair)[2]
 
 
-def test_a_change_takes_a_terminal_or_yes(capsys, tree, config):
-    tree.realsense("video0", "2-1")
-    before = config.read_text()
-    status, _, err = run(capsys, "name", f"top={SERIAL}", f"--config={config}", "--root", tree.root)
-    assert status == 1 and "there is no terminal to confirm at" in err and config.read_text() == before
-
-
 def test_a_person_gives_roles_at_a_terminal(tree, tmp_path):
     tree.realsense("video0", "2-1")
     tree.webcam("video4", "1-3")
     tree.webcam("video6", "1-4")  # the same serial number: it goes by its port
     program = Path(sys.executable).parent / "yam-cameras"
     config = tmp_path / "new.yaml"
-    terminal = Terminal(tmp_path, program, "name", f"--config={config}", "--root", tree.root)
-    try:
-        for asked, answer in [
+    with Terminal(tmp_path, program, "name", f"--config={config}", "--root", tree.root) as terminal:
+        terminal.answer(
             ("(USB 2-1) (Enter skips it):", b"top\n"),
             ("(USB 1-3) (Enter skips it):", b"top\n"),
             ("that is taken", b"side\n"),
             ("(USB 1-4) (Enter skips it):", b"\n"),
             ("Make this change? [Y/n]", b"\n"),
-        ]:
-            terminal.wait_shown(asked)
-            terminal.type(answer)
+        )
         assert terminal.end() == 0
-    finally:
-        terminal.close()
     cameras = yaml.safe_load(config.read_text())["cameras"]
     assert cameras["top"]["serial_number_or_name"] == SERIAL and cameras["top"]["root"] == str(tree.root)
     assert cameras["side"]["type"] == "opencv" and "by-path" in cameras["side"]["index_or_path"]

@@ -1,9 +1,5 @@
 """The command on a healthy rig: its report, its targets, its exit status."""
 
-import json
-import subprocess
-import sys
-
 import pytest
 
 from lerobot_robot_yam.commands.configs import config_path
@@ -12,7 +8,6 @@ from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from tests.support.doctor_desk import (
     FOLLOWER,
-    LEADER,
     LEADER_ARM,
     examine,
     found,
@@ -50,21 +45,6 @@ def test_the_plain_report_begins_with_the_verdict_and_has_tables_where_they_are_
     out = capsys.readouterr().out
     for words in ("healthy: 0 problems", "Motors", "joint_1", "DM4340", "Reply latency", "p99 ms", "This computer"):
         assert words in out
-
-
-@pytest.mark.long
-def test_a_run_config_and_the_installed_module(rig, tmp_path):
-    path = tmp_path / "run.yaml"
-    path.write_text(
-        f"robot: {{type: yam_follower, interface: yam_sim, channel: {FOLLOWER}, gripper_stops_rad: [3.25, -3.3]}}\n"
-        f"teleop: {{type: yam_leader, interface: yam_sim, channel: {LEADER}, can_options: {{operator: nobody}}}}\n"
-    )
-    command = [sys.executable, "-m", "lerobot_robot_yam.commands.doctor", f"--config_path={path}", f"--rig={rig.name}"]
-    done = subprocess.run([*command, "--samples=1", "--json"], capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stdout + done.stderr
-    report = json.loads(done.stdout)
-    assert [row["gripper"] for row in report["channels"]] == ["linear_4310", "yam_teaching_handle"]
-    assert report["gripper_calibration"][0]["state"] == "configured"
 
 
 def test_the_shipped_sim_config_is_healthy(capsys):

@@ -1,5 +1,6 @@
 """yam-float at a terminal, on the rig: a scripted hand moves the arm, which does the same again by itself."""
 
+import contextlib
 import signal
 import sys
 import time
@@ -12,9 +13,11 @@ from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, save_s
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.session.trajectory_file import load_trajectory
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
-from tests.support.crooked_arm import STOPS, arguments
+from scripts import recorders
+from tests.support.crooked_arm import STOPS, arguments, scene
 from tests.support.landed import MOST_M, moved_after_cut_m
 from tests.support.terminal import Terminal
+from tests.support.waiting import wait
 
 RAISED = [0.2, 0.7, 0.7, -0.3, 0.1, 0.2]
 WAVED = [0.0, 0.9, 0.8, -0.1, -0.1, -0.1]
@@ -23,28 +26,34 @@ ROW = [0.0, 0.5, 0.5, 0.0, 0.0, 0.0, 0.5]
 
 
 @pytest.fixture
+def arm(tmp_path):
+    """A live rig with one arm at rest."""
+    with running_rig(scene=scene(tmp_path, [0.0] * 7)) as rig:
+        yield rig
+
+
+@pytest.fixture
 def console(tmp_path):
     """Starts `yam-float` for the arms of a rig in a terminal."""
-    opened = []
     save_stops("arm", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
+    with contextlib.ExitStack() as opened:
 
-    def start(*more):
-        command = [sys.executable, "-m", "lerobot_robot_yam.commands.float", "--calibration", "stops.json", *more]
-        opened.append(Terminal(tmp_path, *command, cwd=tmp_path))
-        terminal = opened[0]
-        terminal.wait_shown("Type float to go on:")
-        terminal.type(b"float\n")
-        terminal.wait_shown(": FLOAT")
-        return terminal
+        def start(*more):
+            command = [sys.executable, "-m", "lerobot_robot_yam.commands.float", "--calibration", "stops.json", *more]
+            terminal = opened.enter_context(Terminal(tmp_path, *command, cwd=tmp_path))
+            terminal.answer(("Type float to go on:", b"float\n"), (": FLOAT", b""))
+            return terminal
 
-    yield start
-    for terminal in opened:
-        terminal.close()
+        yield start
 
 
 def lift(rig, q, seconds=1.0, **options):
     rig.lift("only", q, seconds, **options)
     rig.wait_event("hand_arrived", 10.0, since=len(rig.events()))
+
+
+def q_of(rig, channel="only"):
+    return np.array(rig.state()["arms"][channel]["q"])[:6]
 
 
 def enabled(rig, channel="only"):
@@ -62,24 +71,19 @@ def replayed_error(truth, trajectory, ended_s, lag_s):
 def test_what_a_hand_does_is_recorded_saved_loaded_and_replayed(arm, console, tmp_path):
     terminal = console(*arguments(arm))
     lift(arm, RAISED)
-    terminal.type(b"r")
-    terminal.wait_shown("RECORDING")
+    terminal.answer(("", b"r"), ("RECORDING", b""))
     lift(arm, WAVED)
     lift(arm, RAISED)
     time.sleep(0.3)
-    held = np.array(arm.state()["arms"]["only"]["q"])[:6]
-    terminal.type(b"s")
-    terminal.wait_shown("saved to trajectory.npy")
+    held = q_of(arm)
+    terminal.answer(("", b"s"), ("saved to trajectory.npy", b""))
     lift(arm, [0.0, 0.5, 0.5, 0.0, 0.0, 0.0], 0.8, then_release=True)
-    arm.truth_start("only", 30.0)
-    terminal.type(b"l\n")
-    terminal.wait_shown("loaded trajectory.npy")
-    terminal.type(b"p")
-    terminal.wait_shown("replayed; the arm holds")
+    recorders.truth_start(arm, "only", 30.0)
+    terminal.answer(("", b"l\n"), ("loaded trajectory.npy", b"p"), ("replayed; the arm holds", b""))
     ended_s = time.monotonic()
     time.sleep(1.0)
-    np.testing.assert_allclose(arm.state()["arms"]["only"]["q"][:6], held, atol=MOST_RAD)
-    truth, trajectory = arm.truth("only"), load_trajectory(tmp_path / "trajectory.npy")
+    np.testing.assert_allclose(q_of(arm), held, atol=MOST_RAD)
+    truth, trajectory = recorders.truth(arm, "only"), load_trajectory(tmp_path / "trajectory.npy")
     errors = [replayed_error(truth, trajectory, ended_s, lag_s) for lag_s in np.arange(-0.4, 0.1, 0.004)]
     nearest = min(errors, key=lambda error: np.square(error).sum())
     assert np.sqrt(np.square(nearest).mean(axis=0)).max() < MOST_RAD  # test_playback has the largest
@@ -92,44 +96,58 @@ def test_what_a_hand_does_is_recorded_saved_loaded_and_replayed(arm, console, tm
 
 @pytest.mark.long
 def test_keys_hold_land_bring_up_again_and_say_what_cannot_be(arm, console, tmp_path):
-    terminal = console(*arguments(arm))
-    terminal.type(b"ps")
-    terminal.wait_shown("there is nothing to save; record it first (r)")
-    terminal.type(b"h")
-    terminal.wait_shown("only (only): HOLD")
     np.save(tmp_path / "far.npy", {"trajectory": np.array([ROW, [9.0, *ROW[1:]]]), "timestamps": np.arange(2.0)})
-    terminal.type(b"lfar.npx\x7fy\n")
-    terminal.wait_shown("far.npy: joint_1 is at 9.000 in row 1, and takes -2.62 … 3.14; nothing moves")
-    terminal.type(b"lgone.npy\n")
-    terminal.wait_shown("gone.npy cannot be read (No such file or directory)")
-    terminal.type(b"d")
-    terminal.wait_shown("only (only): OFF")
+    terminal = console(*arguments(arm))
+    terminal.answer(
+        ("", b"ps"),
+        ("there is nothing to save; record it first (r)", b"h"),
+        ("only (only): HOLD", b"lfar.npx\x7fy\n"),
+        ("far.npy: joint_1 is at 9.000 in row 1, and takes -2.62 … 3.14; nothing moves", b"lgone.npy\n"),
+        ("gone.npy cannot be read (No such file or directory)", b"d"),
+        ("only (only): OFF", b""),
+    )
     assert not enabled(arm)
     seen = len(terminal.shown)
     terminal.type(b"f")
-    while ": FLOAT" not in terminal.shown[seen:]:
-        time.sleep(0.05)
+    wait(lambda: ": FLOAT" in terminal.shown[seen:], 30.0)
     assert enabled(arm)
     terminal.type(b"q")
     assert terminal.end() == 0 and not enabled(arm)
 
 
-@pytest.mark.long
-def test_a_replay_ends_when_keys_begin_to_spell_a_name(arm, console, tmp_path):
+@pytest.fixture
+def replaying(arm, console, tmp_path):
+    """`yam-float` in the middle of a replay."""
     np.save(tmp_path / "trajectory.npy", {"trajectory": np.array([ROW, RAISED + [0.5]]), "timestamps": [0.0, 9.0]})
     terminal = console(*arguments(arm))
-    terminal.type(b"l\n")
-    terminal.wait_shown("loaded trajectory.npy")
-    terminal.type(b"p")
-    terminal.wait_shown("REPLAYING")
-    terminal.type(b"lh")
-    terminal.wait_shown("file to load (Enter alone: trajectory.npy, Escape: none): h")
+    terminal.answer(("", b"l\n"), ("loaded trajectory.npy", b"p"), ("REPLAYING", b""))
+    return terminal
+
+
+@pytest.mark.long
+def test_a_replay_ends_when_keys_begin_to_spell_a_name(arm, replaying):
+    replaying.answer(("", b"lh"), ("file to load (Enter alone: trajectory.npy, Escape: none): h", b""))
     time.sleep(0.5)
-    before = np.array(arm.state()["arms"]["only"]["q"])
+    before = q_of(arm)
     time.sleep(1.0)
-    np.testing.assert_allclose(arm.state()["arms"]["only"]["q"], before, atol=0.02)
-    terminal.type(b"\x1bq")
-    assert terminal.end() == 0 and not enabled(arm)
+    np.testing.assert_allclose(q_of(arm), before, atol=0.02)
+    replaying.type(b"\x1bq")
+    assert replaying.end() == 0 and not enabled(arm)
+
+
+@pytest.mark.long
+def test_an_emergency_stop_ends_a_replay(arm, replaying):
+    EmergencyStop().latch("somebody shouted")
+    try:
+        replaying.wait_shown("only: pose not reached, the arm is in mode stopped")
+    finally:
+        EmergencyStop().release()
+    replaying.wait_shown("only (only): HOLD")
+    before = q_of(arm)
+    time.sleep(1.0)
+    np.testing.assert_allclose(q_of(arm), before, atol=0.05)
+    replaying.type(b"q")
+    assert replaying.end() == 0
 
 
 @pytest.mark.long
@@ -138,36 +156,12 @@ def test_arms_that_an_emergency_stop_keeps_in_the_air_have_not_landed(arm, conso
     lift(arm, RAISED, then_release=True)
     EmergencyStop().latch("somebody shouted")
     try:
-        terminal.wait_shown("only (only): STOPPED")
-        terminal.type(b"q")
-        terminal.wait_shown("THE ARMS ARE STILL IN THE AIR")
+        terminal.answer(("only (only): STOPPED", b"q"), ("THE ARMS ARE STILL IN THE AIR", b""))
         assert terminal.end() == 1 and "the arms have landed" not in terminal.shown
         assert enabled(arm)
     finally:
         EmergencyStop().release()
-    while enabled(arm):
-        time.sleep(0.05)
-
-
-@pytest.mark.long
-def test_an_emergency_stop_ends_a_replay(arm, console, tmp_path):
-    np.save(tmp_path / "trajectory.npy", {"trajectory": np.array([ROW, RAISED + [0.5]]), "timestamps": [0.0, 9.0]})
-    terminal = console(*arguments(arm))
-    terminal.type(b"l\n")
-    terminal.wait_shown("loaded trajectory.npy")
-    terminal.type(b"p")
-    terminal.wait_shown("REPLAYING")
-    EmergencyStop().latch("somebody shouted")
-    try:
-        terminal.wait_shown("only: pose not reached, the arm is in mode stopped")
-    finally:
-        EmergencyStop().release()
-    terminal.wait_shown("only (only): HOLD")
-    before = np.array(arm.state()["arms"]["only"]["q"])
-    time.sleep(1.0)
-    np.testing.assert_allclose(arm.state()["arms"]["only"]["q"], before, atol=0.05)
-    terminal.type(b"q")
-    assert terminal.end() == 0
+    wait(lambda: not enabled(arm))
 
 
 @pytest.mark.long
@@ -177,10 +171,8 @@ def test_every_end_lands_the_arm_and_gives_the_terminal_back(arm, console, numbe
     lift(arm, RAISED, then_release=True)
     terminal.kill(number)
     assert terminal.end() != 0
-    deadline = time.monotonic() + 15.0
-    while enabled(arm) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not enabled(arm) and moved_after_cut_m(arm, "only") < MOST_M
+    wait(lambda: not enabled(arm))
+    assert moved_after_cut_m(arm, "only") < MOST_M
     first, last = terminal.modes()
     assert first == last or number is signal.SIGKILL
 
@@ -191,23 +183,19 @@ def test_two_arms_are_recorded_and_replayed_together(console, tmp_path):
     with running_rig() as rig:
         command = ["--channel", *channels, "--rig", rig.name, "--gripper", "linear_4310", "yam_teaching_handle"]
         terminal = console(*command, "--calibration", "stops.json", "handle.json")
-        terminal.type(b"r")
-        terminal.wait_shown("RECORDING")
+        terminal.answer(("", b"r"), ("RECORDING", b""))
         for channel in channels:
             rig.lift(channel, WAVED, 1.0)
         time.sleep(1.8)
-        terminal.type(b"s")
-        terminal.wait_shown("saved to trajectory.npy")
+        terminal.answer(("", b"s"), ("saved to trajectory.npy", b""))
         trajectory = load_trajectory(tmp_path / "trajectory.npy")
         assert len(trajectory.columns) == 13
         for channel in channels:
             rig.release(channel)
-        ends = trajectory.positions[-1, :6], trajectory.positions[-1, 7:]
-        terminal.type(b"p")
-        terminal.wait_shown("replayed; the arm holds")
+        terminal.answer(("", b"p"), ("replayed; the arm holds", b""))
         time.sleep(1.0)
-        for channel, q in zip(channels, ends, strict=True):
-            np.testing.assert_allclose(rig.state()["arms"][channel]["q"][:6], q, atol=2 * MOST_RAD)
+        for channel, q in zip(channels, (trajectory.positions[-1, :6], trajectory.positions[-1, 7:]), strict=True):
+            np.testing.assert_allclose(q_of(rig, channel), q, atol=2 * MOST_RAD)
         terminal.type(b"q")
         assert terminal.end() == 0
         assert not any(enabled(rig, channel) for channel in channels)

@@ -2,8 +2,6 @@
 
 import json
 import os
-import pty
-import subprocess
 import sys
 import threading
 import time
@@ -17,6 +15,7 @@ from lerobot_robot_yam.commands.identify import SPEED_RAD_S, WIGGLE_RAD, hazard,
 from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, save_stops
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.session.yam_arm import YamArm
+from scripts import recorders
 
 STOPS = [3.25, -3.3]
 
@@ -33,23 +32,16 @@ def arguments(rig, channel="follower_left", *more):
     return ["--channel", channel, "--rig", rig.name, *map(str, more)]
 
 
-def start(rig, *more, terminal=None):
-    """The command as a process; `terminal` is what it is typed at."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "lerobot_robot_yam.commands.identify", *arguments(rig, "follower_left", *more)],
-        stdin=subprocess.DEVNULL if terminal is None else terminal,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+@pytest.fixture
+def wiggle(rig, tmp_path, capsys):
+    """Runs the command with --wiggle and stored stops; returns its exit status and what it has said."""
+    save_stops("left", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
 
+    def run(*more):
+        status = main(arguments(rig, "follower_left", "--wiggle", "--calibration", tmp_path / "stops.json", *more))
+        return status, capsys.readouterr().err
 
-def wait_for(condition, timeout_s=40.0):
-    deadline = time.monotonic() + timeout_s
-    while not (found := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    return found
+    return run
 
 
 def test_it_shows_what_answers_and_sends_questions_only(rig, capsys):
@@ -106,12 +98,12 @@ def test_a_dead_channel_says_so(rig, capsys):
     assert "can_none" in capsys.readouterr().err
 
 
-def test_without_a_terminal_or_yes_nothing_wiggles(rig):
+def test_without_a_terminal_or_yes_nothing_wiggles(rig, wiggle, monkeypatch):
     rig.trace_start("follower_left")
-    process = start(rig, "--wiggle")
-    _, said = process.communicate(timeout=60)
-    assert process.returncode == 1 and "no terminal" in said
-    assert rig.trace("follower_left") == []
+    with open(os.devnull) as nothing:
+        monkeypatch.setattr(sys, "stdin", nothing)
+        status, said = wiggle()
+    assert status == 1 and "no terminal" in said and rig.trace("follower_left") == []
 
 
 @pytest.mark.parametrize(("stored", "moves"), [(None, True), ("typo.json", True), ("stops.json", False)])
@@ -121,20 +113,13 @@ def test_who_confirms_is_told_when_the_fingers_will_move_too(tmp_path, stored, m
     assert ("closes and opens fully" in hazard(ArmConfig(channel="can0", calibration_path=path))) == moves
 
 
-def test_a_wiggle_turns_joint_6_slowly_and_nothing_else_and_lands(rig, tmp_path):
-    save_stops("left", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
+def test_a_wiggle_turns_joint_6_slowly_and_nothing_else_and_lands(rig, wiggle):
     rest = np.array(rig.state()["arms"]["follower_left"]["q"])
-    process = start(rig, "--wiggle", "--yes", "--calibration", tmp_path / "stops.json")
-    seen = []
-    while process.poll() is None:
-        arm = rig.state()["arms"]["follower_left"]
-        if arm["motors"]["joint_6"]["enabled"]:
-            seen.append((arm["q"], arm["dq"]))
-        time.sleep(0.01)
-    _, said = process.communicate()
-    assert process.returncode == 0, said
-    assert "HAZARD" in said and limp(rig) and limp(rig, "follower_right")
-    q, dq = np.array([a for a, _ in seen]), np.array([b for _, b in seen])
+    recorders.truth_start(rig, "follower_left", 60.0)
+    status, said = wiggle("--yes")
+    assert status == 0 and "HAZARD" in said and limp(rig) and limp(rig, "follower_right")
+    truth = recorders.truth(rig, "follower_left")
+    q, dq = truth["q"], truth["dq"]
     assert q[:, 5].max() - rest[5] == pytest.approx(WIGGLE_RAD, abs=0.02)
     assert q[:, 5].min() - rest[5] == pytest.approx(-WIGGLE_RAD, abs=0.02)
     until = q[:, 5].argmin()  # afterwards it lands
@@ -143,54 +128,26 @@ def test_a_wiggle_turns_joint_6_slowly_and_nothing_else_and_lands(rig, tmp_path)
 
 
 @pytest.mark.long
-def test_at_a_terminal_it_wiggles_again_until_the_arm_is_named_and_binds_it(rig, tmp_path):
-    save_stops("left", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
-    ours, theirs = pty.openpty()
-    try:
-        process = start(
-            rig, "--wiggle", "--calibration", tmp_path / "stops.json", "--bind", tmp_path / "b.json", terminal=theirs
-        )
-        os.write(ours, b"wiggle\n")
-        wait_for(lambda: not limp(rig))
-        os.write(ours, b"\nthe left one\n")
-        _, said = process.communicate(timeout=90)
-    finally:
-        os.close(ours)
-        os.close(theirs)
-    assert process.returncode == 0, said
-    assert said.count("Which arm moved?") == 2
+def test_at_a_terminal_it_wiggles_again_until_the_arm_is_named_and_binds_it(rig, wiggle, type_in, tmp_path):
+    type_in(b"wiggle\n\nthe left one\n")
+    status, said = wiggle("--bind", tmp_path / "b.json")
+    assert status == 0 and said.count("Which arm moved?") == 2
     assert "bound as 'the left one'" in said and json.loads((tmp_path / "b.json").read_text())["name"] == "the left one"
-    assert limp(rig)
+    assert len(energised(rig)) == 7 and limp(rig)
 
 
 @pytest.mark.long
-def test_another_arm_than_named_moved_and_nothing_is_bound(rig, tmp_path):
-    save_stops("left", tmp_path / "stops.json", "linear_4310", GripperStops(*STOPS))
-    ours, theirs = pty.openpty()
-    try:
-        bind = ["--name", "left", "--bind", tmp_path / "b.json"]
-        process = start(rig, "--wiggle", "--calibration", tmp_path / "stops.json", *bind, terminal=theirs)
-        os.write(ours, b"wiggle\nright\n")
-        _, said = process.communicate(timeout=90)
-    finally:
-        os.close(ours)
-        os.close(theirs)
-    assert process.returncode == 1
-    assert "'right' moved, not 'left'" in said
+def test_another_arm_than_named_moved_and_nothing_is_bound(rig, wiggle, type_in, tmp_path):
+    type_in(b"wiggle\nright\n")
+    status, said = wiggle("--name", "left", "--bind", tmp_path / "b.json")
+    assert status == 1 and "'right' moved, not 'left'" in said
     assert not (tmp_path / "b.json").exists() and limp(rig)
 
 
-def test_an_unconfirmed_wiggle_energises_nothing(rig):
-    ours, theirs = pty.openpty()
-    try:
-        process = start(rig, "--wiggle", terminal=theirs)
-        os.write(ours, b"yes\n")
-        _, said = process.communicate(timeout=60)
-    finally:
-        os.close(ours)
-        os.close(theirs)
-    assert process.returncode == 1 and "not confirmed; nothing was energised" in said
-    assert not energised(rig)
+def test_an_unconfirmed_wiggle_energises_nothing(rig, wiggle, type_in):
+    type_in(b"yes\n")
+    status, said = wiggle()
+    assert status == 1 and "not confirmed; nothing was energised" in said and not energised(rig)
 
 
 def test_another_driver_on_the_wire_is_heard(rig, capsys):

@@ -1,5 +1,6 @@
 """yam-motors console and monitor: the keys, the motor on the rig, and what is heard beside a session."""
 
+import contextlib
 import io
 import signal
 import sys
@@ -38,12 +39,9 @@ def asked(knob, q=1.0, elapsed_s=0.01):
     return decode_mit("DM4310", knob.command(q, elapsed_s))
 
 
-def test_at_first_it_asks_the_motor_to_stay():
-    assert asked(knob()).position == pytest.approx(1.0, abs=STEP_RAD)
-
-
 def test_the_setpoint_goes_to_the_target_at_a_limited_speed():
     turned = knob()
+    assert asked(turned).position == pytest.approx(1.0, abs=STEP_RAD)  # at first it asks the motor to stay
     press(turned, RIGHT, RIGHT)
     assert asked(turned).position == pytest.approx(1.0 + SPEED_RAD_S * 0.01, abs=STEP_RAD)
     for _ in range(100):
@@ -69,20 +67,13 @@ def test_the_target_stays_within_the_range(key, end):
     assert turned.target == turned.setpoint_rad == pytest.approx(1.0, abs=0.01)  # a load must not pull it along
 
 
-def test_the_step_grows_and_shrinks_between_its_ends():
+def test_step_and_gains_stay_between_their_ends():
     turned = knob()
-    press(turned, *[UP] * 9)
-    assert turned.step == 0.2
-    press(turned, *[DOWN] * 9)
-    assert turned.step == 0.01
-
-
-def test_gains_stay_within_reason():
-    turned = knob()
-    press(turned, *"K" * 50, *"D" * 50)
-    assert (asked(turned).kp, asked(turned).kd) == (pytest.approx(100, abs=0.2), pytest.approx(5, abs=0.01))
-    press(turned, *"k" * 50, *"d" * 50, "x")
-    assert (turned.kp, turned.kd) == (1.0, 0.1)
+    press(turned, *[UP] * 9, *"K" * 50, *"D" * 50)
+    command = asked(turned)
+    assert (turned.step, command.kp, command.kd) == (0.2, pytest.approx(100, abs=0.2), pytest.approx(5, abs=0.01))
+    press(turned, *[DOWN] * 9, *"k" * 50, *"d" * 50, "x")
+    assert (turned.step, turned.kp, turned.kd) == (0.01, 1.0, 0.1)
 
 
 # the motor
@@ -91,24 +82,21 @@ def test_gains_stay_within_reason():
 @pytest.fixture
 def console(live_arm, tmp_path):
     """Starts `yam-motors console` for joint 6 in a terminal."""
-    opened = []
+    command = [sys.executable, "-m", "lerobot_robot_yam.commands.motors", "console", "--motor", "joint_6"]
+    with contextlib.ExitStack() as opened:
 
-    def start(*more):
-        live_arm.clear_faults("only")
-        for powered in (False, True):  # else the watchdog's 0xD stays from the test that kills
-            live_arm.fault("only", "joint_6", "power", powered)
-        live_arm.set_pose("only", q=[0.0] * 6)
-        command = [sys.executable, "-m", "lerobot_robot_yam.commands.motors", "console", "--motor", "joint_6"]
-        opened.append(Terminal(tmp_path, *command, *arguments(live_arm), *more))
-        opened[0].wait_shown("Type enable to energise joint_6")
-        assert "HANGS" not in opened[0].shown and not enabled(live_arm)
-        opened[0].type(b"enable\n")
-        opened[0].wait_shown("target")
-        return opened[0]
+        def start(*more):
+            live_arm.clear_faults("only")
+            for powered in (False, True):  # else the watchdog's 0xD stays from the test that kills
+                live_arm.fault("only", "joint_6", "power", powered)
+            live_arm.set_pose("only", q=[0.0] * 6)
+            terminal = opened.enter_context(Terminal(tmp_path, *command, *arguments(live_arm), *more))
+            terminal.wait_shown("Type enable to energise joint_6")
+            assert "HANGS" not in terminal.shown and not enabled(live_arm)
+            terminal.answer(("", b"enable\n"), ("target", b""))
+            return terminal
 
-    yield start
-    for terminal in opened:
-        terminal.close()
+        yield start
     live_arm.clear_faults("only")
 
 
@@ -229,22 +217,18 @@ def frame(identifier, at_s, **kinds):
 
 
 def test_an_answer_belongs_to_the_command_before_it():
-    frames = [frame(3, tick * 0.004) for tick in range(10)] + [
-        frame(19, tick * 0.004 + 0.001) for tick in range(10) if tick != 5
-    ]
+    frames = [frame(3, tick * 0.004) for tick in range(10)]
+    frames += [frame(19, tick * 0.004 + 0.001) for tick in range(10) if tick != 5]
     figures = Traffic(sorted(frames, key=lambda heard: heard.timestamp)).figures()[3]
     assert (figures["commands"], figures["lost"]) == (10, 1)
     assert figures["latency_ms_max"] == pytest.approx(1.0) and figures["period_ms_p50"] == pytest.approx(4.0)
 
 
-def test_commands_of_every_mode_count_and_other_frames_do_not():
+def test_commands_of_every_mode_count_other_frames_do_not_and_what_nothing_tells_is_no_figure():
     heard = [frame(identifier, 1.0) for identifier in (3, 0x103, 0x203, 0x303, 0x7FF, 0x50E)]
     traffic = Traffic([*heard, frame(0x40, 1.0, is_error_frame=True)])
     assert traffic.figures()[3]["commands"] == 4 and traffic.others == {0x7FF: 1, 0x50E: 1}
     assert (traffic.frames, traffic.error_frames) == (6, 1)
-
-
-def test_what_nothing_tells_is_no_figure_rather_than_a_perfect_one():
     assert Traffic([frame(19, 1.0)]).figures()[3]["latency_ms_max"] is None
     figures = Traffic([frame(3, tick * 0.004) for tick in range(3)]).figures()[3]
     assert (figures["lost"], figures["latency_ms_p99"]) == (2, None) and figures["period_ms_max"] == 4.0

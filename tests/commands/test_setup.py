@@ -85,18 +85,11 @@ def test_an_earlier_file_keeps_what_was_added_and_goes_only_after_a_question(des
     assert run(desk, path, one, "--dry-run") == 0
     assert "-  gripper: crank_4310" in capsys.readouterr().out and path.read_text() == by_hand
     program = (sys.executable, "-m", "lerobot_robot_yam.commands.setup", str(path), one, f"--rig={desk.name}")
-    terminal = Terminal(tmp_path, *program)
-    try:
-        terminal.wait_shown("[lab]:")
-        terminal.type(b"no name\n")
-        terminal.wait_shown("'no name' is no name")
-        terminal.type(b"\n" * 20)
-        terminal.wait_shown("[Y/n]")
+    with Terminal(tmp_path, *program) as terminal:
+        terminal.answer(("[lab]:", b"no name\n"), ("'no name' is no name", b"\n" * 20), ("[Y/n]", b""))
         assert "-  workspace" not in terminal.shown
         terminal.type(b"n\n")
         assert terminal.end() in (0, 1)
-    finally:
-        terminal.close()
     assert run(desk, path, one) == 0
     robot = yaml.safe_load(path.read_text())["robot"]
     assert robot["gripper"] == "linear_4310" and "old" not in robot["cameras"]
@@ -203,38 +196,25 @@ def test_the_left_arms_are_shown_by_their_wrists_and_an_interrupted_set_up_goes_
     path = tmp_path / "rig.yaml"
     with running_rig(scene=write_scene(tmp_path / "scene.yaml")) as rig:
         program = (sys.executable, "-m", "lerobot_robot_yam.commands.setup", str(path), f"--rig={rig.name}")
-        (tmp_path / "one").mkdir()
-        terminal = Terminal(tmp_path / "one", *program)
-        try:
-            terminal.wait_shown("[lab]:")
-            terminal.type(b"desk\n")
-            terminal.wait_shown("is the left follower")
+        with Terminal(tmp_path, *program) as terminal:
+            terminal.answer(("[lab]:", b"desk\n"), ("is the left follower", b""))
             q = rig.state()["arms"]["can2"]["q"]
             rig.lift("can2", [*q[:-1], q[-1] + 0.8], then_release=True)
-            terminal.wait_shown("can2 is the left follower, can0 the right one")
-            terminal.wait_shown("is the left leader")
-            terminal.type(b"\x03")
+            terminal.answer(
+                ("can2 is the left follower, can0 the right one", b""),
+                ("is the left leader", b"\x03"),
+            )
             assert terminal.end() == 130
-        finally:
-            terminal.close()
         assert not path.exists()
-        (tmp_path / "two").mkdir()
-        terminal = Terminal(tmp_path / "two", *program)
-        try:
-            terminal.wait_shown("going on with the answers in")
-            terminal.wait_shown("is the left leader")
+        with Terminal(tmp_path, *program) as terminal:
+            terminal.answer(("going on with the answers in", b""), ("is the left leader", b""))
             assert "is the left follower, as you see" not in terminal.shown and "[lab]" not in terminal.shown
-            terminal.type(b"can7\n")
-            terminal.wait_shown("'can7' is none of can3, can1")
-            terminal.type(b"can3\n")
-            for _ in range(6):
-                terminal.type(b"\n")
-            for name in (b"top\n", b"top\n", b"wrist_left\n", b"-\n"):
-                terminal.type(name)
+            terminal.answer(
+                ("", b"can7\n"),
+                ("'can7' is none of can3, can1", b"can3\n" + b"\n" * 6 + b"top\ntop\nwrist_left\n-\n"),
+            )
             assert terminal.end() == 0
             assert "another camera is called top already" in terminal.shown
-        finally:
-            terminal.close()
     robot = yaml.safe_load(path.read_text())["robot"]
     assert robot["id"] == "desk" and robot["left_arm_config"]["channel"] == "can2"
     assert {name: camera["camera"] for name, camera in robot["cameras"].items()} == {

@@ -231,17 +231,12 @@ def test_at_a_terminal_adapters_are_plugged_in_one_after_another(debian, tmp_pat
     """Interrupted after the second name; run again it asks for the others only."""
     program = (sys.executable, "-m", "lerobot_robot_yam.commands.setup_can", f"--root={debian.root}", "--no-rights")
     debian.sysfs.adapter("can0", "1-4", serial="0031CCCC")  # plugged in before
-    (tmp_path / "one").mkdir()
-    terminal = Terminal(tmp_path / "one", *program)
-    try:
+    with Terminal(tmp_path, *program) as terminal:
         terminal.wait_shown("can_follower_l: plug in its adapter")
         debian.sysfs.adapter("can1", "1-1", serial="0001")
-        terminal.wait_shown("Make these changes?")
-        terminal.type(b"n\n")
-        terminal.wait_shown("nothing was changed")
+        terminal.answer(("Make these changes?", b"n\n"), ("nothing was changed", b""))
         assert not (debian.root / RULES).exists()
-        terminal.type(b"can1\n\n")
-        terminal.wait_shown("can_follower_r: plug in its adapter")
+        terminal.answer(("", b"can1\n\n"), ("can_follower_r: plug in its adapter", b""))
         debian.sysfs.unplug("1-4")
         debian.sysfs.adapter("can0", "1-2", serial="0001")
         debian.sysfs.adapter("can2", "1-3", serial="0031DDDD")
@@ -251,32 +246,18 @@ def test_at_a_terminal_adapters_are_plugged_in_one_after_another(debian, tmp_pat
         terminal.type(b"can7\n")
         terminal.wait_shown("no CAN adapter 'can7'; there are: can1\r\n\r\ncan_follower_r: plug in its adapter")
         debian.sysfs.adapter("can0", "1-2", serial="0001")
-        terminal.wait_shown('*-2:1.0/net/*"')
-        terminal.type(b"y\n")
-        terminal.wait_shown("can_leader_l: plug in its adapter")
-        terminal.type(b"\x03")
+        terminal.answer(('*-2:1.0/net/*"', b"y\n"), ("can_leader_l: plug in its adapter", b"\x03"))
         assert terminal.end() == 130
-    finally:
-        terminal.close()
     assert "*-1:1.0" in rule(debian, "can_follower_l") and "*-2:1.0" in rule(debian, "can_follower_r")
     debian.sysfs.adapter("can2", "1-4", serial="0031CCCC")
-    (tmp_path / "two").mkdir()
-    terminal = Terminal(tmp_path / "two", *program)
-    try:
-        terminal.wait_shown("can_follower_r is tied already")
-        terminal.wait_shown("can_leader_l: plug in its adapter")
+    with Terminal(tmp_path, *program) as terminal:
+        terminal.answer(("can_follower_r is tied already", b""), ("can_leader_l: plug in its adapter", b""))
         debian.sysfs.unplug("1-4")
-        terminal.type(b"\n")
-        terminal.wait_shown("can_leader_r: plug in its adapter")
+        terminal.answer(("", b"\n"), ("can_leader_r: plug in its adapter", b""))
         debian.sysfs.adapter("can2", "1-4", serial="0031CCCC")
         debian.sysfs.adapter("can3", "1-4", serial="0031CCCC", number="0x1")
-        terminal.wait_shown("Which one is for can_leader_r?")
-        terminal.type(b"can3\n")
-        terminal.wait_shown("Make these changes?")
-        terminal.type(b"\n")
+        terminal.answer(("Which one is for can_leader_r?", b"can3\n"), ("Make these changes?", b"\n"))
         assert terminal.end() == 0
-    finally:
-        terminal.close()
     assert 'ATTR{dev_id}=="0x1"' in rule(debian, "can_leader_r") and NAMES[2] not in debian.read(RULES)
 
 
@@ -285,16 +266,11 @@ def test_an_arm_is_found_by_its_wrist_and_stays_limp(debian, tmp_path):
     debian.sysfs.adapter("leader_right", "1-2", serial="0002")
     with running_rig(arms=["leader_left", "leader_right"]) as rig:
         options = (f"--root={debian.root}", f"--rig={rig.name}", "--wrist", "--no-rights", "can_leader_r")
-        terminal = Terminal(tmp_path, sys.executable, "-m", "lerobot_robot_yam.commands.setup_can", *options)
-        try:
+        with Terminal(tmp_path, sys.executable, "-m", "lerobot_robot_yam.commands.setup_can", *options) as terminal:
             terminal.wait_shown("can_leader_r: turn its wrist by hand")
             q = rig.state()["arms"]["leader_right"]["q"]
             rig.lift("leader_right", [*q[:-1], q[-1] + 0.8], then_release=True)
-            terminal.wait_shown("leader_right it is")
-            terminal.wait_shown("Make these changes?")
-            terminal.type(b"\n")
+            terminal.answer(("leader_right it is", b""), ("Make these changes?", b"\n"))
             assert terminal.end() == 0
-        finally:
-            terminal.close()
         assert not [event for event in rig.events() if event["kind"] == "motor_enabled"]
     assert "0002" in rule(debian, "can_leader_r")

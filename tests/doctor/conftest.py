@@ -8,7 +8,7 @@ from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.rig.control import running_rig
-from tests.support.doctor_desk import FOLLOWER, LEADER, MOTORS, set_report_frequency
+from tests.support.doctor_desk import FOLLOWER, LEADER, MOTORS
 
 
 @pytest.fixture(scope="module")
@@ -36,5 +36,3 @@ def sick(rig):
         rig.fault(FOLLOWER, spec.name, "nibble", int(Fault.OVERLOAD))
     with can.Bus(interface="yam_sim", channel=FOLLOWER, rig=rig.name) as bus:
         MotorChain(bus, MOTORS, channel=FOLLOWER).special(SpecialCommand.CLEAR)
-    with can.Bus(interface="yam_sim", channel=LEADER, rig=rig.name) as bus:
-        set_report_frequency(bus, 0)

@@ -20,7 +20,6 @@ from tests.support.doctor_desk import (
     MOTORS,
     examine_arm,
     found,
-    set_report_frequency,
 )
 
 DEFECTS = {
@@ -114,19 +113,6 @@ def test_a_defect_is_found_and_its_remedy_named(sick, defect):
     # and nothing else: one defect is not reported as several
     others = [f for f in report["findings"] if f["severity"] == "problem" and f not in findings]
     assert [f["where"] for f in others] == ([f"{FOLLOWER} motor joint_4 (id 4)"] if defect == "wrong id" else [])
-
-
-def test_a_handle_that_reports_by_itself(sick):
-    with can.Bus(interface="yam_sim", channel=LEADER, rig=sick.name) as bus:
-        set_report_frequency(bus, 100)
-        status, report = examine_arm(sick, LEADER_ARM)
-        assert status == 1
-        (problem,) = found(report, "problem", f"{LEADER} teaching handle", "by itself at 100 Hz")
-        assert problem["remedy"] == f"yam-handle report --channel {LEADER} --rig {sick.name} 0"
-        assert report["handles"][0]["report_frequency_hz"] == 100
-        while bus.recv(0.0) is not None:
-            pass
-        assert bus.recv(2.0) is not None  # it was left as it is
 
 
 def test_a_motor_that_is_energised_without_a_driver(sick):

@@ -1,14 +1,17 @@
-"""The system's tools are run in their order, and say what went wrong. Recorders stand in PATH for them."""
+"""The system's tools are run in their order, and say what went wrong; the unit is as systemd reads it."""
 
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
 
+from lerobot_robot_yam.doctor.check_link import NO_RESTART
 from lerobot_robot_yam.errors import SetupError
-from lerobot_robot_yam.setup.link_unit import UNIT
 from lerobot_robot_yam.setup.system_files import FileChange, SystemFiles
-from lerobot_robot_yam.setup.system_tools import SystemTools
-from lerobot_robot_yam.system.sysfs import CanAdapter
+from lerobot_robot_yam.setup.system_tools import UNIT, UNIT_TEXT, SystemTools, bring_up
+from lerobot_robot_yam.system.sysfs import CanAdapter, read_adapters
+from tests.support.doctor_desk import Sysfs
 
 ADAPTER = CanAdapter("can9", "gs_usb", None, None, None, None, None)
 
@@ -72,3 +75,23 @@ def test_a_tool_that_fails_or_is_missing(tools, tmp_path):
     (tmp_path / "ip").unlink()
     with pytest.raises(SetupError, match="ip link set can9 down failed: .*No such file"):
         tools.reset(ADAPTER)
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd is not installed")
+def test_systemd_takes_the_unit(tmp_path):
+    unit = tmp_path / "yam-can@can_follower_l.service"
+    unit.write_text(UNIT_TEXT)
+    done = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+    unit.write_text(UNIT_TEXT.replace("Type=oneshot", "Type=nothing"))
+    assert subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, timeout=60).stderr
+
+
+@pytest.mark.parametrize("driver", ["gs_usb", "peak_usb"])
+def test_by_hand_a_link_gets_what_the_unit_gives_it(tmp_path, driver):
+    sysfs = Sysfs(tmp_path)
+    sysfs.adapter("can_x", "1-1", kernel_driver=driver)
+    commands = [" ".join(command) for command in bring_up(*read_adapters(tmp_path))]
+    unit = UNIT_TEXT.replace("%i", "can_x")
+    assert all(command in unit for command in commands)
+    assert len(commands) == (2 if driver in NO_RESTART else 3)

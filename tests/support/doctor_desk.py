@@ -5,10 +5,7 @@ import os
 import shutil
 from pathlib import Path
 
-import can
-
 from lerobot_robot_yam.commands.doctor import main
-from lerobot_robot_yam.damiao import handle_encoder
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.doctor.check_channel import examine_channel
 from lerobot_robot_yam.doctor.kit.findings import as_json, empty_report, exit_status
@@ -44,11 +41,6 @@ def replay_tools(directory, monkeypatch, name, rename=None):
         script.write_text(f"#!/bin/sh\ncat {output}\n")
         script.chmod(0o755)
     monkeypatch.setenv("PATH", f"{directory}{os.pathsep}{os.environ['PATH']}")
-
-
-def set_report_frequency(bus, hz):
-    data = handle_encoder.encode_report_frequency(hz)
-    bus.send(can.Message(arbitration_id=handle_encoder.REQUEST_ID, data=data, is_extended_id=False))
 
 
 def virtual(rig, *channels, samples=2):

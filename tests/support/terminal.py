@@ -54,6 +54,12 @@ class Terminal:
         """Wait until something is shown."""
         wait(lambda: text in self.shown, timeout_s, lambda: self.shown[-4000:], self.shell)
 
+    def answer(self, *dialogue):
+        """Wait for each text, and type the keys that go with it."""
+        for text, keys in dialogue:
+            self.wait_shown(text)
+            self.type(keys)
+
     @property
     def echoes(self):
         """Whether the terminal shows what is typed, and waits for whole lines."""
@@ -87,6 +93,12 @@ class Terminal:
     def modes(self):
         """What `stty -a` has said before and after."""
         return [(self.directory / name).read_text() for name in ("before", "after")]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
 
     def close(self):
         """End everything that still runs. Idempotent."""

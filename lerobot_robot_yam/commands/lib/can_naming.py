@@ -20,9 +20,8 @@ from lerobot_robot_yam.setup.adapter_rules import (
     with_adapter,
 )
 from lerobot_robot_yam.setup.adapter_watch import PlugWatch, WristWatch
-from lerobot_robot_yam.setup.link_unit import UNIT, UNIT_TEXT
 from lerobot_robot_yam.setup.system_files import Change, SystemFiles
-from lerobot_robot_yam.setup.system_tools import SystemTools, check_undriven
+from lerobot_robot_yam.setup.system_tools import UNIT, UNIT_TEXT, SystemTools, check_undriven
 from lerobot_robot_yam.system.sysfs import CanAdapter, read_adapters
 
 _PLUG = "plug in its adapter; if it is plugged in, pull it out and plug it in again"

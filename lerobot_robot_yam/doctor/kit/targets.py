@@ -109,11 +109,6 @@ def from_option(text: str, interface: str, rig: str | None) -> Target:
     return _target({"channel": channel, "interface": interface, **values}, channel, rig)
 
 
-def undeclared(channel: str) -> Target:
-    """Target for a CAN interface whose arm was not named."""
-    return Target(ArmConfig(channel=channel, name=channel), declared=False)
-
-
 def from_config(
     path: Path, rig: str | None, check: Callable[[str, Mapping[str, Any], str], None] = lambda *_: None
 ) -> Plan:

@@ -82,13 +82,6 @@ def test_the_default_output_lies_beside_the_original_with_what_lay_beside_the_da
     assert [(new / name).read_text() for name in kept] == ["kept", "kept"] and not (new / outcomes.OUTCOMES).exists()
 
 
-@pytest.mark.long
-def test_a_wreck_whose_name_looks_like_an_unfinished_copy_is_left_alone(copy, tmp_path):
-    assert repair(copy.rename(tmp_path / "new.partial"), f"--output={tmp_path / 'new'}") == 0
-    assert load(tmp_path / "new").num_episodes == 3
-    assert {path.name for path in tmp_path.iterdir()} == {"new", "new.partial"}
-
-
 def test_a_whole_data_set_is_healthy(killed, capsys):
     assert repair(killed[1]) == 0
     assert "healthy, 3 episodes" in capsys.readouterr().out

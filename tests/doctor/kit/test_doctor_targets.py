@@ -159,21 +159,19 @@ DAMAGED = {
 }
 
 
-def check(tmp_path, text):
-    path = tmp_path / "stops.json"
-    path.mkdir() if text is None else path.write_text(text)
+def check(tmp_path, option):
     config = tmp_path / "one.yaml"
-    config.write_text(f"robot: {{type: yam_follower, channel: can_x, calibration_path: {path}}}")
+    config.write_text(f"robot: {{type: yam_follower, channel: can_x, {option}}}")
     section = Section("gripper_calibration")
     check_calibrations(from_config(config, None).targets, tmp_path, section)
-    return path, section
+    return section
 
 
 @pytest.mark.parametrize("kind", DAMAGED)
 def test_a_damaged_calibration_is_a_problem(tmp_path, kind):
-    text, what = DAMAGED[kind]
-    path, section = check(tmp_path, text)
-    (problem,) = section.findings
+    (text, what), path = DAMAGED[kind], tmp_path / "stops.json"
+    path.mkdir() if text is None else path.write_text(text)
+    (problem,) = check(tmp_path, f"calibration_path: {path}").findings
     assert problem.severity is Severity.PROBLEM and problem.where == "can_x gripper"
     assert what in problem.what
     again = f"lerobot-calibrate --robot.type=yam_follower --robot.channel=can_x --robot.calibration_path={path}"
@@ -181,27 +179,18 @@ def test_a_damaged_calibration_is_a_problem(tmp_path, kind):
 
 
 def test_a_good_calibration(tmp_path):
-    _, section = check(tmp_path, WHOLE)
-    assert section.findings == []
-    assert section.rows[0]["state"] == "valid"
-    assert section.rows[0]["span_rad"] == pytest.approx(6.55) and section.rows[0]["age_days"] < 1
+    (tmp_path / "stops.json").write_text(WHOLE)
+    section = check(tmp_path, f"calibration_path: {tmp_path / 'stops.json'}")
+    (row,) = section.rows
+    assert section.findings == [] and row["state"] == "valid"
+    assert row["span_rad"] == pytest.approx(6.55) and row["age_days"] < 1
 
 
-def test_no_calibration_yet(tmp_path):
-    config = tmp_path / "one.yaml"
-    config.write_text(f"robot: {{type: yam_follower, channel: can_x, calibration_path: {tmp_path / 'none.json'}}}")
-    section = Section("gripper_calibration")
-    check_calibrations(from_config(config, None).targets, tmp_path, section)
-    assert [f.severity for f in section.findings] == [Severity.WARNING]
-    assert section.rows[0]["state"] == "missing"
-
-
-def test_stops_in_the_config(tmp_path):
-    config = tmp_path / "one.yaml"
-    config.write_text("robot: {type: yam_follower, channel: can_x, gripper_stops_rad: [3.2, 3.1]}")
-    section = Section("gripper_calibration")
-    check_calibrations(from_config(config, None).targets, tmp_path, section)
-    assert section.findings[0].severity is Severity.PROBLEM and "gripper_stops_rad" in section.findings[0].remedy
+def test_no_calibration_yet_and_stops_in_the_config(tmp_path):
+    section = check(tmp_path, f"calibration_path: {tmp_path / 'none.json'}")
+    assert [f.severity for f in section.findings] == [Severity.WARNING] and section.rows[0]["state"] == "missing"
+    (problem,) = check(tmp_path, "gripper_stops_rad: [3.2, 3.1]").findings
+    assert problem.severity is Severity.PROBLEM and "gripper_stops_rad" in problem.remedy
 
 
 def test_without_a_config_all_files_of_lerobot_are_looked_at(tmp_path):

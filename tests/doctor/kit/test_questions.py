@@ -23,9 +23,8 @@ from lerobot_robot_yam.damiao.registers import (
     encode_write,
 )
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
-from lerobot_robot_yam.doctor.check_channel import examine_channel
+from lerobot_robot_yam.doctor.check_channel import BIN_EDGES_MS, BLOCKS, bars, examine_channel, histogram, percentile
 from lerobot_robot_yam.doctor.check_encoders import handle_firmware, inspect_handle
-from lerobot_robot_yam.doctor.check_latency import BIN_EDGES_MS, BLOCKS, bars, histogram, percentile
 from lerobot_robot_yam.doctor.check_link import Link
 from lerobot_robot_yam.doctor.kit.findings import Section, Severity, empty_report
 from lerobot_robot_yam.doctor.kit.questions import Questions, harmless
@@ -114,27 +113,18 @@ def inspect(desk):
     return section
 
 
-def test_old_firmware_of_the_handle(desk):
+def test_what_is_wrong_with_a_handle(desk):
+    low = handle_encoder.EEPROM_REPORT_FREQUENCY_LOW
+    desk.eeprom[low], desk.eeprom[handle_encoder.EEPROM_REPORT_FREQUENCY_HIGH] = 100, 0xFF
     desk.firmware = (2, 2, 11)
-    (problem,) = inspect(desk).findings
-    assert problem.severity is Severity.PROBLEM
-    assert "2.2.11" in problem.what and "2.2.12" in problem.what and "update" in problem.remedy
-
-
-def test_a_handle_that_reports_by_itself(desk):
-    desk.eeprom[handle_encoder.EEPROM_REPORT_FREQUENCY_LOW] = 100
-    desk.eeprom[handle_encoder.EEPROM_REPORT_FREQUENCY_HIGH] = 0xFF
-    (problem,) = inspect(desk).findings
-    assert "100 Hz" in problem.what and problem.remedy == "yam-handle report --channel can_x 0"
-    assert desk.eeprom[handle_encoder.EEPROM_REPORT_FREQUENCY_LOW] == 100  # and is left to
-
-
-def test_a_trigger_with_a_wrong_zero(desk):
     desk.handle_data = handle_encoder.encode_report(-2.0, 0.0, (False, True))
     section = inspect(desk)
-    (problem,) = section.findings
-    assert problem.severity is Severity.PROBLEM and "-2.000 rad" in problem.what
-    assert "yam-handle zero --channel can_x" in problem.remedy
+    old, talks, turned = section.findings
+    assert all(problem.severity is Severity.PROBLEM for problem in section.findings)
+    assert "2.2.11" in old.what and "2.2.12" in old.what and "update" in old.remedy
+    assert "100 Hz" in talks.what and talks.remedy == "yam-handle report --channel can_x 0"
+    assert desk.eeprom[low] == 100  # and is left to
+    assert "-2.000 rad" in turned.what and "yam-handle zero --channel can_x" in turned.remedy
     assert section.rows[0]["buttons"] == [0, 1]
 
 

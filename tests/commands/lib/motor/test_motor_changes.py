@@ -10,7 +10,6 @@ import pytest
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench
 from lerobot_robot_yam.commands.lib.motor.motor_changes import apply, set_id, store_motors
-from lerobot_robot_yam.commands.lib.motor.motor_dump import load_dump
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import BusError, MotorError
@@ -61,13 +60,6 @@ def test_one_motor_that_refuses_leaves_all_as_they_were(desk, bench):
     assert held(desk) == [100.0] * 7 and desk.stored == []
 
 
-def test_one_motor_that_does_not_store_leaves_the_rest_as_they_were(desk, bench):
-    desk.unconfirmed = {3}
-    with pytest.raises(MotorError, match="motor 3 did not confirm .* Stored before that: joint_1, joint_2. The other"):
-        apply(YES, bench, dict.fromkeys(range(1, 8), HOT), "write", store_too=True)
-    assert held(desk) == [90.0] * 3 + [100.0] * 4 and desk.stored == [1, 2, 3]
-
-
 def test_ctrl_c_waits_for_the_end_and_the_end_is_told(desk, bench, capsys):
     desk.interrupts = True
     with pytest.raises(KeyboardInterrupt):
@@ -93,19 +85,6 @@ def test_a_terminal_that_is_closed_meanwhile_stops_nothing_half_way(desk, bench,
     with contextlib.suppress(OSError):
         apply(YES, bench, dict.fromkeys(range(1, 8), HOT), "write", store_too=True)
     assert set(desk.stored) == set(range(1, 8))
-
-
-def test_what_was_there_is_kept_until_it_has_gone_well(desk, bench, tmp_path):
-    home = tmp_path / "yam-motors"
-    desk.unconfirmed = {3}
-    with pytest.raises(MotorError) as failed:
-        apply(YES, bench, {2: HOT, 3: HOT}, "write", store_too=True)
-    (kept,) = home.iterdir()
-    assert str(kept) in str(failed.value)
-    assert [held[Register.OT_VALUE] for held in load_dump(kept).values()] == [100.0, 100.0]
-    desk.unconfirmed = set()
-    apply(YES, bench, {1: HOT, 3: {Register.OT_VALUE: 95.0}}, "write", store_too=True)
-    assert [*home.iterdir()] == [kept]
 
 
 def test_an_adapter_that_goes_leaves_the_person_knowing_which_motors_were_changed(desk, bench):

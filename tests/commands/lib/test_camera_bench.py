@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lerobot_robot_yam.cameras.exposure_search import (
+from lerobot_robot_yam.commands.lib.camera_bench import (
     CLOSE,
     MOST_CLIPPED,
     MOST_TRIES,
