@@ -4,6 +4,7 @@ The dry run, the simulator and the real arm all plan here, so that a preview sho
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -28,16 +29,13 @@ def move_j(
     pose: Numbers | None = None,
     *,
     rel: bool = False,
-    speed: float = 0.0,
-    accel: float = 1.0,
-    duration: float | None = 0.0,
+    **pace: Any,
 ) -> Plan:
     """Plan a move of the joints from start_q (n,) rad, to angles (deg) or to a pose of the tool (mm, deg).
 
     Args:
         rel: the numbers are relative to the start.
-        speed, accel: shares 0 … 1 of the limits.
-        duration: s; above 0 it replaces the speed.
+        pace: speed, accel, duration; see `Planner.joints`.
 
     Raises:
         PlanError: neither or both are given, or see `Planner.joints`.
@@ -48,27 +46,18 @@ def move_j(
         target = planner.inverse(commanded(planner.pose(start_q), pose, rel=rel), start_q)
     else:
         target = np.radians(numbers("angles", angles, len(start_q))) + (start_q if rel else 0.0)
-    return planner.joints(start_q, target, speed=speed, accel=accel, duration_s=duration or 0.0)
+    return planner.joints(start_q, target, **pace)
 
 
 def move_l(
-    planner: Planner,
-    start_q: np.ndarray,
-    pose: Numbers,
-    *,
-    frame: str = "WRF",
-    rel: bool = False,
-    speed: float = 0.0,
-    accel: float = 1.0,
-    duration: float | None = 0.0,
+    planner: Planner, start_q: np.ndarray, pose: Numbers, *, frame: str = "WRF", rel: bool = False, **pace: Any
 ) -> Plan:
     """Plan a straight line of the tool from start_q (n,) rad to a pose (mm, deg); arguments as for `move_j`.
 
     Raises:
         PlanError: see `Planner.line`.
     """
-    target = commanded(planner.pose(start_q), pose, frame, rel)
-    return planner.line(start_q, target, speed=speed, accel=accel, duration_s=duration or 0.0)
+    return planner.line(start_q, commanded(planner.pose(start_q), pose, frame, rel), **pace)
 
 
 def pause(start_q: np.ndarray, seconds: float) -> Plan:

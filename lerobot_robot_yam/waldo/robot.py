@@ -3,6 +3,13 @@
 Making a `Robot` opens no socket and starts nothing. `start` starts a controller, which energises nothing.
 """
 
+import dataclasses
+import json
+import os
+import signal
+import socket
+import sys
+import time
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
@@ -20,13 +27,14 @@ from waldoctl import (
     PositionLimits,
 )
 
-from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.errors import ControllerError, YamError
+from lerobot_robot_yam.session.runners import LAND_TIMEOUT_S
 from lerobot_robot_yam.waldo.arm_choice import ArmChoice, tip
 from lerobot_robot_yam.waldo.arm_model import ArmModel
 from lerobot_robot_yam.waldo.client.async_client import AsyncRobotClient
 from lerobot_robot_yam.waldo.client.dry_run_client import DryRunClient
 from lerobot_robot_yam.waldo.client.sync_client import RobotClient
-from lerobot_robot_yam.waldo.launching import LaunchedController
 from lerobot_robot_yam.waldo.planning.motion_plan import (
     JOG_SHARE,
     LINE_ACCELERATION_M_S2,
@@ -38,7 +46,11 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.poses import FRAMES, from_vector, to_vector
 from lerobot_robot_yam.waldo.program import PROFILES
 from lerobot_robot_yam.waldo.tool_catalog import YamTools, model_of, tools_of
-from lerobot_robot_yam.waldo.wire import HOST, PORT, ask_once
+from lerobot_robot_yam.waldo.wire import ANSWER_S, HOST, PORT, ask_once
+
+_CONTROLLER = "lerobot_robot_yam.waldo.controller.controller_process"
+_LOOK_S = 0.05  # between two looks at a controller that starts or ends
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Robot(waldoctl.Robot):
@@ -69,7 +81,8 @@ class Robot(waldoctl.Robot):
         self._choice = ArmChoice(arm or choice.arm, gripper or choice.gripper)
         self._hardware = self._choice.resolved()
         self._planner = Planner(self._hardware)
-        self._launched: LaunchedController | None = None
+        self._controller: int | None = None  # process that this one, `_owner`, has started
+        self._owner = 0
 
     @property
     def name(self) -> str:
@@ -156,6 +169,9 @@ class Robot(waldoctl.Robot):
     def start(self, **kwargs: Any) -> None:
         """Start a controller and wait until it answers; it ends with this process. Energises nothing.
 
+        Commander forks workers at the same time. `subprocess.Popen` waits for the end of a pipe that such a worker may
+        keep open for ever; `posix_spawn` does not.
+
         Args:
             kwargs: host, port; com_port, the CAN channel of the real arm or ''; timeout, s.
 
@@ -164,13 +180,58 @@ class Robot(waldoctl.Robot):
         """
         host, port = kwargs.get("host", HOST), int(kwargs.get("port", PORT))
         channel, timeout_s = kwargs.get("com_port") or "", float(kwargs.get("timeout", 60.0))
-        self._launched = LaunchedController(host, port, self._choice, channel, timeout_s)
+        if _serves(host, port):
+            raise ControllerError(f"somebody serves {host}:{port} already; end that, or choose another port")
+        self._owner = os.getpid()
+        arguments = ["--host", host, "--port", str(port), "--parent", str(self._owner)]
+        if channel:
+            config = ArmConfig(channel=channel, name=channel, arm=self._choice.arm, gripper=self._choice.gripper)
+            arguments += ["--arm-config", json.dumps(dataclasses.asdict(config))]
+        self._controller = os.posix_spawn(
+            sys.executable,
+            [sys.executable, "-P", "-m", _CONTROLLER, *arguments],
+            {**os.environ, **self._choice.environment()},
+            file_actions=[(os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0), (os.POSIX_SPAWN_DUP2, 2, 1)],
+            setsid=True,
+            setsigmask=[],
+            setsigdef=_SIGNALS,
+        )
+        deadline = time.monotonic() + timeout_s
+        while (ask_once(host, port, "ping") or {}).get("pid") != self._controller:
+            if self._ended():
+                raise ControllerError(f"the controller for {host}:{port} ended at its start; see its message above")
+            if time.monotonic() > deadline:
+                self.stop()
+                raise ControllerError(f"the controller for {host}:{port} did not come up within {timeout_s:g} s")
+            time.sleep(_LOOK_S)
+
+    def _ended(self) -> bool:
+        """Return whether no controller of this object runs."""
+        if self._controller is not None:
+            try:
+                ended = os.waitpid(self._controller, os.WNOHANG)[0] == self._controller
+            except ChildProcessError:  # the host has reaped it
+                ended = True
+            self._controller = None if ended else self._controller
+        return self._controller is None
 
     def stop(self) -> None:
-        """End the controller that this object has started, if any; an armed arm lands first."""
-        launched, self._launched = self._launched, None
-        if launched is not None:
-            launched.stop()
+        """End the controller that this object has started, if any, after it has landed the arm.
+
+        Idempotent; does nothing in a forked child.
+
+        Raises:
+            ControllerError: the arm is not down yet.
+        """
+        if os.getpid() != self._owner or self._ended():
+            return
+        assert self._controller is not None
+        os.kill(self._controller, signal.SIGTERM)
+        deadline = time.monotonic() + LAND_TIMEOUT_S
+        while not self._ended():
+            if time.monotonic() > deadline:
+                raise ControllerError("the arm is not down yet; its controller goes on landing it by itself")
+            time.sleep(_LOOK_S)
 
     def is_available(self, **kwargs: Any) -> bool:
         """Return whether a controller of this arm answers."""
@@ -189,3 +250,12 @@ class Robot(waldoctl.Robot):
     def create_dry_run_client(self, **kwargs: Any) -> DryRunClient:
         """Make a client that plans and moves nothing."""
         return DryRunClient(**kwargs)
+
+
+def _serves(host: str, port: int) -> bool:
+    """Return whether the port is taken."""
+    try:
+        socket.create_connection((host, port), ANSWER_S).close()
+    except OSError:
+        return False
+    return True

@@ -149,7 +149,7 @@ def test_no_teleport_reaches_a_motor(rig, desk):
             tried(desk, "teleport", {"angles_deg": angles, "tool_positions": [numbers.random()]})
             tried(desk, "simulator", {"enabled": mode})
             tried(desk, "teleport", {"angles_deg": angles})
-            setpoints.append(desk.real.published().setpoints)
+            setpoints.append(desk.real.client.published().setpoints)
     with pytest.raises(ControllerError, match="commands move the real arm now; nothing moves"):
         desk.ask("simulator", enabled=False)
         desk.ask("teleport", angles_deg=[0, 60, 60, -29, 0, 0])
@@ -233,7 +233,7 @@ def test_a_hand_moves_the_arm_while_it_floats_and_it_holds_there(rig, desk):
     desk.run(0.2)
     desk.ask("simulator", enabled=True)  # which ends it, too
     desk.run(0.2)
-    assert desk.real.published().mode is Mode.HOLD
+    assert desk.real.client.published().mode is Mode.HOLD
 
 
 @pytest.mark.long

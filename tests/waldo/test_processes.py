@@ -3,7 +3,6 @@
 import contextlib
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -19,10 +18,12 @@ from lerobot_robot_yam.waldo.wire import ask_once, ask_operator_door, door_path
 from scripts import recorders
 from tests.support.paths import ROOT
 from tests.support.rigged import STOPS, arm_on
+from tests.support.waiting import wait
+from tests.waldo.conformance import HOST, free_port
 
 pytestmark = [pytest.mark.long, pytest.mark.alone, pytest.mark.usefixtures("waldoctl")]
 
-HOST, ARM = "127.0.0.1", "follower_left"
+ARM = "follower_left"
 POSE = [0.1, 0.9, 0.9, -0.3, 0.1, 0.1]
 STILL_RAD_S = np.radians(20.0)
 _JOGGER = """
@@ -62,12 +63,6 @@ def rig(live):
     return live
 
 
-def free_port():
-    with socket.socket() as taken:
-        taken.bind((HOST, 0))
-        return taken.getsockname()[1]
-
-
 @contextlib.contextmanager
 def started(*command):
     """A process; it is killed in the end."""
@@ -82,13 +77,6 @@ def environment():
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "tests" / "waldo" / "stub"), str(ROOT)])}
 
 
-def until(condition, within_s=30.0):
-    deadline = time.monotonic() + within_s
-    while not condition():
-        assert time.monotonic() < deadline, "it does not come"
-        time.sleep(0.02)
-
-
 @contextlib.contextmanager
 def controller(rig, tmp_path):
     """`yam-waldo` for the arm on the rig, which is not armed; its port, and the process. It lands in the end."""
@@ -97,7 +85,7 @@ def controller(rig, tmp_path):
     options = ["--hardware", "--channel", ARM, "--rig", rig.name, "--gripper", "linear_4310", "--no-page"]
     command = ["-m", "lerobot_robot_yam.commands.pages.waldo", *options, "--calibration", tmp_path / "stops.json"]
     with started(*command, "--port", port) as process:
-        until(lambda: ask_once(HOST, port, "ping") or process.poll() is not None)
+        wait(lambda: ask_once(HOST, port, "ping") or process.poll() is not None, 30.0)
         try:
             yield port, process
         finally:
@@ -128,7 +116,7 @@ def enabled(rig):
 
 def test_a_jogging_script_that_is_killed_leaves_the_arm_standing(rig, tmp_path):
     with driving(rig, tmp_path) as (rbt, port, _), started("-c", _JOGGER, port) as script:
-        until(lambda: max(np.abs(rbt.joint_speeds())) > 3.0)
+        wait(lambda: max(np.abs(rbt.joint_speeds())) > 3.0)
         script.kill()
         time.sleep(0.5)
         held = true_q(rig)
@@ -152,11 +140,11 @@ def test_a_page_that_is_killed_leaves_the_arm_held(rig, tmp_path):
 def test_a_controller_that_is_killed_in_a_move_leaves_an_arm_that_lands(rig, tmp_path):
     with driving(rig, tmp_path) as (rbt, port, process):
         rbt.move_j([60, 60, 60, -20, 0, 0], speed=0.3)
-        until(lambda: max(np.abs(rbt.joint_speeds())) > 10.0)
+        wait(lambda: max(np.abs(rbt.joint_speeds())) > 10.0)
         recorders.watch_start(rig, ARM)
         process.kill()
         door_path(port).unlink()  # else the next controller on this port replaces it
-        until(lambda: not any(enabled(rig)))
+        wait(lambda: not any(enabled(rig)), 30.0)
         seen = recorders.watch(rig, ARM)
         assert max(seen["max_speed_rad_s"][:6]) < 1.2 * LANDING_SPEED_RAD_S
         landed = true_q(rig)
@@ -188,7 +176,7 @@ def test_an_arm_that_another_program_drives_cannot_be_armed_and_the_reverse(rig,
 def test_a_controller_in_simulator_mode_ends_with_its_host():
     port = free_port()
     with started("-c", _HOST, port) as host:
-        until(lambda: ask_once(HOST, port, "ping"))
+        wait(lambda: ask_once(HOST, port, "ping"))
         pid = ask_once(HOST, port, "ping")["pid"]
         host.kill()
-        until(lambda: not os.path.exists(f"/proc/{pid}"), 10.0)
+        wait(lambda: not os.path.exists(f"/proc/{pid}"), 10.0)

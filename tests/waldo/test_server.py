@@ -15,16 +15,10 @@ from lerobot_robot_yam.waldo.controller.controller import Controller
 from lerobot_robot_yam.waldo.controller.controller_process import operator_acts
 from lerobot_robot_yam.waldo.wire import MOST_BYTES, ask_operator_door, door_path
 from tests.support.pages import block
+from tests.waldo.conformance import HOST, free_port
 
-HOST = "127.0.0.1"
 HOME = [0, 60, 60, -29, 0, 0]
 pytestmark = pytest.mark.usefixtures("waldoctl")
-
-
-def free_port():
-    with socket.socket() as taken:
-        taken.bind((HOST, 0))
-        return taken.getsockname()[1]
 
 
 async def broken():

@@ -14,10 +14,6 @@ from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, encode
 
 _AGAIN_S = 0.2  # wait before the stream connects again
 _VARIANT = {"variant_key": ""} if "variant_key" in getattr(ToolStatus, "__dataclass_fields__", {}) else {}
-_PLAIN = (
-    "action_current action_params executing_index completed_index last_checkpoint tcp_speed simulator_active "
-    "collision_active scene_epoch homed enabled link_health drive_health loop_health homing freedrive session_id"
-).split()
 
 
 class ControllerMode(IntEnum):
@@ -45,15 +41,16 @@ class StatusBuffer:
 
     def write(self, message: dict[str, Any]) -> None:
         """Copy a status from a message of the wire."""
-        for name in ("pose", "angles", "speeds", "torques", "io", "joint_en"):
-            getattr(self, name)[:] = message[name]
+        for name, value in message.items():
+            held = getattr(self, name, None)
+            if isinstance(held, np.ndarray):
+                held[:] = value
+            elif name not in ("tool", "cart_en"):
+                setattr(self, name, value)
         for frame in FRAMES:
             self.cart_en[frame][:] = message["cart_en"][frame]
-        for name in _PLAIN:
-            setattr(self, name, message[name])
         self.warnings = [tuple(warning) for warning in message["warnings"]]
         self.error = None if message["error"] is None else tuple(message["error"])
-        self.collision_pairs = [tuple(pair) for pair in message["collision_pairs"]]
         self.action_state = ActionState(message["action_state"])
         self.mode = ControllerMode.SIMULATOR if message["simulator_active"] else ControllerMode.ROBOT
         tool = dict(message["tool"])

@@ -66,11 +66,6 @@ class Controller:
         return self.plant is self.simulated
 
     @property
-    def enabled(self) -> bool:
-        """Whether it accepts commands that move."""
-        return not (self.stopped or self.fault or self.floats)
-
-    @property
     def floats(self) -> bool:
         """Whether the real arm floats for a hand, instead of following commands."""
         return not self.in_simulator and not self.fault and self.real is not None and self.real.floats
@@ -80,14 +75,19 @@ class Controller:
         """Whether there is a real arm that was armed and may be driven."""
         return self.real is not None and self.real.armed and not self.real.trouble()
 
-    def check_enabled(self) -> None:
-        """Raise ControllerError, with the reason, if no commands are accepted."""
+    @property
+    def refusal(self) -> str:
+        """Why no commands that move are accepted; empty if they are."""
         if self.fault:
-            raise ControllerError(f"the arm has failed, and holds as far as it can: {self.fault}")
+            return f"the arm has failed, and holds as far as it can: {self.fault}"
         if self.stopped:
-            raise ControllerError("an e-stop is latched: the arm holds and takes no commands until reset (resume)")
-        if self.floats:
-            raise ControllerError("the arm floats, so that a hand can move it: freedrive(False) ends that")
+            return "an e-stop is latched: the arm holds and takes no commands until reset (resume)"
+        return "the arm floats, so that a hand can move it: freedrive(False) ends that" if self.floats else ""
+
+    def check_enabled(self) -> None:
+        """Raise ControllerError if no commands are accepted."""
+        if self.refusal:
+            raise ControllerError(self.refusal)
 
     def tick(self) -> None:
         """Advance the set-point, and have the plant follow; hold when the plant fails."""

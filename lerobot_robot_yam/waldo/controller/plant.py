@@ -222,7 +222,3 @@ class RealArm:
         self._taking()
         self.client.float()
         self.floats = True
-
-    def published(self) -> ArmState:
-        """Return the last published state. Raises YamError: not armed."""
-        return self.client.published()

@@ -115,7 +115,7 @@ class StatusReport:
             "collision_pairs": [],
             "scene_epoch": self._settings.scene_epoch,
             "homed": True,  # the motors know their angles
-            "enabled": controller.enabled,
+            "enabled": not controller.refusal,
             "warnings": warnings,
             "link_health": {},
             "drive_health": self._drives(),
@@ -158,7 +158,7 @@ class StatusReport:
         if self._controller.in_simulator or real is None:
             return {}
         try:
-            state = real.published()
+            state = real.client.published()
         except YamError:
             return {}
         return {

@@ -8,9 +8,9 @@ goes on only while the pose at which it would come to rest is free. Near a singu
 that have to turn fast. At the end of the reach it stops.
 """
 
-from collections.abc import Mapping
-from numbers import Real
-from typing import Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -44,20 +44,23 @@ State = tuple[np.ndarray, np.ndarray]
 """A set-point (n,) rad and its speed (n,) rad/s."""
 
 
-class Stream(Protocol):
+class Stream(ABC):
     """A command that moves the set-point tick by tick, until it rests."""
 
+    @abstractmethod
     def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> State:
-        """Return the set-point one tick of dt_s later."""
+        """Return the set-point (n,) rad and its speed (n,) rad/s one tick of dt_s later."""
 
-    def renewed_by(self, newer: "Stream") -> bool:
-        """Take over the end of a newer command of the same motion; return False for another motion."""
-
+    @abstractmethod
     def ended(self, now_s: float) -> bool:
         """Return whether it is over once the set-point rests."""
 
+    def renewed_by(self, newer: "Stream") -> bool:
+        """Take over the end of a newer command of the same motion; return False for another motion."""
+        return False
 
-class Play:
+
+class Play(Stream):
     """A plan that is played from the first tick on."""
 
     def __init__(self, plan: Plan):
@@ -69,26 +72,44 @@ class Play:
             return self._plan.q[-1], np.zeros(len(q))
         return self._plan.at(self._t_s)
 
-    def renewed_by(self, newer: Stream) -> bool:
-        """Return False, as a newer target is another way."""
-        return False
-
     def ended(self, now_s: float) -> bool:
         return self._t_s >= self._plan.duration_s
 
 
-class JointJog:
-    """Jog of joints; renewed while a button is held.
+class Jog(Stream):
+    """A jog for `duration_s` from `now_s` on, which is renewed while a button is held.
 
     Args:
         planner: the arm's.
-        speeds: joint, from 0 → signed share −1 … 1 of the jog speed.
-        now_s, duration_s: begin and duration.
-        accel: share 0 … 1 of the acceleration limit, for speeding up; it always brakes with all of it.
+        parts: signed shares −1 … 1 of the speed of each joint (n,) or axis (6,).
+        accel: share 0 … 1 of the acceleration limits, for speeding up; it always brakes with all of them.
 
     Raises:
         PlanError: malformed.
     """
+
+    _in_tool = False
+
+    def __init__(self, planner: Planner, parts: np.ndarray, now_s: float, duration_s: float, accel: float):
+        self._planner, self._shares, self._blocked = planner, parts, False
+        self._from_s, self._until_s = now_s, now_s + _duration(duration_s)
+        self._accel = shares(1.0, accel, 0.0)[1]
+
+    def renewed_by(self, newer: Stream) -> bool:
+        """See `Stream`. An obstacle to this jog also stops its renewal; one that has ended is not renewed."""
+        if not (isinstance(newer, Jog) and type(newer) is type(self) and newer._from_s <= self._until_s):
+            return False
+        if newer._in_tool != self._in_tool or not np.array_equal(newer._shares, self._shares):
+            return False
+        self._until_s, self._accel = newer._until_s, newer._accel
+        return True
+
+    def ended(self, now_s: float) -> bool:
+        return now_s >= self._until_s
+
+
+class JointJog(Jog):
+    """Jog of joints. speeds: joint, from 0 → signed share −1 … 1 of the jog speed; others as for `Jog`."""
 
     def __init__(
         self,
@@ -98,25 +119,11 @@ class JointJog:
         duration_s: float = JOG_S,
         accel: float = 1.0,
     ):
-        self._planner, self._shares, self._blocked = planner, np.zeros(len(planner.lower)), False
-        for joint, speed in speeds.items():
-            if not (isinstance(joint, Real) and joint in range(len(self._shares))):
-                raise PlanError(f"there is no joint {joint!r}; joints are 0 to {len(self._shares) - 1}")
-            self._shares[int(joint)] = _signed_share(speed)
-        self._from_s, self._until_s = now_s, now_s + _duration(duration_s)
-        self._accel = shares(1.0, accel, 0.0)[1]
-
-    def renewed_by(self, newer: Stream) -> bool:
-        """See `Stream`. An obstacle to this jog also stops its renewal."""
-        if not (isinstance(newer, JointJog) and np.array_equal(newer._shares, self._shares)):
-            return False
-        return _renew(self, newer)
-
-    def ended(self, now_s: float) -> bool:
-        return now_s >= self._until_s
+        joints = range(len(planner.lower))
+        parts = _parts("joint", joints, f"joints are 0 to {joints[-1]}", speeds)
+        super().__init__(planner, parts, now_s, duration_s, accel)
 
     def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> State:
-        """Return the set-point (n,) rad and its speed (n,) rad/s one tick later."""
         limits = self._planner.limits
         if now_s < self._until_s and not self._blocked:
             there = self._towards(JOG_SHARE * limits.speed * self._shares, q, dq, dt_s)
@@ -136,19 +143,13 @@ class JointJog:
         return q + speed * dt, speed
 
 
-class LineJog:
-    """Jog of the tool; renewed while a button is held.
+class LineJog(Jog):
+    """Jog of the tool; others as for `Jog`.
 
     Args:
-        planner: the arm's.
         frame: frame of the axes: the base's or the tool's.
         speeds: axis → signed share −1 … 1 of the tool's speed limit along or about it.
         start: the present set-point.
-        now_s, duration_s: begin and duration.
-        accel: share 0 … 1 of the acceleration limits, for speeding up; it always brakes with all of them.
-
-    Raises:
-        PlanError: malformed.
     """
 
     def __init__(
@@ -161,14 +162,9 @@ class LineJog:
         duration_s: float = JOG_S,
         accel: float = 1.0,
     ):
-        self._planner, self._in_tool, self._shares = planner, check_frame(frame) == "TRF", np.zeros(len(AXES))
-        for axis, speed in speeds.items():
-            if axis not in AXES:
-                raise PlanError(f"there is no axis {axis!r}; axes are {', '.join(AXES)}")
-            self._shares[AXES.index(axis)] = _signed_share(speed)
-        self._from_s, self._until_s = now_s, now_s + _duration(duration_s)
-        self._accel = shares(1.0, accel, 0.0)[1]
-        self._blocked = self._off_line = False
+        self._in_tool = check_frame(frame) == "TRF"
+        super().__init__(planner, _parts("axis", AXES, f"axes are {', '.join(AXES)}", speeds), now_s, duration_s, accel)
+        self._off_line = False
         self._begin(*start)
 
     def _begin(self, q: np.ndarray, dq: np.ndarray) -> None:
@@ -176,17 +172,7 @@ class LineJog:
         self._twist = self._planner.kinematics.twist(q, dq)
         self._brake_ease = 1.0  # ease at which the pose at rest was free
 
-    def renewed_by(self, newer: Stream) -> bool:
-        """See `JointJog.renewed_by`."""
-        if not (isinstance(newer, LineJog) and newer._in_tool == self._in_tool):
-            return False
-        return np.array_equal(newer._shares, self._shares) and _renew(self, newer)
-
-    def ended(self, now_s: float) -> bool:
-        return now_s >= self._until_s
-
     def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> State:
-        """Return the set-point (n,) rad and its speed (n,) rad/s one tick later."""
         if self._off_line:
             return self._brake(q, dq, dt_s)
         if now_s < self._until_s and not self._blocked:
@@ -257,12 +243,14 @@ class LineJog:
         return there, speed
 
 
-def _renew(jog: JointJog | LineJog, newer: JointJog | LineJog) -> bool:
-    """Give a jog the end of a newer one of the same motion; return False if it had ended before."""
-    if newer._from_s > jog._until_s:
-        return False
-    jog._until_s, jog._accel = newer._until_s, newer._accel
-    return True
+def _parts(what: str, names: Sequence[Any], known: str, speeds: Mapping[Any, float]) -> np.ndarray:
+    """Return the shares of all `names` (k,), 0 for those without a speed. Raises PlanError: unknown, or no share."""
+    parts = np.zeros(len(names))
+    for name, speed in speeds.items():
+        if name not in names:
+            raise PlanError(f"there is no {what} {name!r}; {known}")
+        parts[names.index(name)] = _signed_share(speed)
+    return parts
 
 
 def _signed_share(speed: float) -> float:

@@ -127,7 +127,7 @@ class Planner:
         *,
         speed: float = 0.0,
         accel: float = 1.0,
-        duration_s: float = 0.0,
+        duration: float | None = 0.0,
         start_dq: np.ndarray | None = None,
     ) -> Plan:
         """Plan a move of the joints: from rest on a straight line in joint space.
@@ -136,12 +136,13 @@ class Planner:
             start_q: (n,) the set-point.
             target_q: (n,).
             speed, accel: shares 0 … 1 of the limits; a speed of 0 is `motion_plan.DEFAULT_SPEED`.
-            duration_s: above 0 it replaces `speed`.
+            duration: s; above 0 it replaces `speed`.
             start_dq: (n,) rad/s of a set-point that moves; None for one at rest.
 
         Raises:
             PlanError: malformed, beyond a limit, too fast, or blocked.
         """
+        duration_s = duration or 0.0
         target, limits = self.within(target_q), self.limits.scaled(*shares(speed, accel, duration_s))
         resting = np.zeros(len(target))
         plan = motion_plan.move(start_q, resting if start_dq is None else start_dq, target, limits, duration_s)
@@ -157,17 +158,18 @@ class Planner:
         *,
         speed: float = 0.0,
         accel: float = 1.0,
-        duration_s: float = 0.0,
+        duration: float | None = 0.0,
     ) -> Plan:
         """Plan a move of the tool's tip along a straight line, turning evenly; from rest.
 
         Args:
             target: (4, 4).
-            speed, accel, duration_s: as for `joints`; the speed also scales the tool's limits.
+            speed, accel, duration: as for `joints`; the speed also scales the tool's limits.
 
         Raises:
             PlanError: malformed, out of reach or through a singularity somewhere on the line, too fast, or blocked.
         """
+        duration_s = duration or 0.0
         share = shares(speed, accel, duration_s)
         line = Line.between(self.pose(start_q), target)
         length, turn = line.size
@@ -177,9 +179,9 @@ class Planner:
         self._check_clear(path.q)
         return timed(path, line, self.limits, share, duration_s, self._names)
 
-    def home(self, start_q: np.ndarray, *, speed: float = 0.0, accel: float = 1.0) -> Plan:
+    def home(self, start_q: np.ndarray) -> Plan:
         """Plan a move of the joints to `home_q`, as `joints` does."""
-        return self.joints(start_q, self.home_q, speed=speed, accel=accel)
+        return self.joints(start_q, self.home_q)
 
     def stop(self, q: np.ndarray, dq: np.ndarray) -> Plan:
         """Plan from a set-point (n,) that moves with dq (n,) rad/s to rest, braking harder than a move."""

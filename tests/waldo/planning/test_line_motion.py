@@ -115,9 +115,9 @@ def test_from_slightly_outside_a_limit_a_line_may_lead_inwards_only():
 def test_a_duration_counts_in_place_of_the_speed():
     planner = planner_of()
     target = commanded(planner.pose(planner.home_q), [0, 0, 50, 0, 0, 0], rel=True)
-    assert planner.line(planner.home_q, target, speed=0.01, duration_s=4.0).duration_s == pytest.approx(4.0)
+    assert planner.line(planner.home_q, target, speed=0.01, duration=4.0).duration_s == pytest.approx(4.0)
     with pytest.raises(PlanError, match="takes at least"):
-        planner.line(planner.home_q, target, duration_s=0.1)
+        planner.line(planner.home_q, target, duration=0.1)
 
 
 def test_a_corner_is_rounded_within_its_radius():

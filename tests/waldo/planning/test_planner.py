@@ -37,9 +37,9 @@ def test_its_way_is_straight_and_the_same_at_any_speed(planner):
 
 def test_a_duration_counts_in_place_of_the_speed(planner):
     target = planner.home_q + 0.2
-    assert planner.joints(planner.home_q, target, speed=0.01, duration_s=3.0).duration_s == pytest.approx(3.0)
+    assert planner.joints(planner.home_q, target, speed=0.01, duration=3.0).duration_s == pytest.approx(3.0)
     with pytest.raises(PlanError, match="takes at least"):
-        planner.joints(planner.home_q, target, duration_s=0.05)
+        planner.joints(planner.home_q, target, duration=0.05)
 
 
 def test_the_very_number_of_a_limit_is_accepted(planner):
@@ -58,7 +58,7 @@ def test_the_very_number_of_a_limit_is_accepted(planner):
         ({"speed": -1.0}, "speed"),
         ({"speed": 1.5}, "speed"),
         ({"accel": np.nan}, "accel"),
-        ({"duration_s": np.inf}, "duration"),
+        ({"duration": np.inf}, "duration"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(planner, given, message):
