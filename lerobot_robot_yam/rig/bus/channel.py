@@ -20,7 +20,7 @@ from lerobot_robot_yam.rig.bus.link_state import BUS_OFF_FRAME_ID, Link, LinkSta
 from lerobot_robot_yam.rig.bus.whole_tick import WholeTick
 from lerobot_robot_yam.rig.devices import packets
 from lerobot_robot_yam.rig.devices.packets import Frame, Wire
-from lerobot_robot_yam.rig.devices.simulated_handle import SimEncoders, SimHandle
+from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 
 _BACKLOG_S = 0.05  # occupancy of the wire at which packets are lost, about that of a real adapter's full queue
@@ -174,13 +174,9 @@ class Channel:
             self._late = [item for item in self._late if item[0] > now_s]
             for frame in due:
                 self.emit(frame, now_s)
-        if isinstance(self.handle, SimEncoders):
+        if self.handle is not None:
             for report in self.handle.due_reports(now_s):
                 self.emit(report, now_s)
-        elif self.handle is not None and self.handle.report_period_s:
-            due_report = self.handle.due_report(now_s)
-            if due_report is not None:
-                self.emit(due_report, now_s)
         if self.foreign is not None:
             for _ in range(self.foreign.due(now_s)):
                 self._hear_foreign(self.foreign, now_s)
@@ -209,11 +205,8 @@ class Channel:
             if entry is None or entry[1]:
                 return ()
             motor, offset = entry[0], None
-        elif frame.id == REQUEST_ID and isinstance(self.handle, SimEncoders):
-            return self.handle.requests(frame.data)
         elif frame.id == REQUEST_ID and self.handle is not None:
-            reply = self.handle.request(frame.data)
-            return () if reply is None else (reply,)
+            return self.handle.requests(frame.data)
         else:
             return ()
         answers, twin = self._answers_of(motor, offset, frame.data, at_s), motor.twin

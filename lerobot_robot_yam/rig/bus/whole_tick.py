@@ -20,7 +20,6 @@ from lerobot_robot_yam.rig.devices.packets import Wire, send_time
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import AHEAD_S, SimMotor
 from lerobot_robot_yam.rig.devices.thermometer import PERIOD_S
-from lerobot_robot_yam.rig.world.shafts import Drive
 
 _LONG, _SHORT = 0xFFFF, 0xFFF  # steps of a frame's fields, see `codec`
 _SPECIAL = b"\xff" * 7  # first bytes of each special command
@@ -147,7 +146,6 @@ def _head(ident: int, length: int) -> int:
 
 def _row(motor: SimMotor) -> tuple[tuple[Any, ...], ...]:
     drive = motor.drive
-    assert isinstance(drive, Drive)
     first, last = drive.q[0], drive.q[1] if len(drive.q) > 1 else None
     p, v, t, kp, kd = motor.ranges
     status = (Fault.NORMAL << 4 | motor.can_id & 0xF) << 56

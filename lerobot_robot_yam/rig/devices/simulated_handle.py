@@ -38,6 +38,17 @@ class SimHandle:
         self._eeprom[7] = self._device
         self._eeprom[encoder.EEPROM_ADC_FREQUENCY_LOW] = encoder.ADC_FREQUENCY
 
+    def requests(self, data: bytes) -> list[Frame]:
+        """Return the answers of all speaking devices to a frame to 0x50E."""
+        return [answer for device in self._speaking() if (answer := device.request(data)) is not None]
+
+    def due_reports(self, now_s: float) -> list[Frame]:
+        """Return the periodic reports of all speaking devices that are due."""
+        return [report for device in self._speaking() if (report := device.due_report(now_s)) is not None]
+
+    def _speaking(self) -> "list[SimHandle]":
+        return [self]
+
     def request(self, data: bytes) -> Frame | None:
         """Answer a frame to 0x50E; None for settings and unknown requests."""
         if self.silent or len(data) < 2 or data[0] not in (self._device, encoder.ALL_DEVICES):
@@ -139,15 +150,6 @@ class SimEncoders(SimHandle):
             for device, (q, dq, sign) in enumerate(zip(addresses, dofs, signs, strict=True))
         ]
         self.silent_devices: frozenset[int] = frozenset()
-
-    def requests(self, data: bytes) -> list[Frame]:
-        """Return all devices' answers to a frame to 0x50E."""
-        answers = [device.request(data) for device in self._speaking()]
-        return [answer for answer in answers if answer is not None]
-
-    def due_reports(self, now_s: float) -> list[Frame]:
-        reports = [device.due_report(now_s) for device in self._speaking()]
-        return [report for report in reports if report is not None]
 
     def _speaking(self) -> list[SimHandle]:
         if self.silent:

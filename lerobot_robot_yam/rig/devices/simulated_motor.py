@@ -58,7 +58,7 @@ class SimMotor:
         self,
         row: ArmMotor | GripperMotor,
         zero_rad: float,
-        drive: Drive | LooseShaft,
+        drive: Drive,
         world: World,
         log: Callable[..., None],
         serial: int,

@@ -123,8 +123,7 @@ class SoftGrip:
 
     def take_hold(self, softness: Softness) -> None:
         """Begin to act, or continue with another mass, stiffness or damping."""
-        if softness.mass_kg != self._ballast.hand_kg:
-            self._ballast.hold(softness.mass_kg, FIST_M)
+        self._ballast.hold(softness.mass_kg, FIST_M)
         self._softness = softness
 
     def aim(self, q_rad: list[float], rates_rad_s: list[float]) -> None:

@@ -7,8 +7,7 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.rig.world.world import World
-
-_MASS_FIELDS = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "body_sameframe", "body_simple")
+from lerobot_robot_yam.rig.world.world_model import BALLAST
 
 
 class _Applied(NamedTuple):
@@ -111,58 +110,26 @@ def tool_bodies(world: World, channel: str) -> set[str]:
 class Ballast:
     """A payload and a person's hand at an arm's tool, which the profile, and so the driver's model, lacks.
 
-    Attributes:
-        hand_kg: mass of the hand that is fixed to the tool.
+    They are the mass of a body that `world_model` fixes to the tool, at its tcp frame.
     """
 
     def __init__(self, world: World, channel: str):
-        model = world.model
-        self._model = model
-        site = model.site(f"{channel}/tcp_site")
-        self._tool, self._point = int(site.bodyid[0]), site.pos.copy()
-        self._built = {field: getattr(model, field)[self._tool].copy() for field in _MASS_FIELDS}
-        self._payload_kg = self.hand_kg = self._fist_m = 0.0
+        self._model, self._body = world.model, world.model.body(f"{channel}/{BALLAST}").id
+        self._payload_kg = self._hand_kg = 0.0
 
     def carry(self, payload_kg: float) -> None:
         """Fix a point mass to the tool; 0 removes it."""
-        if payload_kg != self._payload_kg:
-            self._payload_kg = payload_kg
-            self._apply()
+        self._payload_kg = payload_kg
+        self._weigh()
 
     def hold(self, hand_kg: float, fist_m: float) -> None:
         """Fix a hand with the radius of gyration `fist_m` to the tool; 0 kg removes it."""
-        if hand_kg != self.hand_kg:
-            self.hand_kg, self._fist_m = hand_kg, fist_m
-            self._apply()
+        self._hand_kg = hand_kg
+        self._model.body_inertia[self._body] = hand_kg * fist_m**2
+        self._weigh()
 
-    def _apply(self) -> None:
-        model = self._model
-        for field, built in self._built.items():
-            getattr(model, field)[self._tool] = built
-        if self._payload_kg:
-            self._add_mass(self._payload_kg)
-        if self.hand_kg:
-            self._add_mass(self.hand_kg, self._fist_m)
-        mujoco.mj_setConst(model, mujoco.MjData(model))
-
-    def _add_mass(self, mass_kg: float, gyration_m: float = 0.0) -> None:
-        """Merge a ball at the tcp into mass, centre and inertia of the tool's body."""
-        model, body = self._model, self._tool
-        old_kg, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
-        rotation = np.empty(9)
-        mujoco.mju_quat2Mat(rotation, model.body_iquat[body])
-        axes = rotation.reshape(3, 3)
-        arm = self._point - centre
-        inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
-        inertia += old_kg * mass_kg / (old_kg + mass_kg) * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-        inertia += mass_kg * gyration_m**2 * np.eye(3)
-        moments, vectors = np.linalg.eigh(inertia)
-        vectors[:, 2] *= np.linalg.det(vectors)  # right-handed
-        model.body_mass[body] = old_kg + mass_kg
-        model.body_ipos[body] = centre + mass_kg / (old_kg + mass_kg) * arm
-        model.body_inertia[body] = moments
-        mujoco.mju_mat2Quat(model.body_iquat[body], vectors.ravel())
-        # The frames of the body, its shapes and its sites no longer coincide with that of the inertia.
-        model.body_sameframe[body] = model.body_simple[body] = 0
-        model.geom_sameframe[model.geom_bodyid == body] = 0
-        model.site_sameframe[model.site_bodyid == body] = 0
+    def _weigh(self) -> None:
+        model, mass_kg = self._model, self._payload_kg + self._hand_kg
+        if mass_kg != model.body_mass[self._body]:
+            model.body_mass[self._body] = mass_kg
+            mujoco.mj_setConst(model, mujoco.MjData(model))

@@ -80,20 +80,16 @@ class Drive:
         model.dof_solimp[self.v, :2] = FIRM_FRICTION if friction_nm else self._impedance
 
 
-class LooseShaft:
-    """A second arm's shaft, without gravity:  I ω̇ = clip(kp (u* − u) + kd (u̇* − ω) + tau) + load − b ω.
+class LooseShaft(Drive):
+    """A second arm's shaft, without gravity:  I ω̇ = clip(kp (u* − u) + kd (u̇* − ω) + tau) − b ω.
 
-    It has the methods of `Drive`, whose calls simulate it up to now. It starts at rest at `angle_rad`.
+    The world has no actuator for it: its calls simulate it up to now. It starts at rest at `angle_rad`.
     """
-
-    actuator = -1  # the world has no actuator for it
 
     def __init__(self, world: World, angle_rad: float, torque_max_nm: float):
         self._world, self._limit = world, torque_max_nm
         self._angle, self._rate, self._torque = angle_rad, 0.0, 0.0
         self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
-        self._load = self._friction = 0.0
-        self._jammed = False
         self._sim_s = world.sim_s
 
     def angle(self) -> float:
@@ -112,18 +108,6 @@ class LooseShaft:
         self._catch_up()
         self._command = (angle, velocity, kp, kd, torque)
 
-    def load(self, torque_nm: float) -> None:
-        self._catch_up()
-        self._load = torque_nm
-
-    def jam(self, jammed: bool) -> None:
-        self._catch_up()
-        self._jammed = jammed
-
-    def rub(self, friction_nm: float) -> None:
-        self._catch_up()
-        self._friction = friction_nm
-
     def _catch_up(self) -> None:
         step_s, now_s = self._world.timestep_s, self._world.sim_s
         if now_s - self._sim_s < 0.5 * step_s:
@@ -136,13 +120,10 @@ class LooseShaft:
         """Integrate implicitly in the velocity, as the world does."""
         angle, velocity, kp, kd, torque = self._command
         push, gain = kp * (angle - self._angle) + torque, step_s / _INERTIA_KG_M2
-        driven = self._rate + gain * (push + kd * velocity + self._load)
-        rate = driven / (1.0 + gain * (kd + _DAMPING_NM_S_RAD))
+        rate = (self._rate + gain * (push + kd * velocity)) / (1.0 + gain * (kd + _DAMPING_NM_S_RAD))
         self._torque = push + kd * (velocity - rate)
         if abs(self._torque) > self._limit:
             self._torque = math.copysign(self._limit, self._torque)
-            rate = (self._rate + gain * (self._torque + self._load)) / (1.0 + gain * _DAMPING_NM_S_RAD)
-        braked = gain * self._friction
-        rate = math.copysign(max(0.0, abs(rate) - braked), rate)
-        self._rate = 0.0 if self._jammed else rate
-        self._angle += self._rate * step_s
+            rate = (self._rate + gain * self._torque) / (1.0 + gain * _DAMPING_NM_S_RAD)
+        self._rate = rate
+        self._angle += rate * step_s

@@ -24,6 +24,7 @@ HAND_KP, HAND_KD = 200.0, 20.0  # Nm/rad, Nm s/rad of a firm grip on the leader'
 HAND_TORQUE_NM = 12.0  # limit of the operator's pull at a joint
 FIRM_FRICTION = 0.999  # solver impedance with which a braked shaft creeps by 5 mrad/s; 0.5 rad/s by default
 TABLE, FLAT = "table top", "flat thing"  # first words of materials whose textures the renderer draws (`render.shade`)
+BALLAST = "ballast"  # body at each arm's tcp whose mass `outer_forces.Ballast` sets; 0 at first
 _FLAT_M = 0.002  # things thinner than this show shadows as the table does
 _FLOOR_Z_M = -0.74  # with the table's top at z = 0
 _SHAPES = {"box": mujoco.mjtGeom.mjGEOM_BOX, "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER}
@@ -138,6 +139,8 @@ def _attach_arm(spec: mujoco.MjSpec, row: ArmPlacement, scene: Scene) -> None:
     own = build_spec(*built, load=load, physics=physics)
     if row.deviation is not None:
         _add_rubbing(own, row.deviation, arm.joint_count)
+    tcp = own.site("tcp_site")
+    tcp.parent.add_body(name=BALLAST, pos=tcp.pos, explicitinertial=True, mass=0.0, inertia=[0.0] * 3)
     spec.attach(own, prefix=f"{row.channel}/", frame=frame)
     for i, motor in enumerate(arm.motors):
         target = f"{row.channel}/joint{i + 1}"
