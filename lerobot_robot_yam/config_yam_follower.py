@@ -1,6 +1,14 @@
-"""LeRobot configs of one follower arm (`--robot.type=yam_follower`) and of two (`bi_yam_follower`)."""
+"""LeRobot configs of follower arms.
 
+yam_follower, bi_yam_follower    one arm, two arms
+yam_remote, bi_yam_remote        those of another computer
+yam_rig                          those that a rig's file describes (`--robot.type=yam_rig --robot.file=rig.yaml`)
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
 
 from lerobot.cameras.configs import CameraConfig
 from lerobot.robots.config import RobotConfig
@@ -8,8 +16,101 @@ from lerobot.robots.config import RobotConfig
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.devices.remote_device import RemoteOptions
 from lerobot_robot_yam.face.registration import register_as
-from lerobot_robot_yam.follower_options import FollowerOptions, refuse_follower
+from lerobot_robot_yam.system.rig_file import RIG_TYPE
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.session.arm_session import Isolation
+
+
+@dataclass(kw_only=True)
+class FollowerOptions(ABC):
+    """Options of the robot as a whole, one arm or two, of this computer or another one."""
+
+    cameras: dict[str, CameraConfig] = option(
+        "LeRobot cameras of any type (opencv, yam_realsense, yam_sim, …); those of one arm get left_ or right_ "
+        "in front",
+        factory=dict,
+    )
+    observe_velocity: bool = option("also observe joint_1.vel …, rad/s, and the gripper in strokes per second", False)
+    observe_torque: bool = option(
+        "also observe joint_1.torque …, Nm at the motor's output; LeRobot cannot roll out a policy that wants it", False
+    )
+    observe_temperature: bool = option(
+        "also observe joint_1.temp_mos and joint_1.temp_rotor …, °C; LeRobot cannot roll out a policy that wants them",
+        False,
+    )
+    use_degrees: bool = option(
+        "joints in degrees (and degrees per second) in observations and actions; grippers stay 0 … 1, options "
+        "keep their units",
+        False,
+    )
+    action_space: Literal["joint", "ee"] = option(
+        "joint: actions and observed positions are joint_1.pos …; ee: they are the tool's pose ee_x.pos …, m and "
+        "rad (docs/end-effector.md)",
+        "joint",
+    )
+    isolation: Literal["process", "thread", "lockstep"] = option(
+        "process runs the control loop in another process; thread is for debugging; lockstep is set by the "
+        "environment yam",
+        "process",
+    )
+
+    @abstractmethod
+    def arms(self) -> Mapping[str, ArmConfig]:
+        """Arms by feature prefix, in canonical order."""
+
+    def runs(self) -> "Isolation":
+        """Isolation of the control loop, see `ArmSession`."""
+        return self.isolation
+
+    def all_cameras(self) -> dict[str, CameraConfig]:
+        """Every camera by the name of its images in observations.
+
+        Raises:
+            ConfigError: two cameras have the same name, or one lacks its size or rate.
+        """
+        return dict(self.cameras)
+
+    def image_names(self) -> list[str]:
+        """Names of all images of an observation; depth is `<name>_depth`. Raises ConfigError, see `all_cameras`."""
+        names = []
+        for name, camera in self.all_cameras().items():
+            names += [name] * getattr(camera, "use_rgb", True) + [f"{name}_depth"] * getattr(camera, "use_depth", False)
+        return names
+
+    def action_keys(self) -> list[str]:
+        """Keys of an action, in canonical order. Raises ConfigError: unknown arm or gripper."""
+        from lerobot_robot_yam.face.devices import feature_names  # loads profiles: late, for a quick start
+
+        return feature_names.action_keys(self.arms(), self.action_space)
+
+    def state_keys(self) -> list[str]:
+        """Keys of all numbers of an observation: the keys of an action, then the optional ones."""
+        from lerobot_robot_yam.face.devices.feature_names import motors_of
+
+        return self.action_keys() + self.optional_keys(motors_of(self.arms()))
+
+    def optional_keys(self, motors: Sequence[str]) -> list[str]:
+        """Keys of the optional numbers that are switched on, of motors in canonical order."""
+        kinds = ["vel"] * self.observe_velocity + ["torque"] * self.observe_torque
+        kinds += ["temp_mos", "temp_rotor"] * self.observe_temperature
+        return [f"{motor}.{kind}" for kind in kinds for motor in motors]
+
+
+def refuse_follower(device: str, config: Any) -> None:
+    """Refuse a config from which no robot can be made. Raises RefusedConfigError."""
+    # imported late, to keep LeRobot's start quick
+    from lerobot_robot_yam.face.lerobot_command.command_checks import check_cli
+    from lerobot_robot_yam.face.lerobot_command.config_refusal import refuse
+
+    def check(_: Any) -> None:
+        RobotConfig.__post_init__(config)
+        joints_in_degrees = config.use_degrees and config.action_space == "joint"
+        check_cli(device, config.action_keys(), joints_in_degrees, config.image_names())
+
+    refuse(device, config, "follower", check)
 
 
 @dataclass(kw_only=True)
@@ -73,3 +174,49 @@ class BiYamFollowerConfig(RobotConfig, FollowerOptions):
 @register_as(RobotConfig, "bi_i2rt_yam_follower")
 class BiI2rtYamFollowerConfig(BiYamFollowerConfig):
     """The same by a name that no other plugin claims."""
+
+
+class _RemoteFollowers(RemoteOptions, FollowerOptions):
+    """Options of followers whose arms the host describes."""
+
+    def arms(self) -> Mapping[str, ArmConfig]:
+        return {prefix: ArmConfig(**options) for prefix, options in self.hosted.options.items()}
+
+
+@register_as(RobotConfig, "yam_remote")
+@dataclass(kw_only=True)
+class YamRemoteConfig(RobotConfig, _RemoteFollowers):
+    """One follower arm of another computer. `cameras` are this computer's."""
+
+    def __post_init__(self) -> None:
+        self.ask_host("robot", ("",))
+        refuse_follower("yam_remote", self)
+
+
+@register_as(RobotConfig, "bi_yam_remote")
+@dataclass(kw_only=True)
+class BiYamRemoteConfig(RobotConfig, _RemoteFollowers):
+    """Two follower arms of another computer. `cameras` are this computer's."""
+
+    def __post_init__(self) -> None:
+        self.ask_host("robot", ("left_", "right_"))
+        refuse_follower("bi_yam_remote", self)
+
+
+@register_as(RobotConfig, RIG_TYPE)
+@dataclass(kw_only=True)
+class YamRigConfig(RobotConfig):
+    """Making one gives the config that the file describes, of its own type. So LeRobot meets no robot of this type."""
+
+    file: str = option("the rig's file, as yam-setup writes it; its `robot` is taken")
+    options: dict[str, Any] = option("options laid over the file's, such as {use_degrees: true}", factory=dict)
+    arm_options: dict[str, Any] = option(
+        "options laid over those of each arm, such as {speed_limit_rad_s: 1.0}", factory=dict
+    )
+    cameras: bool = option("false: without the file's cameras", True)
+
+    def __new__(cls, **given: Any) -> RobotConfig:  # returns a config of the type in the file
+        # imported late, to keep LeRobot's start quick
+        from lerobot_robot_yam.face.lerobot_command.config_refusal import rig_device
+
+        return rig_device(RobotConfig, "robot", given)

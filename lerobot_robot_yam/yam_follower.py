@@ -1,6 +1,5 @@
-"""Follower arms as a LeRobot robot: one arm, two arms, and their common base class."""
+"""Follower arms as a LeRobot robot, of this computer or another one; data sets call both by the same names."""
 
-import inspect
 import logging
 import math
 from collections.abc import Mapping, Sequence
@@ -13,18 +12,24 @@ from lerobot.robots.robot import Robot
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
 from lerobot_robot_yam.arm.config_checks import check_switches
-from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, YamFollowerConfig
+from lerobot_robot_yam.config_yam_follower import (
+    BiYamFollowerConfig,
+    BiYamRemoteConfig,
+    FollowerOptions,
+    YamFollowerConfig,
+    YamRemoteConfig,
+)
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.datasets.recording import recorded_name
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance, guidance
 from lerobot_robot_yam.face.devices.images import ImageReader, beside_arms
+from lerobot_robot_yam.face.devices.remote_device import RemoteDevice
 from lerobot_robot_yam.face.recorder.episode_log import EpisodeLog
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.face.recorder.rehearsal import rehearse
 from lerobot_robot_yam.face.rl_stack import MotorBus
 from lerobot_robot_yam.face.session_desk import SessionDesk
-from lerobot_robot_yam.follower_options import FollowerOptions
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.clock import Clock
 
@@ -64,7 +69,7 @@ class FollowerBase(ArmDevice, Robot):
         self._coupled_s = -math.inf  # time at which a leader's action was passed on last
         self._extra_keys = options.optional_keys(self._arms.motors)
         self.bus = MotorBus(self._arms, self.send_action)  # for LeRobot's RL stack
-        self._episodes, self._desk = EpisodeLog(None), SessionDesk()
+        self._episodes, self._desk = EpisodeLog(), SessionDesk()
         self._guidance: HandGuidance | None = None
 
     @cached_property
@@ -98,8 +103,8 @@ class FollowerBase(ArmDevice, Robot):
             YamError: an arm cannot be driven.
             Exception: a camera cannot be opened; see its class.
         """
-        self._episodes = EpisodeLog(inspect.currentframe())
-        self._desk.begin(inspect.currentframe())
+        self._episodes.begin()
+        self._desk.begin()
         try:
             self._guidance = guidance()
             if self._guidance is not None:
@@ -156,7 +161,7 @@ class FollowerBase(ArmDevice, Robot):
             return self._images.read()[0]
 
         try:
-            rehearse(inspect.currentframe(), step)
+            rehearse(step)
         except Exception as error:
             logger.info("%s: begins without a rehearsal: %s", self, error)
 
@@ -209,7 +214,7 @@ class FollowerBase(ArmDevice, Robot):
         if self._extra_keys:
             observation.update(zip(self._extra_keys, self._extras(states), strict=True))
         observation.update(images)
-        self._episodes.observed(inspect.currentframe(), states, images)
+        self._episodes.observed(states, images)
         self._desk.observed()
         return observation
 
@@ -327,6 +332,18 @@ class BiYamFollower(FollowerBase):
 
     config_class = BiYamFollowerConfig
     name = "bi_yam_follower"
+
+
+class YamRemote(RemoteDevice, YamFollower):
+    """One YAM arm that another computer drives."""
+
+    config_class = YamRemoteConfig
+
+
+class BiYamRemote(RemoteDevice, BiYamFollower):
+    """Two YAM arms that another computer drives."""
+
+    config_class = BiYamRemoteConfig
 
 
 I2rtYamFollower, BiI2rtYamFollower = YamFollower, BiYamFollower  # LeRobot's lookup of the spare types' devices

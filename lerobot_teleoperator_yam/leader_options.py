@@ -162,6 +162,7 @@ def refuse_leader(device: str, config: Any) -> None:
     """Refuse a config from which no teleoperator can be made. Raises RefusedConfigError."""
     # loads profiles: imported late, to keep LeRobot's start quick
     from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+    from lerobot_robot_yam.face.lerobot_command.command_checks import channels_of
     from lerobot_robot_yam.face.lerobot_command.config_refusal import refuse
 
     def check(resolved: Mapping[str, Any]) -> None:
@@ -181,9 +182,16 @@ def refuse_leader(device: str, config: Any) -> None:
                 )
         leads = {arm.name: lead for arm in resolved.values() if (lead := lead_of(arm.config)) is not None}
         check_leads(list(leads.values()))
+        robot = list(channels_of("robot").values())
         for arm in resolved.values():
-            if arm.name in leads:
-                leads[arm.name].check_joints(arm.name, arm.joints)
-                leads[arm.name].check_handle(arm.name, arm.gripper.handle_encoder)
+            if (lead := leads.get(arm.name)) is None:
+                continue
+            lead.check_joints(arm.name, arm.joints)
+            lead.check_handle(arm.name, arm.gripper.handle_encoder)
+            if robot and lead.follower not in robot:
+                raise ConfigError(
+                    f"{arm.name}: its follower {lead.follower} is no arm of this command's robot, which has "
+                    f"{', '.join(robot)}; set follower to one of these"
+                )
 
     refuse(device, config, "leader", check)

@@ -1,18 +1,15 @@
 """Hand as a LeRobot teleoperator: it guides a floating follower, without a leader."""
 
-import inspect
 import logging
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from types import FrameType
 from typing import Any
 
 from lerobot.teleoperators.teleoperator import Teleoperator
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 from lerobot.utils.keyboard_input import TerminalKeyListener, create_key_listener
 
-from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
-from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS, motor_names
+from lerobot_robot_yam.face.devices.feature_names import action_keys
 from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance
 from lerobot_robot_yam.face.lerobot_command.running_command import callers
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
@@ -24,57 +21,41 @@ logger = logging.getLogger(__name__)
 _HALF = 0.5
 
 
-class TypedKeys:
-    """Keys for the driver itself, heard through LeRobot's key listener and in its thread.
+def listen(pressed: Callable[[str], None]) -> Callable[[], None]:
+    """Listen to keys for the driver itself, through LeRobot's key listener and in its thread.
+
+    A terminal has only one reader: if LeRobot's listener reads it, keys are passed on from there.
 
     Args:
         pressed: called with LeRobot's name of the key: a character, or a word such as "left".
+
+    Returns:
+        The function that ends it.
     """
 
-    def __init__(self, pressed: Callable[[str], None]):
-        self._pressed = pressed
-        self._listens = False
-        self._end: Callable[[], None] = lambda: None
-
-    def listen(self, frame: FrameType | None) -> None:
-        """Begin to listen, at the first call, when LeRobot's own listener runs; `frame` is where LeRobot has called.
-
-        A terminal has only one reader: if that is LeRobot's listener, keys are passed on from there.
-        """
-        if self._listens:
-            return
-        self._listens = True
-        theirs = _listener(frame)
-        if theirs is None:
-            own = create_key_listener(self._tell)
-            self._end = (lambda: None) if own is None else own.stop
-            return
-        heard = theirs._on_key
-
-        def both(key: str) -> None:
-            self._tell(key)
-            heard(key)
-
-        def leave() -> None:
-            theirs._on_key = heard
-
-        theirs._on_key, self._end = both, leave
-
-    def stop(self) -> None:
-        """Stop listening. Idempotent."""
-        end, self._end, self._listens = self._end, lambda: None, False
-        end()
-
-    def _tell(self, key: str) -> None:
+    def tell(key: str) -> None:
         try:
-            self._pressed(key)
+            pressed(key)
         except Exception:
             logger.exception("the key %r was not understood", key)
 
+    theirs = _terminal_listener()
+    if theirs is None:
+        own = create_key_listener(tell)
+        return own.stop if own is not None else lambda: None
+    heard = theirs._on_key
 
-def _listener(frame: FrameType | None) -> TerminalKeyListener | None:
-    """Find the key listener of the command that has called down to `frame`, if it reads a terminal."""
-    for caller in callers(frame):
+    def both(key: str) -> None:
+        tell(key)
+        heard(key)
+
+    theirs._on_key = both
+    return lambda: setattr(theirs, "_on_key", heard)
+
+
+def _terminal_listener() -> TerminalKeyListener | None:
+    """Find the key listener of the present command, if it reads a terminal."""
+    for caller in callers():
         values = caller.f_locals
         for found in (values.get("listener"), getattr(values.get("self"), "_listener", None)):
             if isinstance(found, TerminalKeyListener):
@@ -93,21 +74,15 @@ class HandGuideBase(Uncopied, Teleoperator):
         super().__init__(config)
         self.config = config
         self._guidance = HandGuidance(self.name, list(self.action_features))
-        self._keys = TypedKeys(self._typed)
+        self._end_keys: Callable[[], None] | None = None
         self._openings: list[float | None] = [None] * len(config.keys())
         self._connected = False
 
     @cached_property
     def action_features(self) -> dict[str, type]:
         """Features of the follower: `joint_1.pos` … (or `ee_x.pos` …), `gripper.pos`; with prefixes for two."""
-        joints, gripper = load_arm(self.config.arm).joint_count, load_gripper(self.config.gripper).motor is not None
-        names: list[str] = []
-        for prefix in self.config.prefixes():
-            of_arm = motor_names(prefix, joints, gripper)
-            if self.config.action_space == "ee":
-                of_arm[:joints] = [f"{prefix}{name}" for name in TOOL_NUMBERS]
-            names += of_arm
-        return dict.fromkeys([f"{name}.pos" for name in names], float)
+        arms = dict.fromkeys(self.config.prefixes(), self.config)
+        return dict.fromkeys(action_keys(arms, self.config.action_space), float)
 
     @property
     def feedback_features(self) -> dict[str, type]:
@@ -138,7 +113,9 @@ class HandGuideBase(Uncopied, Teleoperator):
         try:
             self._guidance.withdraw()
         finally:
-            self._keys.stop()
+            end, self._end_keys = self._end_keys, None
+            if end is not None:
+                end()
 
     def calibrate(self) -> None:
         """Nothing to do."""
@@ -157,7 +134,8 @@ class HandGuideBase(Uncopied, Teleoperator):
             LifeCycleError: there is no follower yet, or it would run away if it floated.
             MotorError, StaleStateError: see `YamFollower.get_observation`.
         """
-        self._keys.listen(inspect.currentframe())
+        if self._end_keys is None:  # LeRobot's own listener runs by now
+            self._end_keys = listen(self._typed)
         return self._guidance.action(self._openings)
 
     def send_feedback(self, feedback: Mapping[str, Any]) -> None:

@@ -1,11 +1,9 @@
-"""Leader arms as a LeRobot teleoperator: one arm, two arms, and their common base class."""
+"""Leader arms as a LeRobot teleoperator, of this computer or another one."""
 
-import inspect
 import logging
 import math
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -18,13 +16,19 @@ from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.control.teleop.follower_target import TriggerPickup
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
-from lerobot_robot_yam.face.lerobot_command.running_command import command_of
+from lerobot_robot_yam.face.devices.remote_device import RemoteDevice
+from lerobot_robot_yam.face.lerobot_command.running_command import command_above
 from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.face.rl_stack import TeleopEventWatch, ToolSteps
 from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import ArmState, coupling_number
-from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
+from lerobot_teleoperator_yam.config_yam_leader import (
+    BiYamLeaderConfig,
+    BiYamRemoteLeaderConfig,
+    YamLeaderConfig,
+    YamRemoteLeaderConfig,
+)
 from lerobot_teleoperator_yam.leader_options import LeaderOptions, meanings_of
 
 logger = logging.getLogger(__name__)
@@ -49,10 +53,10 @@ class GateVoice:
         self._say: Callable[[str], None] | None = None
         self._before: dict[str, Gate] = {}
 
-    def begin(self, frame: FrameType | None) -> None:
-        """Begin a session; `frame` tells which command runs, and whether it speaks."""
+    def begin(self) -> None:
+        """Begin a session. The present command tells whether it speaks."""
         self._say, self._before = None, {}
-        command = command_of(frame)
+        command = command_above()
         if command is not None and getattr(command[1], "play_sounds", False):
             from lerobot.utils.utils import say  # already loaded by the command
 
@@ -135,12 +139,12 @@ class LeaderBase(ArmDevice, Teleoperator):
         """
         self._restart()
         self._arms.check_followers()
-        self._voice.begin(inspect.currentframe())
+        self._voice.begin()
         keys = (self._steps or self._space).keys
         self._arms.start(calibrate, keys, self._models, self.get_action, self._recognise)
         try:
             if self._steps is None:  # the RL stack reads events, and no keys
-                self._keys.start(inspect.currentframe(), self.arm_states)
+                self._keys.start(self.arm_states)
         except BaseException:
             self.disconnect()
             raise
@@ -301,6 +305,18 @@ class BiYamLeader(LeaderBase):
 
     config_class = BiYamLeaderConfig
     name = "bi_yam_leader"
+
+
+class YamRemoteLeader(RemoteDevice, YamLeader):
+    """One YAM arm, moved by hand, that another computer drives."""
+
+    config_class = YamRemoteLeaderConfig
+
+
+class BiYamRemoteLeader(RemoteDevice, BiYamLeader):
+    """Two YAM arms, moved by hand, that another computer drives."""
+
+    config_class = BiYamRemoteLeaderConfig
 
 
 I2rtYamLeader, BiI2rtYamLeader = YamLeader, BiYamLeader  # LeRobot's lookup of the spare types' devices

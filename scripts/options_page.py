@@ -11,10 +11,9 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.option import options_of
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_env import YamEnvConfig
+from lerobot_robot_yam.config_yam_follower import FollowerOptions, YamRigConfig
 from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig
-from lerobot_robot_yam.config_yam_rig import YamRigConfig
 from lerobot_robot_yam.face.devices.remote_device import RemoteOptions
-from lerobot_robot_yam.follower_options import FollowerOptions
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
 from lerobot_teleoperator_yam.config_yam_hand_guide import (
     BiYamHandGuideConfig,

@@ -76,7 +76,7 @@ def _tell(data: Path, name: str) -> None:
 
 def _judge(report: "DatasetReport", where: str) -> None:
     """Say of each episode how it was recorded; of those that would harm a training, what is wrong and what to do."""
-    from lerobot_robot_yam.face.datasets.check.flags import KINDS, Kind
+    from lerobot_robot_yam.face.datasets.check.flags import Kind
     from lerobot_robot_yam.face.recorder.kept_episodes import drop_command, read_figures
 
     figures, count, flagged = read_figures(report.root), len(report.episodes), report.flagged
@@ -90,7 +90,7 @@ def _judge(report: "DatasetReport", where: str) -> None:
     if len(shown) < count:
         print(f"  {count} episodes in all, {count - len(flagged)} of them good")
     for flag in report.flags[:_MOST]:
-        print(f"  {flag.kind}: {flag.text}: {KINDS[flag.kind][1]}")
+        print(f"  {flag.kind}: {flag.text}: {flag.kind.remedy}")
     if not flagged:
         return
     kinds = {flag.kind for episode in flagged for flag in episode.flags}
@@ -98,7 +98,7 @@ def _judge(report: "DatasetReport", where: str) -> None:
         print("What to do:  this machine was too busy; end other programs, or record pictures that cost less:")
         print(f"             scripts/record_sim {shlex.quote(_CHEAPER)}")
     else:
-        print(f"What to do:  {KINDS[flagged[0].flags[0].kind][1]}")
+        print(f"What to do:  {flagged[0].flags[0].kind.remedy}")
     bad = [episode.number for episode in flagged]
     print("Drop:       ", f"scripts/run {drop_command(where, bad)}" if len(bad) < count else f"rm -r {where}")
 

@@ -1,8 +1,8 @@
 """Our types in LeRobot's registries, without importing LeRobot where it is not used.
 
 `lerobot.robots.config` alone takes seconds and loads torch, and our own processes (control loop, virtual rig) import
-this package too. So each of our config modules is imported right after the LeRobot module that holds its registry: at
-once if that is loaded already, else by an import hook. Each LeRobot command loads the registries that it needs.
+this package too. So each of our config modules is imported right after the LeRobot module that holds its registry, now
+or later. Each LeRobot command loads the registries that it needs.
 
 Other plugins use some of our names. So each device has a spare name, and a name that is taken costs only that name.
 
@@ -10,14 +10,12 @@ The same moment serves the messages of `start_messages`.
 """
 
 import importlib
-import importlib.abc
-import importlib.util
 import logging
-import sys
-from collections.abc import Callable, Sequence
-from importlib.machinery import ModuleSpec
+from collections.abc import Callable
 from types import ModuleType
 from typing import Any
+
+import wrapt
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.start_messages import refuse_unreadable, shorten_page_about_ffmpeg, warn_if_newer
@@ -25,17 +23,11 @@ from lerobot_robot_yam.system.other_plugins import distribution_of, is_foreign, 
 
 # LeRobot's modules that hold a registry, and our modules that register types there.
 REGISTRIES = {
-    "lerobot.robots.config": (
-        "lerobot_robot_yam.config_yam_follower",
-        "lerobot_robot_yam.config_yam_remote",
-        "lerobot_robot_yam.config_yam_rig",
-    ),
+    "lerobot.robots.config": ("lerobot_robot_yam.config_yam_follower",),
     "lerobot.teleoperators.config": (
         "lerobot_teleoperator_yam.config_yam_leader",
         "lerobot_teleoperator_yam.config_yam_hand_guide",
         "lerobot_teleoperator_yam.config_yam_passive_leader",
-        "lerobot_teleoperator_yam.config_yam_remote_leader",
-        "lerobot_teleoperator_yam.config_yam_rig_leaders",
     ),
     "lerobot.envs.configs": ("lerobot_robot_yam.config_yam_env",),
     "lerobot.cameras.configs": ("lerobot_robot_yam.config_yam_camera", "lerobot_robot_yam.config_yam_realsense"),
@@ -53,14 +45,8 @@ def register() -> None:
     Raises:
         ConfigError: another distribution has put its own files over ours.
     """
-    waiting = set(REGISTRIES)
     for name in REGISTRIES:
-        module = sys.modules.get(name)
-        if module is not None and not _is_initialising(module):
-            waiting.discard(name)
-            register_types(name)
-    if waiting:
-        sys.meta_path.insert(0, _Hook(waiting))
+        wrapt.register_post_import_hook(lambda module: register_types(module.__name__), name)
 
 
 def register_types(lerobot_module: str) -> None:
@@ -115,40 +101,3 @@ def register_as[C: type](registry: Any, name: str, spare: str | None = None) -> 
 
 def _is_initialising(module: ModuleType) -> bool:
     return bool(getattr(getattr(module, "__spec__", None), "_initializing", False))
-
-
-class _Hook(importlib.abc.MetaPathFinder):
-    """Registers our types after each of LeRobot's registry modules, and removes itself after the last."""
-
-    def __init__(self, waiting: set[str]):
-        self._waiting = waiting
-
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        if fullname not in self._waiting:
-            return None
-        self._waiting.discard(fullname)
-        if not self._waiting:
-            sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(fullname)  # by the other finders
-        if spec is not None and spec.loader is not None:
-            spec.loader = _ThenRegister(spec.loader)
-        return spec
-
-
-class _ThenRegister(importlib.abc.Loader):
-    """Loads a module by its own loader, then registers our types with it."""
-
-    def __init__(self, loader: importlib.abc.Loader):
-        self._loader = loader
-
-    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
-        return self._loader.create_module(spec)
-
-    def exec_module(self, module: ModuleType) -> None:
-        module.__loader__ = self._loader
-        if module.__spec__ is not None:
-            module.__spec__.loader = self._loader
-        self._loader.exec_module(module)
-        register_types(module.__name__)

@@ -11,7 +11,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping
-from types import FrameType
 from typing import Any
 
 from lerobot_robot_yam.errors import YamError
@@ -20,7 +19,7 @@ from lerobot_robot_yam.face.lerobot_command.running_command import (
     Meaning,
     Phase,
     Situation,
-    command_of,
+    command_above,
     evaluation_values,
     look,
 )
@@ -202,10 +201,10 @@ class SessionDesk:
         self._complained_s = -_COMPLAIN_S
         self._keys = OperatorKeys({}, auto=False, by_request=True)
 
-    def begin(self, frame: FrameType | None) -> None:
-        """Start the desk, before the arms are energised. frame: the robot's."""
+    def begin(self) -> None:
+        """Start the desk, before the arms are energised."""
         try:
-            found = command_of(frame)
+            found = command_above()
             if found is None or not _one.acquire(blocking=False):
                 return
             try:
@@ -216,7 +215,7 @@ class SessionDesk:
         except (OSError, YamError) as error:
             logger.warning("no page can show this command: %s", error)
             return
-        self._keys.start(frame, dict)
+        self._keys.start(dict)
         self._ends.clear()
         arguments = post, CommandFacts(*found, self._pace)
         self._thread = threading.Thread(target=self._run, args=arguments, name="session desk", daemon=True)

@@ -10,7 +10,7 @@ from lerobot.scripts.lerobot_record import RecordConfig
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.option import options_of
-from lerobot_robot_yam.follower_options import FollowerOptions
+from lerobot_robot_yam.config_yam_follower import FollowerOptions
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions
 from tests.support.paths import ROOT, SCRIPTS
 

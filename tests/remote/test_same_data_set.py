@@ -11,11 +11,9 @@ from lerobot.processor import make_default_processors
 from lerobot.utils.constants import ACTION, OBS_STATE, OBS_STR
 from lerobot.utils.feature_utils import build_dataset_frame, combine_feature_dicts
 
-from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig
-from lerobot_robot_yam.config_yam_remote import BiYamRemoteConfig
+from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, BiYamRemoteConfig, FollowerArmConfig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
-from lerobot_robot_yam.yam_follower import BiYamFollower
-from lerobot_robot_yam.yam_remote import BiYamRemote
+from lerobot_robot_yam.yam_follower import BiYamFollower, BiYamRemote
 from tests.support.hosted import FOLLOWERS, ServedArms
 from tests.support.link_in_step import LinkInStep
 from tests.support.rigged import STOPS

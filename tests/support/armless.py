@@ -1,7 +1,6 @@
 """LeRobot's own `lerobot-record` in this process, of devices without arms, watched as one of followers is."""
 
 import contextlib
-import inspect
 import logging
 from dataclasses import dataclass
 from typing import Any
@@ -43,10 +42,11 @@ class Armless(Connected, Robot):
         return {"joint.pos": float, "top": self.shape}
 
     def connect(self, calibrate=True):
-        self.is_connected, self.log, self.desk = True, EpisodeLog(inspect.currentframe()), SessionDesk()
-        self.desk.begin(inspect.currentframe())
+        self.is_connected, self.log, self.desk = True, EpisodeLog(), SessionDesk()
+        self.log.begin()
+        self.desk.begin()
         if self.rehearsal is not None:
-            rehearse(inspect.currentframe(), self.step)
+            rehearse(self.step)
 
     def step(self):
         self.rehearsal()
@@ -56,7 +56,7 @@ class Armless(Connected, Robot):
         image = np.zeros(self.shape, np.uint8)
         if self.random is not None:
             image = self.random.integers(0, 256, self.shape, np.uint8)
-        self.log.observed(inspect.currentframe(), [], {"top": image})
+        self.log.observed([], {"top": image})
         self.desk.observed()
         return {"joint.pos": 0.0, "top": image}
 

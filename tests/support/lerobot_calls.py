@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import lerobot
+from draccus import argparsing
 
 SCRIPTS = Path(lerobot.__path__[0]) / "scripts"
 
@@ -14,3 +15,8 @@ def called_by(file, function, call, **values):
     scope = {}
     exec(code, scope)
     return scope[function](call, **values)
+
+
+def while_parsing(call, **options):
+    """Call `call` while LeRobot's parser decodes these options, nested as in a config file."""
+    return called_by(argparsing.__file__, "_postprocessing", call, deflat_d=options)

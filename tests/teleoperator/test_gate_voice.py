@@ -1,6 +1,5 @@
 """What gates do is said aloud with LeRobot's own voice, where the command speaks."""
 
-import inspect
 import time
 from types import SimpleNamespace
 
@@ -21,7 +20,7 @@ def begun(sounds=True, script="lerobot_record.py", together=True):
     """A voice, begun under a command with that option."""
     voice = GateVoice(together)
     config = SimpleNamespace() if sounds is None else SimpleNamespace(play_sounds=sounds)
-    called_by(SCRIPTS / script, "record", lambda: voice.begin(inspect.currentframe()), cfg=config)
+    called_by(SCRIPTS / script, "record", voice.begin, cfg=config)
     return voice
 
 
@@ -50,6 +49,6 @@ def test_a_command_that_is_silent_or_knows_no_sounds_says_nothing(spoken, sounds
     for gate in (Gate.IDLE, Gate.APPROACH):
         voice.tell({"": gate})
     begun().tell({"": Gate.IDLE})
-    voice.begin(None)  # a program of the user's
+    voice.begin()  # a program of the user's
     voice.tell({"": Gate.ENGAGED})
     assert spoken.lines(0) == []

@@ -1,13 +1,12 @@
 """Keys for the driver itself: beside LeRobot's listener, and without one."""
 
-import inspect
 import os
 import time
 
 import pytest
 from lerobot.utils import keyboard_input
 
-from lerobot_teleoperator_yam.yam_hand_guide import TypedKeys
+from lerobot_teleoperator_yam.yam_hand_guide import listen
 
 
 @pytest.fixture
@@ -28,47 +27,42 @@ def wait(condition):
         time.sleep(0.005)
 
 
-def record_loop(keys, listener):
+def record_loop(pressed, listener):
     """Calls as a command of LeRobot's does, which has its listener in a variable of this name."""
-    keys.listen(inspect.currentframe())
+    return listen(pressed)
 
 
 def test_a_key_is_heard_beside_lerobots_listener(typing):
     theirs, ours = [], []
     listener = keyboard_input.create_key_listener(theirs.append)
-    keys = TypedKeys(ours.append)
-    record_loop(keys, listener)
-    record_loop(keys, listener)
+    end = record_loop(ours.append, listener)
     typing(b"g\x1b[C")
     wait(lambda: len(theirs) == 2)
     assert ours == theirs == ["g", "right"]
-    keys.stop()
+    end()
     typing(b"x")
     wait(lambda: len(theirs) == 3)
     assert ours == ["g", "right"]  # not when it has ended,
-    record_loop(keys, listener)
+    end = record_loop(ours.append, listener)
     typing(b"y")
     wait(lambda: len(theirs) == 4)
     assert ours == ["g", "right", "y"]  # and once only in the next session
-    keys.stop()
+    end()
     listener.stop()
 
 
 def test_a_key_is_heard_where_lerobot_listens_to_none(typing):
     ours = []
-    keys = TypedKeys(ours.append)
-    keys.listen(None)
+    end = listen(ours.append)
     typing(b"j")
     wait(lambda: ours == ["j"])
-    keys.stop()
-    keys.stop()
+    end()
 
 
 def test_what_a_key_breaks_does_not_cost_lerobot_the_key(typing, caplog):
     theirs = []
     listener = keyboard_input.create_key_listener(theirs.append)
-    keys = TypedKeys(lambda key: 1 / 0)
-    record_loop(keys, listener)
+    record_loop(lambda key: 1 / 0, listener)
     typing(b"g")
     wait(lambda: theirs == ["g"])
     assert "'g' was not understood" in caplog.text

@@ -7,7 +7,6 @@ lerobot-eval: true in the last frame of a success. The column `success` of the e
 """
 
 import json
-import logging
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,10 +23,8 @@ from lerobot.utils.constants import SUCCESS as FRAME_COLUMN
 from lerobot_robot_yam.errors import ConfigError, DatasetError, YamError
 from lerobot_robot_yam.face.datasets.layout import Progress
 from lerobot_robot_yam.face.recorder import outcomes
-from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR
+from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR, read_figures
 from lerobot_robot_yam.face.recorder.outcomes import DISCARD, OUTCOMES, SUCCESS, Outcome
-
-logger = logging.getLogger(__name__)
 
 SIDE_CARS = (SIDE_CAR, OUTCOMES)  # our files beside a data set, with rows per episode
 EPISODE_COLUMN = "success"
@@ -66,22 +63,11 @@ def copy_side_cars(root: Path, target: Path, kept: Sequence[int]) -> None:
     rows = [replace(label, episode_index=new_numbers[old]) for old, label in labels.items() if old in new_numbers]
     if rows:
         outcomes.append(target, rows)
-    if (root / SIDE_CAR).exists():
-        (target / SIDE_CAR).write_text("".join(_renumbered(root / SIDE_CAR, new_numbers)), encoding="utf-8")
-
-
-def _renumbered(path: Path, new_numbers: dict[int, int]) -> list[str]:
-    lines = []
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        try:
-            row = json.loads(line)
-            number = new_numbers.get(row["episode_index"])
-        except (ValueError, TypeError, KeyError):  # half a line after a power cut
-            logger.warning("%s: a line is no row of figures, and left out: %.40s", path, line)
-            continue
-        if number is not None:
-            lines.append(json.dumps(row | {"episode_index": number}) + "\n")
-    return lines
+    figures = [
+        row | {"episode_index": new_numbers[old]} for old, row in read_figures(root).items() if old in new_numbers
+    ]
+    if figures:
+        (target / SIDE_CAR).write_text("".join(json.dumps(row) + "\n" for row in figures), encoding="utf-8")
 
 
 def verify(root: Path, progress: Progress = iter) -> None:

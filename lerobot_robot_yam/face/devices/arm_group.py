@@ -2,7 +2,6 @@
 
 import atexit
 import contextlib
-import inspect
 import logging
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -140,13 +139,13 @@ class ArmGroup:
         Raises:
             YamError: the reason; nothing is energised.
         """
-        tell_what_is_kept(inspect.currentframe())
+        tell_what_is_kept()
         self._action_keys, self._models, self.paused = list(action_keys), models, False
         self.give_action, self.recognise = give_action, recognise
         for other in _running:
             if other._leads is not self._leads:
                 self._check_pair(other)
-        commanded = under_a_command(inspect.currentframe())
+        commanded = under_a_command()
         self._undo_signals = end_session_on_signals(stop_after_saving, commanded)
         if commanded:
             spare_what_is_loaded()
@@ -184,7 +183,7 @@ class ArmGroup:
         self._leave()
         try:
             with undisturbed(f"{self.device}: landing"):
-                if under_a_command(inspect.currentframe()):
+                if under_a_command():
                     for other in _running:
                         with contextlib.suppress(OSError):  # these arms land, whatever happens to the other process
                             other._session.begin_stop()
@@ -229,7 +228,7 @@ class ArmGroup:
         """Return the leaders whose actions a LeRobot command gives to these followers, if there is one pair."""
         leaders = [other for other in _running if other.give_action is not None]
         one_pair = len(leaders) == 1 and len(_running) == 2
-        return leaders[0] if one_pair and under_a_command(inspect.currentframe()) else None
+        return leaders[0] if one_pair and under_a_command() else None
 
     def couple(
         self, action: Mapping[str, object], joints_of: Callable[[Mapping[str, object]], np.ndarray]

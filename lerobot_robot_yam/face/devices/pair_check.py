@@ -1,6 +1,5 @@
 """Checks of leader and follower before they are energised: it can be led from here, and their actions mean the same."""
 
-import inspect
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,6 @@ from lerobot_robot_yam.arm.config import SOCKETCAN, ArmConfig, lead_of
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.errors import ChannelInUseError, ConfigError
 from lerobot_robot_yam.face.devices.feature_names import space_of
-from lerobot_robot_yam.face.lerobot_command.given_options import channels_of
 from lerobot_robot_yam.face.lerobot_command.running_command import under_a_command
 from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
@@ -43,7 +41,7 @@ def check_pair(one: Spoken, other: Spoken) -> None:
     """Refuse two devices whose actions differ in space, keys, unit or arm. Raises ConfigError: names the difference."""
     both = f"{one.device} and {other.device}"
     spaces = {space_of(spoken.action_keys) for spoken in (one, other)}
-    if "delta" in spaces and under_a_command(inspect.currentframe()):
+    if "delta" in spaces and under_a_command():
         raise ConfigError(f"{both}: action_space: delta is for LeRobot's RL stack, not for this command")
     if spaces == {"joint", "ee"}:
         raise ConfigError(f"{both}: one speaks of joints, the other of tool poses; give both the same action_space")
@@ -74,10 +72,9 @@ def check_followers(leaders: Sequence[ArmConfig], driven: Collection[str]) -> No
         driven: channel keys of the arms that this process drives.
 
     Raises:
-        ConfigError: the command's robot has other channels, or there is no such CAN interface.
+        ConfigError: there is no such CAN interface.
         ChannelInUseError: another process drives the follower.
     """
-    robot = channels_of("robot")
     holders = sessions(runtime_dir())
     for config in leaders:
         lead = lead_of(config)
@@ -86,11 +83,6 @@ def check_followers(leaders: Sequence[ArmConfig], driven: Collection[str]) -> No
         key = channel_key(config.interface, lead.follower, config.can_options.get("rig"))
         if key in driven:
             continue
-        if robot and lead.follower not in robot.values():
-            raise ConfigError(
-                f"{config.name}: its follower {lead.follower} is no arm of this command's robot, which has "
-                f"{', '.join(robot.values())}; set follower to one of these"
-            )
         if key in holders:
             raise ChannelInUseError(
                 f"{config.name}: its follower {lead.follower} is driven by process {holders[key]} (ps -p "

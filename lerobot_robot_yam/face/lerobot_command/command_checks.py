@@ -2,7 +2,8 @@
 
 - Existence: the data set, the episode, the cameras of a policy, and a separate channel for each arm.
 - Meaning of its numbers: they have to be the robot's. No stock loop tells the robot what it is about to replay, resume
-  or roll out, so this comes from the command's options (`given_options`).
+  or roll out, so this comes from the command's options. LeRobot decodes them while the robot's config is made; its
+  parser has them, merged of command line and file, in a local variable.
 
 Joints or tool poses: both are six numbers for an arm with six joints, so that nothing else would notice.
 
@@ -25,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from draccus import argparsing
 from lerobot.configs import parser
 from lerobot.utils.constants import OBS_IMAGES
 
@@ -39,10 +41,12 @@ from lerobot_robot_yam.face.datasets.recording import (
     unit_of,
 )
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS, space_of
-from lerobot_robot_yam.face.lerobot_command.given_options import channels_of, given_options
+from lerobot_robot_yam.face.lerobot_command.running_command import callers
+from lerobot_robot_yam.system.rig_file import ARMS_OF_TWO, device_of
 
 logger = logging.getLogger(__name__)
 
+_POLICY_OPTIONS = ("pretrained_revision", "action_space", "angle_unit")  # those that are checked
 _HUB_S = 5.0  # longest wait for the hub's answer
 _PARQUET_END = b"PAR1"
 _FILLED = "empty_camera"  # prefix of images that LeRobot fills with zeros
@@ -53,6 +57,29 @@ _OTHER_ROBOT = "Set the robot's type, and each arm's gripper, to those of the re
 _OTHER_ORDER = "Convert the recording to this robot's order, and train a policy anew"
 _FARTHEST_M = 1.5
 _METRES = tuple(f"{name}.pos" for name in TOOL_NUMBERS[:3])
+
+
+def given_options() -> Mapping[str, Any]:
+    """Return the options that LeRobot's parser is decoding, nested as in a config file; empty outside of the parser."""
+    for caller in callers():
+        if caller.f_code.co_filename == argparsing.__file__ and "deflat_d" in caller.f_locals:
+            return caller.f_locals["deflat_d"]
+    return {}
+
+
+def _section(options: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    found = options.get(name)
+    return found if isinstance(found, Mapping) else {}  # LeRobot refuses anything else
+
+
+def channels_of(device: str) -> dict[str, str]:
+    """Return the channels of the arms of a device ("robot", "teleop"), by the option that gives them."""
+    try:
+        told = device_of(device, _section(given_options(), device))
+    except (ConfigError, TypeError):  # raised again when the device is made
+        return {}
+    arms = {"channel": told} | {f"{name}.channel": _section(told, name) for name in ARMS_OF_TWO}
+    return {f"{device}.{option}": str(arm["channel"]) for option, arm in arms.items() if arm.get("channel")}
 
 
 def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Collection[str] = ()) -> None:
@@ -71,22 +98,21 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
     """
     space, options = space_of(keys), given_options()
     command = Path(*sys.argv[:1]).stem.replace("_", "-")
-    resumes = options.get("resume") == "True"
-    opens = resumes or "dataset.episode" in options
+    dataset, resumes = _section(options, "dataset"), options.get("resume") in (True, "true")
+    opens = resumes or dataset.get("episode") is not None
     _check_channels()
-    _check_data_set(options, opens, new=not opens and command == "lerobot-record")
+    _check_data_set(dataset, opens, new=not opens and command == "lerobot-record")
     recordings: list[Recording] = []
-    saved: Mapping[str, Any] = {}
-    repo_id = options.get("dataset.repo_id")
-    if repo_id and opens:
-        data = of_dataset(repo_id, options.get("dataset.root"))
+    if opens and dataset.get("repo_id"):
+        data = of_dataset(dataset["repo_id"], dataset.get("root"))
         _check_names(device, keys, data, in_order=resumes)
         recordings.append(data)
+    policy = _policy_options(options)
     path = parser.get_path_arg("policy") or options.get("pretrained_name_or_path")  # the latter is async inference's
     if path and command != "lerobot-train":  # a training evaluates newer weights
-        learnt = of_checkpoint(path, options.get("policy.pretrained_revision"))
-        saved = learnt.config
-        if not any(name.startswith("rename_map") for name in options) and command != "lerobot-eval":
+        learnt = of_checkpoint(path, policy.get("pretrained_revision"))
+        policy = {**learnt.config, **policy}
+        if not options.get("rename_map") and command != "lerobot-eval":
             _check_cameras(learnt, cameras)
         if set(learnt.names) == set(keys):  # LeRobot goes by the order then, not by the names
             _check_names(device, keys, learnt, in_order=True)
@@ -98,8 +124,15 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
         _check_space(device, keys, recording)
         if space == "joint":  # poses of a tool have one unit
             _check_unit(device, use_degrees, recording.what, unit_of(recording, is_joint))
-    if options.get("policy.type", saved.get("type")) == "yam_openpi":
-        _check_server(device, keys, use_degrees, saved, options)
+    if policy.get("type") == "yam_openpi":
+        _check_server(device, keys, use_degrees, policy)
+
+
+def _policy_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the policy's options; beside `policy.path` LeRobot keeps them for itself, as words."""
+    words = [*(parser.get_cli_overrides("policy") or ()), *parser.get_yaml_overrides("policy")]
+    told = {name: parser.parse_arg(name, words) for name in _POLICY_OPTIONS}
+    return {**_section(options, "policy"), **{name: value for name, value in told.items() if value is not None}}
 
 
 def _check_channels() -> None:
@@ -113,13 +146,13 @@ def _check_channels() -> None:
             found[channel] = option
 
 
-def _check_data_set(options: Mapping[str, str], opens: bool, new: bool) -> None:
+def _check_data_set(dataset: Mapping[str, Any], opens: bool, new: bool) -> None:
     """Refuse a `dataset.root` without the data set that the command opens, or in the way of a new one."""
-    if not options.get("dataset.root"):
+    if not dataset.get("root"):
         return  # LeRobot's own directory, or the hub
-    root = Path(options["dataset.root"])
+    root = Path(str(dataset["root"]))
     episodes = episodes_in(root)
-    if opens and episodes is None and not _on_hub(options.get("dataset.repo_id", "")):
+    if opens and episodes is None and not _on_hub(dataset.get("repo_id", "")):
         beside = sorted(path.parent.parent.name for path in root.parent.glob(f"*/{INFO}"))
         there = f"{root.parent} has {', '.join(beside)}" if beside else f"{root.parent} has none"
         raise ConfigError(f"there is no data set in {root}; {there}")
@@ -127,7 +160,7 @@ def _check_data_set(options: Mapping[str, str], opens: bool, new: bool) -> None:
         raise ConfigError(f"the data set in {root} has no episode; {_clean(root)}")
     if opens and episodes and _is_torn(root):
         raise ConfigError(f"the data set in {root} was not closed, and does not load; `yam-repair-dataset {root}`")
-    episode = options.get("dataset.episode", "")
+    episode = str(dataset.get("episode"))
     if episodes and episode.isdecimal() and int(episode) >= episodes:  # LeRobot refuses other text
         raise ConfigError(f"{root} has no episode {episode}, but 0 to {episodes - 1}")
     if new and root.exists():
@@ -184,15 +217,13 @@ def _check_cameras(policy: Recording, cameras: Collection[str]) -> None:
     )
 
 
-def _check_server(
-    device: str, keys: Sequence[str], use_degrees: bool, saved: Mapping[str, Any], options: Mapping[str, str]
-) -> None:
+def _check_server(device: str, keys: Sequence[str], use_degrees: bool, policy: Mapping[str, Any]) -> None:
     """Check space and unit in the options of a yam_openpi policy, or in its saved config."""
     from lerobot_robot_yam.face.openpi.configuration_openpi import YamOpenpiConfig
 
-    space = options.get("policy.action_space") or saved.get("action_space") or YamOpenpiConfig.action_space
+    space = policy.get("action_space") or YamOpenpiConfig.action_space
     _refuse_other_space(device, keys, f"policy.action_space={space}", _SERVER_SPACES[space])
-    degrees = (options.get("policy.angle_unit") or saved.get("angle_unit")) == "deg"
+    degrees = policy.get("angle_unit") == "deg"
     if space_of(keys) == "joint":
         _check_unit(device, use_degrees, "policy.angle_unit", DEGREES if degrees else RADIANS)
     elif degrees:

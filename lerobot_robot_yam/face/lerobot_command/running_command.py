@@ -5,6 +5,7 @@ of LeRobot is replaced. Under any other program nothing is found.
 """
 
 import importlib.util
+import inspect
 import math
 import sys
 import threading
@@ -52,7 +53,6 @@ class Meaning(StrEnum):
 
 
 LABELS = (Meaning.SUCCESS, Meaning.FAILURE, Meaning.DISCARD)
-_EPISODE_KEYS = {Meaning.NEXT: "right", Meaning.RERECORD: "left"}
 
 
 class Phase(Enum):
@@ -74,24 +74,22 @@ class Situation:
     Attributes:
         command: name in messages, empty without a command.
         phase: present phase.
-        keys: meaning → key for it, as LeRobot's listeners call it.
+        keys: meanings for which the command has a key, and what that key does.
         dataset: LeRobot's data set that it writes, once there is one.
         turn: start of the present run of its loop, on `time.perf_counter`; 0 outside of the loop.
         left_s: seconds until the phase ends by itself.
         flags: LeRobot's flags, which its keys set; empty unless the command records episode by episode.
         config: LeRobot's options of the command.
-        do: function that acts as LeRobot's listener does for a key.
     """
 
     command: str = ""
     phase: Phase = Phase.BETWEEN
-    keys: Mapping[Meaning, str] = field(default_factory=dict)
+    keys: Mapping[Meaning, Callable[[], object]] = field(default_factory=dict)
     dataset: Any = None
     turn: float = 0.0
     left_s: float = math.inf
     flags: dict[str, Any] = field(default_factory=dict)
     config: Any = None
-    do: Callable[[str], None] = lambda key: None
 
     @property
     def drops(self) -> bool:
@@ -119,29 +117,31 @@ class Situation:
         self.flags[AGAIN] = self.flags[LEAVE_LOOP] = True
 
 
-def callers(frame: FrameType | None) -> Iterator[FrameType]:
+def callers(frame: FrameType | None = None) -> Iterator[FrameType]:
+    """Yield `frame`, by default the present one, then its caller, and so on."""
+    frame = frame or inspect.currentframe()
     while frame is not None:
         yield frame
         frame = frame.f_back
 
 
-def under_a_command(frame: FrameType | None) -> bool:
-    """Return whether a LeRobot command, not a program of the user's, has called down to `frame`."""
-    return any(caller.f_code.co_filename.startswith(_COMMANDS) for caller in callers(frame))
+def under_a_command() -> bool:
+    """Return whether a LeRobot command, not a program of the user's, has called down to here."""
+    return any(caller.f_code.co_filename.startswith(_COMMANDS) for caller in callers())
 
 
-def command_of(frame: FrameType | None) -> tuple[str, Any] | None:
-    """Return name and options of the recording, rollout or evaluation that has called down to `frame`, if any."""
-    for caller in callers(frame):
+def command_above() -> tuple[str, Any] | None:
+    """Return name and options of the recording, rollout or evaluation that has called down to here, if any."""
+    for caller in callers():
         name = _SCRIPTS.get(caller.f_code.co_filename)
         if name is not None and "cfg" in caller.f_locals:
             return name, caller.f_locals["cfg"]
     return None
 
 
-def hears_keys(frame: FrameType | None) -> bool:
-    """Return whether a command that listens to keys has called down to `frame`."""
-    found = command_of(frame)
+def hears_keys() -> bool:
+    """Return whether a command that listens to keys has called down to here."""
+    found = command_above()
     return found is not None and found[0] != EVALUATION
 
 
@@ -156,8 +156,11 @@ def look() -> Situation:
     return recording(frame) or _rollout(frame)
 
 
-def recording(frame: FrameType | None) -> Situation | None:
-    """Return the situation of the `lerobot-record` that called down to `frame`; None before its data set is open."""
+def recording(frame: FrameType | None = None) -> Situation | None:
+    """Return the situation of the `lerobot-record` that called down to `frame`; None before its data set is open.
+
+    frame: by default the present one.
+    """
     phase, turn, left_s = Phase.BETWEEN, 0.0, math.inf
     for caller in callers(frame):
         if _SCRIPTS.get(caller.f_code.co_filename) != RECORD:
@@ -172,16 +175,16 @@ def recording(frame: FrameType | None) -> Situation | None:
             if dataset is None or config is None:
                 return None
             flags = values.get("events") or {}  # no listener before it has connected
-            keys = _EPISODE_KEYS if flags else {}
-            return Situation(RECORD, phase, keys, dataset, turn, left_s, flags, config, _by_flags(flags))
+            return Situation(RECORD, phase, _episode_keys(flags), dataset, turn, left_s, flags, config)
     return None
 
 
-def _by_flags(flags: dict[str, Any]) -> Callable[[str], None]:
-    """Return the key handler of a command that records episode by episode."""
+def _episode_keys(flags: dict[str, Any]) -> dict[Meaning, Callable[[], object]]:
+    """Return the keys of a command that records episode by episode; none without LeRobot's flags."""
     from lerobot.utils.keyboard_input import apply_recording_control
 
-    return lambda key: apply_recording_control(key, flags)
+    keys = {Meaning.NEXT: "right", Meaning.RERECORD: "left"} if flags else {}
+    return {meaning: partial(apply_recording_control, key, flags) for meaning, key in keys.items()}
 
 
 def _rollout(frame: FrameType | None) -> Situation:
@@ -205,23 +208,20 @@ def _strategy(strategy: Any, ctx: Any, phase: Phase, turn: float, left_s: float)
     command = f"the {kind} strategy of lerobot-rollout"
     if kind == "episodic":
         flags = strategy._events
-        return Situation(command, phase, _EPISODE_KEYS, dataset, turn, left_s, flags, do=_by_flags(flags))
-    phase, keys = Phase.AUTONOMOUS, {Meaning.STOP: "esc"}
-    does: dict[str, Callable[[], None]] = {"esc": stop.set}
+        return Situation(command, phase, _episode_keys(flags), dataset, turn, left_s, flags)
+    phase, keys = Phase.AUTONOMOUS, {Meaning.STOP: stop.set}
     if kind == "dagger" and options.input_device == "keyboard":
-        named, events = options.keyboard, strategy._events
+        events = strategy._events
         phase = Phase(events.phase.value)
-        keys |= {Meaning.PAUSE: named.pause_resume, Meaning.CORRECT: named.correction, Meaning.UPLOAD: named.upload}
-        does = {
-            named.pause_resume: partial(events.request_transition, "pause_resume"),
-            named.correction: partial(events.request_transition, "correction"),
-            named.upload: events.upload_requested.set,
-            "esc": events.stop_recording.set,
+        keys = {
+            Meaning.PAUSE: partial(events.request_transition, "pause_resume"),
+            Meaning.CORRECT: partial(events.request_transition, "correction"),
+            Meaning.UPLOAD: events.upload_requested.set,
+            Meaning.STOP: events.stop_recording.set,
         }
     elif kind == "highlight":
-        keys |= {Meaning.SAVE: options.save_key, Meaning.UPLOAD: options.push_key}
-        does |= {options.save_key: strategy._save_requested.set, options.push_key: strategy._push_requested.set}
-    return Situation(command, phase, keys, dataset, turn, do=lambda key: does[key]())
+        keys |= {Meaning.SAVE: strategy._save_requested.set, Meaning.UPLOAD: strategy._push_requested.set}
+    return Situation(command, phase, keys, dataset, turn)
 
 
 def evaluation_values() -> dict[str, Any]:

@@ -9,7 +9,6 @@ chunks, needs each step: it answers with one action at a time.
 import contextlib
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -43,40 +42,29 @@ _UNITS = {"radians": "rad", "degrees": "deg"}
 _SPACES = {"joint": "joint_position", "ee": "cartesian_position"}  # RoboArena's words
 
 
-@dataclass(frozen=True)
 class ObservationForm:
-    """Names and shapes of an observation.
+    """Names and shapes of the observation that a policy needs.
+
+    Args:
+        config: the policy's.
+        rename_map: LeRobot's: client's name → policy's name.
+        any_image_size: accept images of other heights and widths.
 
     Attributes:
         state: name and number of values of the state; None for a policy without one.
         images: (channels, height, width) of each image, by its name.
-        any_image_size: accept images of other heights and widths.
     """
 
-    state: tuple[str, int] | None
-    images: Mapping[str, tuple[int, ...]]
-    any_image_size: bool = False
-
-    @classmethod
-    def of_policy(
-        cls, config: PreTrainedConfig, rename_map: Mapping[str, str], any_image_size: bool = False
-    ) -> "ObservationForm":
-        """Return the form that a policy needs.
-
-        Args:
-            config: the policy's.
-            rename_map: LeRobot's: client's name → policy's name.
-            any_image_size: see the attribute.
-        """
+    def __init__(self, config: PreTrainedConfig, rename_map: Mapping[str, str], any_image_size: bool = False):
         sent_as = {theirs: ours for ours, theirs in rename_map.items()}
         state = config.robot_state_feature
-        images = {
+        self.state = None if state is None else (sent_as.get(OBS_STATE, OBS_STATE), state.shape[0])
+        self.images = {
             sent_as.get(name, name): tuple(feature.shape)
             for name, feature in config.image_features.items()
             if not name.startswith(_STAND_IN)
         }
-        n_state = None if state is None else (sent_as.get(OBS_STATE, OBS_STATE), state.shape[0])
-        return cls(n_state, images, any_image_size)
+        self.any_image_size = any_image_size
 
     def frame(self, message: Mapping[Any, Any]) -> dict[str, np.ndarray]:
         """Return the part of a message that the policy sees, as `lerobot-rollout` would pass it on.
@@ -177,7 +165,7 @@ class ServedPolicy:
             raise ConfigError(f"the checkpoint {path} has relative actions, which are not served, as LeRobot's sync")
         self._device, self._task = torch.device(config.device), task
         self._autocast = self._device.type == "cuda" and config.use_amp
-        self.form = ObservationForm.of_policy(config, rename_map, any_image_size)
+        self.form = ObservationForm(config, rename_map, any_image_size)
         stateful = _remembers(config)
         self.n_actions = 1 if stateful else _chunk_length(config)
         revision = config.pretrained_revision

@@ -42,7 +42,7 @@ class AutoEpisodes:
         self._was_lifted = False  # in this turn, which is a run of the loop
         self._cut_off = False  # whether an arm stopped or failed in this turn
 
-    def key(self, lifted: bool | None, by_hand: bool, now: Situation) -> str | None:
+    def key(self, lifted: bool | None, by_hand: bool, now: Situation) -> Meaning | None:
         """Return the key to press now, if any; the same again until the command has reacted.
 
         Args:
@@ -64,12 +64,12 @@ class AutoEpisodes:
             if not now.frames:
                 return None
             if not self._begun or self._cut_off or (home and not self._was_lifted):
-                return now.keys[Meaning.RERECORD]
-            return now.keys[Meaning.NEXT] if home and not now.ends_by_itself else None
+                return Meaning.RERECORD
+            return Meaning.NEXT if home and not now.ends_by_itself else None
         if not now.drops and now.frames < _LEAST_FRAMES:
             self._starts = lifted is True  # the lift goes on
-            return now.keys[Meaning.RERECORD]
+            return Meaning.RERECORD
         self._starts = now.drops and self._armed and lifted is True
         if now.ends_by_itself or not (self._starts or not now.drops):
             return None
-        return now.keys[Meaning.NEXT]  # saves the episode now, not before the next one
+        return Meaning.NEXT  # saves the episode now, not before the next one

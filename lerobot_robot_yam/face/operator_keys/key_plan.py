@@ -38,24 +38,25 @@ def wanted(meaning: Meaning, now: Situation) -> Phase | None:
     return None
 
 
-def step(goal: Phase, now: Situation) -> str | None:
+def step(goal: Phase, now: Situation) -> Meaning | None:
     """Return the key of one step towards a phase; None: it is reached, or no key leads there from here."""
-    meaning = _STEPS.get((now.phase, goal))
-    return None if meaning is None else now.keys.get(meaning)
+    key = _STEPS.get((now.phase, goal))
+    return key if key in now.keys else None
 
 
-def single_key(meaning: Meaning, now: Situation) -> str | None:
+def single_key(meaning: Meaning, now: Situation) -> Meaning | None:
     """Return the key of a button that leads to no phase; None if the command has none for it, or not now.
 
     Some are refused although LeRobot accepts them: between two phases they would end an episode without a frame, which
     ends the whole recording with an error. So would a key that ends a phase, if it came after its end.
     """
-    key = now.keys.get(Meaning.NEXT if meaning in LABELS else meaning)
+    key = Meaning.NEXT if meaning in LABELS else meaning
+    if key not in now.keys:
+        return None
     if Meaning.NEXT not in now.keys:
-        return None if meaning in LABELS else key
+        return key
     if now.phase is Phase.RECORDING:
-        late = now.ends_by_itself and key == now.keys[Meaning.NEXT]
-        return key if now.frames and not late else None
+        return key if now.frames and not (now.ends_by_itself and key is Meaning.NEXT) else None
     if now.phase is Phase.RESETTING:
         return None if meaning in LABELS or now.ends_by_itself else key
     return None
@@ -74,10 +75,10 @@ def frames_to_label(now: Situation, automatic: bool) -> int | None:
     return now.frames
 
 
-def rescue(now: Situation) -> str | None:
+def rescue(now: Situation) -> Meaning | None:
     """Return the key that is needed whatever was pressed: an episode without a frame is recorded again, not saved."""
     empty = now.phase is Phase.RESETTING and now.dataset is not None and not now.frames and not now.drops
-    return now.keys.get(Meaning.RERECORD) if empty else None
+    return Meaning.RERECORD if empty and Meaning.RERECORD in now.keys else None
 
 
 class StopRequest:

@@ -6,7 +6,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from queue import Empty, SimpleQueue
-from types import FrameType
 
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.lerobot_command import running_command
@@ -51,18 +50,16 @@ class OperatorKeys:
         self._goal: Phase | None = None
         self._stop: StopRequest | None = None
         self._goal_until_s = self._looked_s = self._pressed_s = 0.0
-        self._last: tuple[str, Phase, float] | None = None
+        self._last: tuple[Meaning, Phase, float] | None = None
 
-    def start(self, frame: FrameType | None, read: Callable[[], Mapping[str, ArmState]]) -> None:
+    def start(self, read: Callable[[], Mapping[str, ArmState]]) -> None:
         """Start the thread. Does nothing without buttons, or under a command that hears no keys.
 
-        Args:
-            frame: the caller's.
-            read: returns the newest state of each arm by its prefix.
+        read: returns the newest state of each arm by its prefix.
         """
         if not (self._meanings or self._automatic or self._by_request):
             return
-        if not running_command.hears_keys(frame):
+        if not running_command.hears_keys():
             if not self._by_request:
                 logger.info("buttons of handles press keys of lerobot-record and lerobot-rollout only")
             return
@@ -166,10 +163,10 @@ class OperatorKeys:
             logger.warning("%s has not become %s", now.command, goal.value)
         self._goal = None
 
-    def _press(self, key: str, now: Situation, now_s: float, again: bool | None = None) -> None:
+    def _press(self, key: Meaning, now: Situation, now_s: float, again: bool | None = None) -> None:
         """Press a key; with `again`, not while a press waits for its effect: a second would hit the next phase."""
         this = key, now.phase, now.turn
         if again is not None and this == self._last and (not again or now_s - self._pressed_s < _AGAIN_S):
             return
         self._last, self._pressed_s = this, now_s
-        now.do(key)
+        now.keys[key]()

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from types import FrameType
 from typing import Any, TextIO
 
 import numpy as np
@@ -172,22 +171,20 @@ class StatusLine(logging.Filter):
 
 
 class EpisodeLog:
-    """Log of the episodes of one robot, from its connect to its disconnect. Does nothing under other commands.
+    """Log of the episodes of one robot, from its connect to its disconnect. Does nothing under other commands."""
 
-    frame: the robot's, before its arms are energised.
+    def __init__(self) -> None:
+        self._command: Situation | None = None
+        self._status = StatusLine()
 
-    Raises:
-        ConfigError: the disk is full.
-    """
-
-    def __init__(self, frame: FrameType | None) -> None:
+    def begin(self) -> None:
+        """Begin, before the arms are energised. Raises ConfigError: the disk is full."""
         self._figures: EpisodeFigures | None = None
         self._told = False  # whether the present episode's line is logged
         self._first = self._lost_before = 0
         self._looked_s = self._loop_began_s = 0.0
-        self._status = StatusLine()
-        tell_what_is_kept(frame)
-        self._command = command = recording(frame)
+        tell_what_is_kept()
+        self._command = command = recording()
         if command is None:
             return
         dataset, options = command.dataset, command.config.dataset
@@ -196,10 +193,10 @@ class EpisodeLog:
         self._guard.check(options.num_episodes)
         self._status.begin()
 
-    def observed(self, frame: FrameType | None, states: Sequence[ArmState], images: Mapping[str, Any]) -> None:
+    def observed(self, states: Sequence[ArmState], images: Mapping[str, Any]) -> None:
         """Count an observation, which LeRobot records in an episode."""
         if self._command is not None:
-            self._carefully(lambda: self._observed(recording(frame), states, images))
+            self._carefully(lambda: self._observed(recording(), states, images))
 
     def sent(self, changed: bool) -> None:
         """Count a sent action; changed: limits have changed it."""

@@ -5,7 +5,6 @@ LeRobot saves an episode after the reset that follows it. A signal or an error m
 
 import atexit
 import functools
-import inspect
 import json
 import logging
 import shlex
@@ -30,13 +29,13 @@ _MOST = 3  # episodes that the last lines name; a terminal shows few lines
 _told_of: "LeRobotDataset | None" = None
 
 
-def tell_what_is_kept(frame: FrameType | None) -> None:
+def tell_what_is_kept() -> None:
     """Report the kept episodes in the last lines of a recording. Idempotent.
 
     An empty data set that this command has made is removed, as it would refuse the same command.
     """
     global _told_of
-    command = recording(frame)
+    command = recording()
     if command is not None and command.dataset is not _told_of:
         # Here, not at exit: if a module is loaded then, Python forgets that an interrupt ends the process, and
         # the exit status would be 1 (see `system.signals`).
@@ -66,13 +65,12 @@ def _say_kept(dataset: "LeRobotDataset", root: Path, before: int, resumes: bool)
 
 def _wrong(root: Path, first: int) -> Iterator[tuple[int, str]]:
     """Yield number and message of each episode from `first` on whose figures say that it harms a training."""
-    from lerobot_robot_yam.face.datasets.check.flags import KINDS
     from lerobot_robot_yam.face.datasets.check.row_checks import real_times
 
     for number, figures in sorted(read_figures(root).items()):
         flags = list(real_times(figures, figures.get("fps", 0.0))) if number >= first else []
         if flags:
-            yield number, f"episode {number}: {'; '.join(flag.text for flag in flags)}: {KINDS[flags[0].kind][1]}"
+            yield number, f"episode {number}: {'; '.join(flag.text for flag in flags)}: {flags[0].kind.remedy}"
 
 
 def drop_command(quoted_path: str, episodes: Iterable[int]) -> str:
@@ -139,14 +137,14 @@ def saves_finished_episode[**P, R](method: Callable[P, R]) -> Callable[P, R]:
         try:
             return method(*arguments, **options)
         except Exception:
-            _save_finished(inspect.currentframe())
+            _save_finished()
             raise
 
     return careful
 
 
-def _save_finished(frame: FrameType | None) -> None:
-    now = recording(frame)
+def _save_finished() -> None:
+    now = recording()
     if now is None or now.phase is not Phase.RESETTING or now.drops or not now.frames:
         return
     logger.info("saves the finished episode before it ends with an error")

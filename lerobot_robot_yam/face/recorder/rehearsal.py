@@ -8,7 +8,6 @@ import tempfile
 import time
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from lerobot.utils.constants import OBS_IMAGES
@@ -25,14 +24,12 @@ _LATE = 1.5  # periods after which a frame counts as late
 _LONGEST_S = 3.0  # longest rehearsal, s; a machine too slow by then stays so
 
 
-def rehearse(frame: FrameType | None, step: Callable[[], Mapping[str, Any]]) -> None:
+def rehearse(step: Callable[[], Mapping[str, Any]]) -> None:
     """Do what a recording does, until frames come in time. Does nothing under other commands.
 
-    Args:
-        frame: that of the robot's `connect`.
-        step: observes and moves the robot once, and returns the images by name. Its errors are passed on.
+    step: observes and moves the robot once, and returns the images by name. Its errors are passed on.
     """
-    command = recording(frame)
+    command = recording()
     if command is None:
         return
     with tempfile.TemporaryDirectory() as directory:

@@ -8,7 +8,7 @@ from typing import Any
 import viser
 
 from lerobot_robot_yam.face.datasets.check.dataset_report import DatasetReport, EpisodeReport, check_into
-from lerobot_robot_yam.face.datasets.check.flags import KINDS, Flag
+from lerobot_robot_yam.face.datasets.check.flags import Flag
 from lerobot_robot_yam.face.datasets.check.opened_dataset import OpenedDataset, RecordedEpisode
 from lerobot_robot_yam.viewer.serving.handles import put
 
@@ -152,6 +152,5 @@ def describe(flags: Sequence[Flag] | None) -> str:
 
 def _line(flag: Flag) -> str:
     where = "" if flag.frames is None else f" (frames {flag.frames[0]}–{flag.frames[1]})"
-    meaning, remedy = KINDS[flag.kind]
     text = f"<b style='color:#c00'>{flag.kind}</b>: {html.escape(flag.text + where)}"
-    return f"<span title='{html.escape(f'{meaning}: {remedy}', quote=True)}'>{text}</span>"
+    return f"<span title='{html.escape(f'{flag.kind.meaning}: {flag.kind.remedy}', quote=True)}'>{text}</span>"

@@ -7,16 +7,16 @@ import time
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.config_yam_remote import BiYamRemoteConfig, YamRemoteConfig
+from lerobot_robot_yam.config_yam_follower import BiYamRemoteConfig, YamRemoteConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.records import coupling_number
 from lerobot_robot_yam.system.clock import SYSTEM
 from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
-from lerobot_robot_yam.yam_remote import BiYamRemote
-from lerobot_teleoperator_yam.config_yam_remote_leader import BiYamRemoteLeaderConfig
-from lerobot_teleoperator_yam.yam_remote_leader import BiYamRemoteLeader
+from lerobot_robot_yam.yam_follower import BiYamRemote
+from lerobot_teleoperator_yam.config_yam_leader import BiYamRemoteLeaderConfig
+from lerobot_teleoperator_yam.yam_leader import BiYamRemoteLeader
 from tests.support.hosted import free_port, rig_file, running_host
 from tests.support.rigged import carry
 

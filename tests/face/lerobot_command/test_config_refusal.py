@@ -9,7 +9,6 @@ from lerobot.configs import parser
 from lerobot.scripts.lerobot_record import RecordConfig
 
 from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
-from tests.support.tiers import spread
 
 MOST = 300  # characters
 # LeRobot's words before the cause, by what finds it: the parser, a choice of words, a type that may be none.
@@ -20,38 +19,11 @@ LEADER = "--teleop.left_arm_config."
 # option, what the line begins with, what it says
 MISTAKES = [
     (f"{LEFT}arm=yamm", "left_follower: ", "did you mean 'yam'"),
-    (f"{LEFT}gripper=linear_4301", "left_follower: ", "did you mean 'linear_4310'"),
     (f"{LEFT}gripper=/nowhere/claw.yaml", "left_follower: ", "/nowhere/claw.yaml"),
     (f"{LEFT}channel=", "left_follower: ", "set `channel`"),
     (f"{RIGHT}channel=follower_left", "arms of one robot ", "different names and channels"),
     (f"{RIGHT}rate_hz=200", "arms of one robot ", "same rate_hz"),
-    (f"{LEFT}rate_hz=20", "left_follower: ", "rate_hz"),
-    (f"{LEFT}rate_hz=-1", "left_follower: ", "rate_hz"),
-    (f"{LEFT}rate_hz=1e9", "left_follower: ", "rate_hz"),
     (f"{LEFT}kp=[1,2]", "left_follower: ", "kp"),
-    (f"{LEFT}kp=[1,2,3,4,5,-6]", "left_follower: ", "kp"),
-    (f"{LEFT}kd=[0,0,0,0,0,0]", "left_follower: ", "kd"),
-    (f"{LEFT}kp=[9999,80,80,40,10,10]", "left_follower: ", "kp"),
-    (f"{LEFT}torque_limit_nm=[1000,1,1,1,1,1]", "left_follower: ", "torque_limit_nm"),
-    (f"{LEFT}speed_limit_rad_s=0", "left_follower: ", "speed_limit_rad_s"),
-    (f"{LEFT}speed_limit_rad_s=500", "left_follower: ", "speed_limit_rad_s"),
-    (f"{LEFT}gravity_factor=[5,1,1,1,1,1]", "left_follower: ", "gravity_factor"),
-    (f"{LEFT}payload_mass_kg=50", "left_follower: ", "payload_mass_kg"),
-    (f"{LEFT}payload_com_m=[1,0,0]", "left_follower: ", "payload_com_m"),
-    (f"{LEFT}payload_com_m=[0,0]", "left_follower: ", "payload_com_m"),
-    (f"{LEFT}float_speed_rad_s=100", "left_follower: ", "float_speed_rad_s"),
-    (f"{LEFT}base_tilt_rad=[90,0]", "left_follower: ", "base_tilt_rad"),
-    (f"{LEFT}rest_q_rad=[0,0,0,0,0,9]", "left_follower: ", "rest_q_rad"),
-    (f"{LEFT}max_relative_target=0", "left_follower: ", "max_relative_target"),
-    (f"{LEFT}gripper_stops_rad=[1]", "left_follower: ", "gripper_stops_rad"),
-    (f"{LEFT}gripper_force_limit_n=100000", "left_follower: ", "gripper_force_limit_n"),
-    (f"{LEFT}gripper_speed_limit=-1", "left_follower: ", "gripper_speed_limit"),
-    (f"{LEFT}gripper_kp=-5", "left_follower: ", "gripper_kp"),
-    (f"{LEFT}command_timeout_s=1e9", "left_follower: ", "command_timeout_s"),
-    (f"{LEFT}max_state_age_s=60", "left_follower: ", "max_state_age_s"),
-    (f"{LEFT}effort_limit_nm=[0,1,1,1,1,1]", "left_follower: ", "effort_limit_nm"),
-    (f"{LEFT}ee_inertia=[1,2,3]", "left_follower: ", "ee_inertia"),
-    (f"{LEFT}coulomb_friction_nm=[9,0,0,0,0,0]", "left_follower: ", "coulomb_friction_nm"),
     (f"{LEFT}estop_button=top", "left_follower: ", "estop_button"),
     (f"{LEFT}estop_button=middle", "", "top, bottom"),
     (f"{LEFT}start=fly", "", "start"),
@@ -68,6 +40,7 @@ MISTAKES = [
     ("--teleop.buttons={next: top}", "bi_yam_leader: ", "left_top"),
     ("--teleop.auto_episodes=maybe", "", "auto_episodes"),
     ("--teleop.auto_episodes=true", "bi_yam_leader: auto_episodes needs a gate", "gate to auto"),
+    (f"{LEADER}follower=leader_up", "left_leader: its follower leader_up is no arm", "follower_left, follower_right"),
     ("--teleop.right_arm_config.channel=leader_left", "channel leader_left is given twice, ", "left_arm_config"),
 ]
 
@@ -86,12 +59,7 @@ def said(monkeypatch, capsys, *arguments):
     return capsys.readouterr().err.strip().splitlines()[-1].strip()
 
 
-SHORT = ("arm=yamm", "follower_left", "kp=[1,2]", "estop_button=middle", "action_space=polar", "use_degrees=maybe")
-SHORT += ("cameras=", "ee_gripper=claw", "buttons={next: left_top, stop", "auto_episodes=true", "channel=leader_left")
-CASES = [place for place, row in enumerate(MISTAKES) if any(word in row[0] for word in SHORT)]
-
-
-@pytest.mark.parametrize(("option", "begins", "names"), spread(MISTAKES, *CASES), ids=[row[0] for row in MISTAKES])
+@pytest.mark.parametrize(("option", "begins", "names"), MISTAKES, ids=[row[0] for row in MISTAKES])
 def test_a_mistake_is_one_line_that_begins_with_the_cause(monkeypatch, capsys, option, begins, names):
     line = said(monkeypatch, capsys, option)
     cause = BEFORE.sub("", line)

@@ -10,9 +10,10 @@ from lerobot.scripts.lerobot_teleoperate import TeleoperateConfig
 
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, YamFollowerConfig
 from lerobot_robot_yam.doctor.kit.targets import from_config
+from lerobot_robot_yam.face.lerobot_command.command_checks import channels_of
 from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
-from lerobot_robot_yam.face.lerobot_command.given_options import channels_of
 from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig
+from tests.support.lerobot_calls import while_parsing
 
 CAMERA = {"type": "yam_sim", "camera": "top"}
 TWO = {
@@ -95,9 +96,8 @@ def test_mistakes_are_one_line_that_names_the_file(write, rig, says):
     assert "\n" not in str(refused.value)
 
 
-def test_the_doctor_and_the_look_for_equal_channels_follow_the_name(write, monkeypatch):
+def test_the_doctor_and_the_look_for_equal_channels_follow_the_name(write):
     write(TWO)
     path = write(NAMES_IT, "run.yaml")
     assert [target.channel for target in from_config(path, None).targets] == ["a", "b", "c", "d"]
-    monkeypatch.setattr("sys.argv", ["lerobot-record", f"--config_path={path}"])
-    assert list(channels_of("teleop").values()) == ["c", "d"]
+    assert list(while_parsing(lambda: channels_of("teleop"), **NAMES_IT).values()) == ["c", "d"]

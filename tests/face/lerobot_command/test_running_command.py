@@ -50,12 +50,9 @@ def test_an_episode_that_is_being_recorded_does_not_hold_a_signal_up():
 
 
 def test_when_its_loop_ends_by_itself_is_known():
-    def look():
-        return recording(inspect.currentframe())
-
-    now = in_record(lambda: in_loop(look, None, time.perf_counter()), data_set({"size": 0}), {})
+    now = in_record(lambda: in_loop(recording, None, time.perf_counter()), data_set({"size": 0}), {})
     assert now.phase is Phase.RESETTING and 29.0 < now.left_s < 30.0
-    assert in_record(look, data_set({"size": 0}), {}).left_s == math.inf
+    assert in_record(recording, data_set({"size": 0}), {}).left_s == math.inf
 
 
 def test_nothing_is_promised_while_the_command_ends_by_an_error():
@@ -73,11 +70,10 @@ def test_nothing_is_promised_while_the_command_ends_by_an_error():
 
 def test_other_programs_are_no_command(tmp_path):
     dataset, events = data_set({"size": 30}), {"stop_recording": False}
-    look = lambda: recording(inspect.currentframe())  # noqa: E731
-    assert recording(inspect.currentframe()) is None and not under_a_command(inspect.currentframe())
-    assert in_record(look, dataset, events).dataset is dataset
-    assert in_record(look, dataset, events, tmp_path / "lerobot_record.py") is None
-    assert called_by(RECORD, "record", look, dataset=None, cfg=None) is None
+    assert recording() is None and not under_a_command()
+    assert in_record(recording, dataset, events).dataset is dataset
+    assert in_record(recording, dataset, events, tmp_path / "lerobot_record.py") is None
+    assert called_by(RECORD, "record", recording, dataset=None, cfg=None) is None
 
 
 def test_what_is_no_data_set_is_not_empty(tmp_path):

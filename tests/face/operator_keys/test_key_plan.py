@@ -16,9 +16,9 @@ from lerobot_robot_yam.face.operator_keys.key_plan import (
     wanted,
 )
 
-EPISODES = {Meaning.NEXT: "right", Meaning.RERECORD: "left"}
-DAGGER = {Meaning.PAUSE: "space", Meaning.CORRECT: "tab", Meaning.UPLOAD: "enter", Meaning.STOP: "esc"}
-HIGHLIGHT = {Meaning.SAVE: "s", Meaning.UPLOAD: "h", Meaning.STOP: "esc"}
+EPISODES = dict.fromkeys((Meaning.NEXT, Meaning.RERECORD))
+DAGGER = dict.fromkeys((Meaning.PAUSE, Meaning.CORRECT, Meaning.UPLOAD, Meaning.STOP))
+HIGHLIGHT = dict.fromkeys((Meaning.SAVE, Meaning.UPLOAD, Meaning.STOP))
 POLICY_PHASES = (Phase.AUTONOMOUS, Phase.PAUSED, Phase.CORRECTING)
 
 
@@ -34,11 +34,11 @@ def situation(phase, keys=EPISODES, frames=9, drops=False, **more):
 
 
 ROWS = [
-    (Phase.RECORDING, Meaning.NEXT, "right"),
-    (Phase.RECORDING, Meaning.RERECORD, "left"),
-    (Phase.RECORDING, Meaning.FAILURE, "right"),
-    (Phase.RESETTING, Meaning.NEXT, "right"),
-    (Phase.RESETTING, Meaning.RERECORD, "left"),
+    (Phase.RECORDING, Meaning.NEXT, Meaning.NEXT),
+    (Phase.RECORDING, Meaning.RERECORD, Meaning.RERECORD),
+    (Phase.RECORDING, Meaning.FAILURE, Meaning.NEXT),
+    (Phase.RESETTING, Meaning.NEXT, Meaning.NEXT),
+    (Phase.RESETTING, Meaning.RERECORD, Meaning.RERECORD),
     (Phase.RESETTING, Meaning.SUCCESS, None),
     (Phase.BETWEEN, Meaning.NEXT, None),
     (Phase.BETWEEN, Meaning.RERECORD, None),
@@ -61,7 +61,7 @@ def test_an_episode_without_a_frame_is_not_ended(meaning):
 LATE_ROWS = [
     (Phase.RECORDING, Meaning.NEXT, None),
     (Phase.RECORDING, Meaning.FAILURE, None),
-    (Phase.RECORDING, Meaning.RERECORD, "left"),
+    (Phase.RECORDING, Meaning.RERECORD, Meaning.RERECORD),
     (Phase.RESETTING, Meaning.NEXT, None),
     (Phase.RESETTING, Meaning.RERECORD, None),
 ]
@@ -77,7 +77,7 @@ def test_a_phase_that_ends_by_itself_is_not_ended_by_a_key(phase, meaning, key):
 
 
 def test_an_episode_that_a_late_key_has_ended_without_a_frame_is_recorded_again():
-    assert rescue(situation(Phase.RESETTING, frames=0)) == "left"
+    assert rescue(situation(Phase.RESETTING, frames=0)) == Meaning.RERECORD
     assert rescue(situation(Phase.RESETTING, frames=0, drops=True)) is None
     assert rescue(situation(Phase.RESETTING, frames=1)) is None
     assert rescue(situation(Phase.RECORDING, frames=0)) is None
@@ -96,7 +96,7 @@ def keys_pressed(meaning, phase):
     goal, keys = wanted(meaning, situation(phase, DAGGER)), []
     while key := step(goal, situation(phase, DAGGER)):
         keys.append(key)
-        if key == "space":
+        if key is Meaning.PAUSE:
             phase = {Phase.AUTONOMOUS: Phase.PAUSED, Phase.PAUSED: Phase.AUTONOMOUS}[phase]
         else:
             phase = {Phase.PAUSED: Phase.CORRECTING, Phase.CORRECTING: Phase.PAUSED}[phase]
@@ -106,16 +106,16 @@ def keys_pressed(meaning, phase):
 
 
 DAGGER_ROWS = [
-    (Phase.AUTONOMOUS, Meaning.PAUSE, ["space"]),
-    (Phase.PAUSED, Meaning.PAUSE, ["space"]),
-    (Phase.CORRECTING, Meaning.PAUSE, ["tab"]),
-    (Phase.AUTONOMOUS, Meaning.CORRECT, ["space", "tab"]),
-    (Phase.PAUSED, Meaning.CORRECT, ["tab"]),
-    (Phase.CORRECTING, Meaning.CORRECT, ["tab"]),
+    (Phase.AUTONOMOUS, Meaning.PAUSE, [Meaning.PAUSE]),
+    (Phase.PAUSED, Meaning.PAUSE, [Meaning.PAUSE]),
+    (Phase.CORRECTING, Meaning.PAUSE, [Meaning.CORRECT]),
+    (Phase.AUTONOMOUS, Meaning.CORRECT, [Meaning.PAUSE, Meaning.CORRECT]),
+    (Phase.PAUSED, Meaning.CORRECT, [Meaning.CORRECT]),
+    (Phase.CORRECTING, Meaning.CORRECT, [Meaning.CORRECT]),
     (Phase.AUTONOMOUS, Meaning.GO_ON, []),
-    (Phase.PAUSED, Meaning.GO_ON, ["space"]),
-    (Phase.CORRECTING, Meaning.GO_ON, ["tab", "space"]),
-    (Phase.CORRECTING, Meaning.FAILURE, ["tab"]),
+    (Phase.PAUSED, Meaning.GO_ON, [Meaning.PAUSE]),
+    (Phase.CORRECTING, Meaning.GO_ON, [Meaning.CORRECT, Meaning.PAUSE]),
+    (Phase.CORRECTING, Meaning.FAILURE, [Meaning.CORRECT]),
 ]
 
 
@@ -126,10 +126,11 @@ def test_a_correction(phase, meaning, keys):
 
 @pytest.mark.parametrize("phase", POLICY_PHASES)
 def test_single_keys_of_rollouts(phase):
-    assert single_key(Meaning.UPLOAD, situation(phase, DAGGER)) == "enter"
-    assert single_key(Meaning.SAVE, situation(phase, HIGHLIGHT)) == "s"
-    assert single_key(Meaning.STOP, situation(phase, HIGHLIGHT)) == "esc"
-    assert not any(single_key(meaning, situation(phase, HIGHLIGHT)) for meaning in LABELS)
+    for keys in (DAGGER, HIGHLIGHT):
+        assert [key for key in Meaning if single_key(key, situation(phase, keys)) is key] == [
+            *sorted(keys, key=[*Meaning].index)
+        ]
+        assert not any(single_key(meaning, situation(phase, keys)) for meaning in LABELS)
 
 
 @pytest.mark.parametrize(("meaning", "keys"), list(itertools.product(Meaning, (EPISODES, DAGGER, HIGHLIGHT, {}))))

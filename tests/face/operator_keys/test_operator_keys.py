@@ -14,7 +14,7 @@ from lerobot_teleoperator_yam.yam_leader import LeaderBase
 
 @pytest.fixture(autouse=True)
 def hears(monkeypatch):
-    monkeypatch.setattr(operator_keys.running_command, "hears_keys", lambda frame: True)
+    monkeypatch.setattr(operator_keys.running_command, "hears_keys", lambda: True)
 
 
 @pytest.fixture
@@ -31,14 +31,14 @@ def test_a_thread_that_hangs_holds_nobody_up_and_presses_nothing_later(keys, mon
         answers.wait(60.0)
         return {}
 
-    keys.start(None, hang)
+    keys.start(hang)
     thread = keys._thread
     while not calls:
         time.sleep(0.001)
     began_s = time.monotonic()
     keys.stop()
     assert time.monotonic() - began_s < 30.0
-    keys.start(None, dict)  # the next session does not wake it
+    keys.start(dict)  # the next session does not wake it
     answers.set()
     thread.join(30.0)
     assert not thread.is_alive() and len(calls) == 1

@@ -37,19 +37,21 @@ def command(monkeypatch):
     def look():
         return state.now
 
-    monkeypatch.setattr(operator_keys.running_command, "hears_keys", lambda frame: True)
+    monkeypatch.setattr(operator_keys.running_command, "hears_keys", lambda: True)
     monkeypatch.setattr(operator_keys.running_command, "look", look)
     return state
 
 
 def during(command, **fields):
-    command.now = Situation(RECORD, do=command.pressed.append, **fields)
+    """A policy's rollout with a key that saves."""
+    keys = {Meaning.SAVE: lambda: command.pressed.append("s")}
+    command.now = Situation(RECORD, Phase.AUTONOMOUS, keys, **fields)
 
 
 def test_a_followers_keys_do_what_the_listener_does(command):
     keys = OperatorKeys({}, auto=False, by_request=True)
-    during(command, phase=Phase.AUTONOMOUS, keys={Meaning.SAVE: "s"})
-    keys.start(None, dict)
+    during(command)
+    keys.start(dict)
     assert requests.ask(Press("a page", Meaning.SAVE))
     wait(lambda: command.pressed == ["s"])
     keys.stop()
@@ -59,9 +61,9 @@ def test_a_followers_keys_do_what_the_listener_does(command):
 def test_a_leaders_keys_come_first(command):
     """They know whether episodes are automatic."""
     follower, leader = OperatorKeys({}, auto=False, by_request=True), OperatorKeys({"top": Meaning.NEXT}, auto=False)
-    during(command, phase=Phase.AUTONOMOUS, keys={Meaning.SAVE: "s"})
-    follower.start(None, dict)
-    leader.start(None, dict)
+    during(command)
+    follower.start(dict)
+    leader.start(dict)
     assert requests._doers == [leader, follower]
     leader.stop()
     requests.ask(Press("a page", Meaning.SAVE))
@@ -71,8 +73,8 @@ def test_a_leaders_keys_come_first(command):
 
 def test_what_is_for_a_phase_that_is_over_does_nothing(command, caplog):
     keys = OperatorKeys({}, auto=False, by_request=True)
-    during(command, phase=Phase.AUTONOMOUS, keys={Meaning.SAVE: "s"}, turn=2.0)
-    keys.start(None, dict)
+    during(command, turn=2.0)
+    keys.start(dict)
     requests.ask(Press("a page", Meaning.SAVE, turn=1.0))
     wait(lambda: "came too late" in caplog.text)
     requests.ask(Press("a page", Meaning.SAVE, turn=2.0))
@@ -105,6 +107,9 @@ def test_a_referee_is_told_by_the_page(monkeypatch):
     assert person.verdict({}) == Verdict(False, True)
     person.close()
     assert not requests.ask(Press("a page", Meaning.SUCCESS))
+    seeds = []
+    OperatorReferee("stack the cups", SimpleNamespace(arrange=seeds.append)).arrange(7)  # a rig asks nobody
+    assert seeds == [7]
 
 
 def test_a_strategy_that_takes_arms_over_is_asked_by_its_keys(tmp_path):

@@ -74,7 +74,8 @@ def test_other_image_sizes_for_policies_that_resize(checkpoint, seen):
 def test_images_that_a_policy_makes_itself_are_not_asked_for():
     image = PolicyFeature(type=FeatureType.VISUAL, shape=(3, 8, 8))
     config = make_policy_config("act", device="cpu", input_features={TOP: image, f"{TOP[:-3]}empty_camera_0": image})
-    assert ObservationForm.of_policy(config, {}) == ObservationForm(None, {TOP: (3, 8, 8)})
+    form = ObservationForm(config, {})
+    assert (form.state, form.images) == (None, {TOP: (3, 8, 8)})
 
 
 @pytest.mark.parametrize(
