@@ -35,8 +35,8 @@ def environment(**fields):
     return config
 
 
-def demonstrated(count, path, off_rad=0.0):
-    """The operator's attempts from SEED on, kept as a file for the replayed policy; which of them succeeded.
+def demonstrated(count, path, off_rad):
+    """The operator's attempts from SEED on, kept as a file for the replayed policy.
 
     off_rad: spread of an offset that spoils an episode's actions.
     """
@@ -48,7 +48,6 @@ def demonstrated(count, path, off_rad=0.0):
         env.close()
     off = [np.append(rng.normal(0.0, off_rad, 6), 0.0).astype(np.float32) for _ in attempts]
     np.savez(path, **{str(i): np.array([f.action + off[i] for f in frames]) for i, frames in enumerate(attempts)})
-    return [frames[-1].success for frames in attempts]
 
 
 def evaluate(commands, name, policy, episodes, rigs):
@@ -80,20 +79,8 @@ def test_what_succeeds_now_and_then_does_so_on_the_same_seeds(commands):
     assert 2 <= sum(one) <= 10
     assert evaluate(commands, "again", policy, 12, 1) == one
     assert evaluate(commands, "two", policy, 12, 2) == one
-
-
-@pytest.mark.long
-@pytest.mark.timeout(3600)
-def test_fifty_episodes(commands):
-    outcomes = demonstrated(50, commands.directory / "actions.npz")
-    assert np.mean(outcomes) >= 0.95
-    policy = save_replayed(commands.directory / "policy", arms=1, actions=str(commands.directory / "actions.npz"))
-    one = evaluate(commands, "one", policy, 50, 1)
-    assert np.mean(one) >= 0.95 * np.mean(outcomes)
-    assert evaluate(commands, "again", policy, 50, 1) == one
-    assert evaluate(commands, "two", policy, 50, 2) == one
     nothing = save_replayed(commands.directory / "nothing", arms=1)
-    assert not any(evaluate(commands, "still", nothing, 50, 2))
+    assert not any(evaluate(commands, "still", nothing, 12, 2))
 
 
 @pytest.mark.long

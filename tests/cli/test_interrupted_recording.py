@@ -1,10 +1,9 @@
 """A recording that ends in the middle of an episode, however it ends: what was saved before stays, the arms land.
 
-In the long tier: signals, and every fault of the table that can strike while recording. The default tier has one way to
-end from `test_ways_to_end`, and the faults in lock-step.
+In the long tier: every fault of the table that can strike while recording. Signals are in `test_ways_to_end`; the
+default tier has the faults in lock-step.
 """
 
-import os
 import shutil
 import signal
 import time
@@ -227,21 +226,6 @@ def test_a_fault_ends_the_recording_with_the_name_of_the_part(recording, name):
         assert part in recording.last_words(), recording.last_words()
     assert "Traceback" not in recording.output()
     assert_ended_well(recording, event)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "first, second",
-    [(signal.SIGTERM, None), (signal.SIGINT, signal.SIGINT), (signal.SIGHUP, signal.SIGTERM)],
-)
-def test_a_signal_ends_the_recording(recording, first, second):
-    os.killpg(recording.process.pid, first)  # as a terminal does: the whole foreground group
-    if second is not None:
-        time.sleep(0.15)
-        os.killpg(recording.process.pid, second)
-    assert recording.finish(NOTHING) == -signal.SIGINT  # all of them end it as Ctrl-C does
-    assert f"kept 1 episode of this session; 1 in {recording.root}" in kept(recording)
-    assert_ended_well(recording, NOTHING)
 
 
 def kept(recording):

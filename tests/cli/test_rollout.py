@@ -231,16 +231,6 @@ def test_two_signals_land_the_arms_too(rollout, number):
 # degrees and radians
 
 
-@LONG
-def test_a_checkpoint_in_another_unit_is_refused_before_anything_is_energised(rollout):
-    rollout.begin(config("rollout"), "sines", stats=statistics(2, degrees=True))
-    assert rollout.end() == 1
-    last = rollout.commands.output().strip().splitlines()[-1]
-    assert "is in degrees, this robot in radians; nothing was energised" in last and "use_degrees to true" in last
-    for channel in FOLLOWERS:
-        assert not recorders.watch(rollout.rig, channel)["enabled_events"]
-
-
 @pytest.mark.long
 def test_a_policy_in_degrees_moves_a_robot_in_degrees(rollout):
     document = config("rollout", duration=SECONDS)

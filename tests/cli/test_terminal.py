@@ -65,17 +65,12 @@ def test_typed_keys_and_buttons_work_together(session):
 
 
 @pytest.mark.long
-def test_ctrl_c_ends_it(session):
-    session.terminal.type(b"\x03")
-    assert session.terminal.end() == 128 + signal.SIGINT
-    session.assert_as_it_was()
-    session.commands.assert_landed()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
 def test_a_signal_ends_it(session, number):
-    session.terminal.kill(number)
+    if number is signal.SIGINT:
+        session.terminal.type(b"\x03")
+    else:
+        session.terminal.kill(number)
     killed = number is signal.SIGKILL
     assert session.terminal.end() == 128 + (number if killed else signal.SIGINT)
     if not killed:  # LeRobot's listener cannot give the terminal back then

@@ -18,6 +18,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 PHASES = {
     "connecting": (CONNECTING, 0),
     "first episode": ("Recording episode 0", 0),
+    "second episode": ("Recording episode 1", 1),
     "resetting": ("Reset the environment", 1),
     "landing": ("Reset the environment", 1),
 }

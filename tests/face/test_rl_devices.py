@@ -3,20 +3,13 @@
 import contextlib
 import time
 
-import draccus
 import numpy as np
 import pytest
-import torch
-from lerobot.processor import TransitionKey
 from lerobot.teleoperators.utils import TeleopEvents
 
-from lerobot_robot_yam.arm.kinematics import YamKinematics
-from lerobot_robot_yam.commands.model_file import main as write_model
 from lerobot_robot_yam.errors import ActionError, ConfigError
-from lerobot_robot_yam.rig.control import running_rig
 from tests.face.devices.test_lerobot_contract import BiYamFollower, follower_config, leave
 from tests.face.devices.test_pairing import follower, leader
-from tests.support.paths import ROOT
 from tests.support.rigged import rig_of
 from tests.support.tiers import spread
 
@@ -106,55 +99,6 @@ def test_buttons_are_told_once_and_take_over(pair, rig):
     rig.buttons("leader_left", record=True)
     ask_until(teleop, TeleopEvents.IS_INTERVENTION, False)
     rig.buttons("leader_left")
-
-
-@pytest.mark.long
-@pytest.mark.alone
-def test_the_stock_environment_takes_the_policy_and_the_person(tmp_path):
-    """Its own steps, from the shipped config, but for the waits of its reset."""
-    with running_rig(arms=["follower_left", "leader_left"]) as rig, connected(rig, tmp_path) as (robot, teleop):
-        take_turns(rig, robot, teleop, tmp_path)
-
-
-def take_turns(rig, robot, teleop, tmp_path):
-    pytest.importorskip("placo", reason='LeRobot\'s kinematics needs the extra: pip install -e ".[hil-serl]"')
-    from lerobot.rl import gym_manipulator as stock
-
-    assert write_model(["--format=urdf", str(tmp_path / "yam.urdf")]) == 0
-    config = draccus.parse(stock.GymManipulatorConfig, ROOT / "configs" / "sim" / "hil_serl.yaml", []).env
-    config.processor.inverse_kinematics.urdf_path = str(tmp_path / "yam.urdf")
-    env = stock.RobotEnv(robot, use_gripper=True, reset_pose=[*RESET_DEG[:6], 1.0], reset_time_s=0.0)
-    processors = stock.make_processors(env, teleop, config)
-    transition = stock.reset_and_build_transition(env, *processors)
-
-    def steps(action, count):
-        nonlocal transition
-        for _ in range(count):
-            transition = stock.step_env_and_process_transition(env, transition, torch.tensor(action), *processors)
-            time.sleep(1.0 / config.fps)
-        return transition
-
-    def tool(channel):
-        q = np.array(rig.state()["arms"][channel]["q"])
-        return YamKinematics("yam", "linear_4310").fk(q)[:3, 3]
-
-    start = tool("follower_left")
-    steps([[0.0, 0.5, 0.0, 2.0]], 10)  # a batch of one, as the actor's policy gives
-    time.sleep(0.3)
-    np.testing.assert_allclose(tool("follower_left") - start, [0.0, 0.1, 0.0], atol=0.015)
-    assert rig.state()["arms"]["follower_left"]["opening"] < 0.05
-
-    rig.press("leader_left", IN_RIG["bottom"], 0.05)
-    steps([0.0, 0.0, 0.0, 1.0], 3)
-    start, leader = tool("follower_left"), tool("leader_left")
-    rig.lift("leader_left", [-0.2, 0.6, 0.6, -0.1, 0.0, 0.0], 1.0)
-    last = steps([0.0, -1.0, 0.0, 1.0], 20)
-    way = tool("leader_left") - leader
-    assert np.linalg.norm(way) > 0.1 and last[TransitionKey.INFO][TeleopEvents.IS_INTERVENTION]
-    np.testing.assert_allclose(tool("follower_left") - start, way, atol=0.015)
-    rig.press("leader_left", IN_RIG["top"], 0.05)
-    last = next(done for _ in range(20) if (done := steps([0.0, 0.0, 0.0, 1.0], 1))[TransitionKey.DONE])
-    assert last[TransitionKey.REWARD] == 1.0
 
 
 @pytest.mark.parametrize("options", spread([{}, {"action_space": "ee", "use_degrees": True}], 0))

@@ -8,7 +8,7 @@ from lerobot.teleoperators.utils import TeleopEvents
 
 from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
 from lerobot_robot_yam.face.rl_stack import TeleopEventWatch
-from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState
 
 LOOK_S = 0.03  # a few looks at the handle
@@ -59,3 +59,19 @@ def test_a_press_while_the_arm_is_reset_does_not_end_the_next_episode(watch, han
     assert not any(watch.take().values())
     handle.press()
     assert watch.take()[TeleopEvents.SUCCESS]
+
+
+@pytest.mark.parametrize(
+    ("gate", "mode", "drives"),
+    [
+        (Gate.NONE, Mode.FLOAT, False),
+        (Gate.IDLE, Mode.FLOAT, False),
+        (Gate.HOMING, Mode.FLOAT, False),
+        (Gate.APPROACH, Mode.FLOAT, True),
+        (Gate.ENGAGED, Mode.FLOAT, True),
+        (Gate.ENGAGED, Mode.STOPPED, False),
+    ],
+)
+def test_a_person_drives_while_the_leader_is_lifted(handle, watch, gate, mode, drives):
+    handle._record["gate"], handle._record["mode"] = gate, mode
+    assert watch.take()[TeleopEvents.IS_INTERVENTION] is drives

@@ -16,32 +16,6 @@ from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.yam_env import YamEnv
 from tests.face.test_yam_env import robot
 
-LOOKS = []
-
-
-def judge(observation):
-    LOOKS.append(observation["joint_2.pos"])
-    return True if len(LOOKS) == 3 else None
-
-
-@pytest.mark.long
-def test_the_live_rig_is_paced_and_a_callable_may_judge(tmp_path):
-    LOOKS.clear()
-    with running_rig(scene="lift_and_place", arms=["follower_left"]) as rig:
-        live = robot(tmp_path, can_options={"rig": rig.name}, cameras={}, gripper_stops_rad=[3.25, -3.3])
-        env = YamEnv(YamEnvConfig(robot=live, success=f"{__name__}:judge"))
-        try:
-            observation, _ = env.reset(seed=7)
-            assert rig.task_state()["seed"] == 7
-            begin = time.monotonic()
-            outcomes = [env.step(observation["agent_pos"])[2] for _ in range(3)]
-            assert outcomes == [False, False, True]
-            assert 0.09 < time.monotonic() - begin < 1.0
-        finally:
-            env.close()
-        motors = rig.state()["arms"]["follower_left"]["motors"]
-        assert not any(motor["enabled"] for motor in motors.values())
-
 
 @pytest.mark.long
 def test_an_operator_lays_out_and_judges(tmp_path, monkeypatch):
@@ -83,21 +57,6 @@ def test_a_judge_may_lie_in_the_working_directory(tmp_path, monkeypatch):
     assert find_judge("judge_of_this_test:judge")({}) is True
     with pytest.raises(ConfigError, match="3 and cannot judge"):
         find_judge("judge_of_this_test:nothing")
-
-
-@pytest.mark.long
-def test_a_virtual_scene_is_laid_out_by_the_rig_whoever_judges(tmp_path, monkeypatch):
-    terminal, stdin = pty.openpty()
-    with running_rig(scene="lift_and_place", arms=["follower_left"]) as rig, os.fdopen(stdin) as keyboard:
-        monkeypatch.setattr("sys.stdin", keyboard)
-        live = robot(tmp_path, can_options={"rig": rig.name}, cameras={}, gripper_stops_rad=[3.25, -3.3])
-        env = YamEnv(YamEnvConfig(robot=live, success="operator"))
-        try:
-            env.reset(seed=7)  # nobody presses space
-            assert rig.task_state()["seed"] == 7
-        finally:
-            env.close()
-            os.close(terminal)
 
 
 @pytest.mark.long

@@ -1,56 +1,17 @@
 """Images that are late are waited for, and those that do not come end the observation."""
 
-import time
 from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import StaleStateError
 from lerobot_robot_yam.face.devices import images
 from lerobot_robot_yam.face.devices.images import LATE_S, PATIENCE_S, ImageReader, LateImages, newest_images
-from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.yam_follower import YamFollower
-from scripts import recorders
 from tests.support.rigged import STOPS, rig_of
-
-MOTORS = [*(f"joint_{i}" for i in range(1, 7)), "gripper"]
-
-
-@pytest.fixture
-def rig():
-    with running_rig() as rig:
-        recorders.stamp_temperatures(rig)
-        yield rig
-
-
-@pytest.fixture
-def robot(rig, tmp_path):
-    camera = YamSimCameraConfig(camera="top", rig=rig.name, width=64, height=48, fps=30)
-    robot = YamFollower(
-        YamFollowerConfig(
-            channel="follower_left",
-            interface="yam_sim",
-            can_options={"rig": rig.name},
-            gripper_stops_rad=STOPS,
-            cameras={"top": camera},
-            observe_temperature=True,
-            calibration_dir=tmp_path,
-        )
-    )
-    robot.connect()
-    yield robot
-    robot.disconnect()
-
-
-def sample_age(observation):
-    """Age of the oldest motor sample, s: the rig stamps it into the temperatures."""
-    now = time.monotonic()
-    read = [(int(observation[f"{m}.temp_mos"]), int(observation[f"{m}.temp_rotor"])) for m in MOTORS]
-    return max(recorders.sample_age_s(*pair, now) for pair in read)
 
 
 @pytest.fixture
@@ -253,29 +214,3 @@ def test_the_arm_is_read_after_an_image_that_was_late(tmp_path, monkeypatch, cap
         robot.discard()
     assert "ms for images: latest frame is too old" in caplog.text
     assert q[0] > 0.1 and observation["joint_1.pos"] == pytest.approx(q[0], abs=0.02)
-
-
-@pytest.mark.long
-@pytest.mark.alone
-def test_a_late_image_is_waited_for_and_the_arm_is_read_after_it(rig, robot, caplog):
-    robot.get_observation()
-    rig.camera_fault("top", "stall", seconds=0.65)
-    end = time.monotonic() + 3.0
-    while "waited" not in caplog.text and time.monotonic() < end:
-        observation = robot.get_observation()
-        age_s = sample_age(observation)
-        time.sleep(1 / 30)
-    assert "ms for images: camera top: newest frame is" in caplog.text
-    assert age_s < 0.05 and observation["top"].shape == (48, 64, 3)
-
-
-@pytest.mark.long
-@pytest.mark.alone
-def test_an_image_that_does_not_come_is_told_of_within_a_second(rig, robot):
-    robot.get_observation()
-    rig.camera_fault("top", "stall")
-    begin = time.monotonic()
-    with pytest.raises(StaleStateError, match="camera top has no image.*the arms hold"):
-        while time.monotonic() < begin + 5.0:
-            robot.get_observation()
-    assert 0.7 < time.monotonic() - begin < 1.0
