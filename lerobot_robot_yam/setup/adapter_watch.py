@@ -80,6 +80,7 @@ class WristWatch:
 
     def __init__(self, buses: Mapping[str, can.BusABC]):
         self._questions = {channel: Questions(bus, channel) for channel, bus in buses.items()}
+        self._clock = next(iter(self._questions.values())).clock
         self._start: dict[tuple[str, int], float] = {}
         self._await_rest()
         if not self._start:
@@ -108,12 +109,12 @@ class WristWatch:
 
     def _await_rest(self) -> None:
         """Wait until no wrist moves, and store the positions there."""
-        until_s = time.monotonic() + _RESTLESS_S
+        until_s = self._clock.now() + _RESTLESS_S
         while True:
             self._start.clear()
             self._moved_rad()
-            time.sleep(_RESTS_S)
-            if max(self._moved_rad().values()) < _RESTS_RAD or time.monotonic() > until_s:
+            self._clock.sleep(_RESTS_S)
+            if max(self._moved_rad().values()) < _RESTS_RAD or self._clock.now() > until_s:
                 return
 
     def _moved_rad(self) -> dict[str, float]:

@@ -21,7 +21,10 @@ from tests.support.doctor_desk import (
     examine_arm,
     found,
 )
+from tests.support.rigged import lockstep_rig
 
+WHERE = "--interface yam_lockstep"
+rig = lockstep_rig(FOLLOWER, LEADER)
 DEFECTS = {
     "missing motor": (
         lambda rig: rig.fault(FOLLOWER, "joint_3", "silent"),
@@ -37,7 +40,11 @@ DEFECTS = {
     ),
     "wrong time-out": (
         lambda rig: rig.fault(FOLLOWER, "joint_1", "register", 20000, register=int(Register.TIMEOUT)),
-        ("joint_1 (id 1)", "TIMEOUT is 20000 instead of 8000", f"yam-motors timeout --channel {FOLLOWER} --rig "),
+        (
+            "joint_1 (id 1)",
+            "TIMEOUT is 20000 instead of 8000",
+            f"yam-motors timeout --channel {FOLLOWER} {WHERE}",
+        ),
     ),
     "time-out off": (
         lambda rig: rig.fault(FOLLOWER, "joint_1", "register", 0, register=int(Register.TIMEOUT)),
@@ -53,7 +60,7 @@ DEFECTS = {
     ),
     "wrong answering id": (
         lambda rig: rig.fault(FOLLOWER, "joint_6", "register", 0x40, register=int(Register.MST_ID)),
-        ("joint_6 (id 6)", "MST_ID is 64 instead of 22", f"yam-motors set-id --channel {FOLLOWER} --rig "),
+        ("joint_6 (id 6)", "MST_ID is 64 instead of 22", f"yam-motors set-id --channel {FOLLOWER} {WHERE}"),
     ),
     "another type": (
         lambda rig: rig.fault(FOLLOWER, "gripper", "register", 7, register=int(Register.GR)),
@@ -65,7 +72,7 @@ DEFECTS = {
     ),
     "wrong id": (
         lambda rig: rig.fault(FOLLOWER, "joint_4", "register", 9, register=int(Register.ESC_ID)),
-        ("motor id 9", "the profile does not have", f"if it is joint_4: yam-motors set-id --channel {FOLLOWER} --rig "),
+        ("motor id 9", "the profile does not have", f"if it is joint_4: yam-motors set-id --channel {FOLLOWER}"),
     ),
     "over-temperature": (
         lambda rig: rig.fault(FOLLOWER, "gripper", "nibble", int(Fault.ROTOR_OVER_TEMPERATURE)),
@@ -99,12 +106,12 @@ DEFECTS = {
 
 
 @pytest.mark.parametrize("defect", DEFECTS)
-def test_a_defect_is_found_and_its_remedy_named(sick, defect):
+def test_a_defect_is_found_and_its_remedy_named(rig, defect):
     seed, (where, what, remedy) = DEFECTS[defect]
-    seed(sick)
+    seed(rig)
     samples = 12 if defect in ("lost replies", "slow adapter") else 0
     channel = LEADER_ARM if where.startswith(LEADER) else FOLLOWER
-    status, report = examine_arm(sick, channel, samples)
+    status, report = examine_arm(rig, channel, samples)
     severity = "warning" if defect.startswith("squeezed") else "problem"
     findings = found(report, severity, where, what)
     assert len(findings) == 1, report["findings"]
@@ -115,19 +122,19 @@ def test_a_defect_is_found_and_its_remedy_named(sick, defect):
     assert [f["where"] for f in others] == ([f"{FOLLOWER} motor joint_4 (id 4)"] if defect == "wrong id" else [])
 
 
-def test_a_motor_that_is_energised_without_a_driver(sick):
-    with can.Bus(interface="yam_sim", channel=FOLLOWER, rig=sick.name) as bus:
+def test_a_motor_that_is_energised_without_a_driver(rig):
+    with can.Bus(interface="yam_lockstep", channel=FOLLOWER, rig=rig.name) as bus:
         chain = MotorChain(bus, MOTORS[:1], channel=FOLLOWER)
         RegisterAccess(bus, FOLLOWER).write(MOTORS[0].can_id, Register.TIMEOUT, 0)
         chain.special(SpecialCommand.ENABLE)
-    _, report = examine_arm(sick, FOLLOWER)
+    _, report = examine_arm(rig, FOLLOWER)
     (problem,) = found(report, "problem", "joint_1", "energised although no session drives it")
     assert "hold the arm by hand" in problem["remedy"]
 
 
-def test_a_warm_motor(sick):
-    sick.fault(FOLLOWER, "joint_2", "temperatures_c", [50, 92])
-    status, report = examine_arm(sick, FOLLOWER)
+def test_a_warm_motor(rig):
+    rig.fault(FOLLOWER, "joint_2", "temperatures_c", [50, 92])
+    status, report = examine_arm(rig, FOLLOWER)
     assert status == 0
     assert found(report, "warning", "joint_2", "coil 92 °C; it switches itself off at 100 °C")
 
@@ -171,16 +178,16 @@ def test_a_channel_that_the_rig_does_not_have(rig):
 @pytest.mark.parametrize(
     ("register", "wrong"), [(Register.PMAX, 6.0), (Register.TIMEOUT, 4000), (Register.MST_ID, 0x33)], ids=str
 )
-def test_what_a_session_would_refuse_is_repaired_by_the_remedy(sick, tmp_path, monkeypatch, register, wrong):
+def test_what_a_session_would_refuse_is_repaired_by_the_remedy(rig, tmp_path, monkeypatch, register, wrong):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    sick.fault(FOLLOWER, "joint_4", "register", wrong, register=int(register))
-    status, report = examine_arm(sick, FOLLOWER)
+    rig.fault(FOLLOWER, "joint_4", "register", wrong, register=int(register))
+    status, report = examine_arm(rig, FOLLOWER)
     assert status == 1
     (problem,) = found(report, "problem", "joint_4")
-    with can.Bus(interface="yam_sim", channel=FOLLOWER, rig=sick.name) as bus:
+    with can.Bus(interface="yam_lockstep", channel=FOLLOWER, rig=rig.name) as bus:
         with pytest.raises(MotorError, match="joint_4"):
             motor_inspection.verify(MotorChain(bus, MOTORS, channel=FOLLOWER))
     program, *arguments = shlex.split(problem["remedy"].partition(" (")[0])
-    assert program == "yam-motors" and repair([*arguments, "--yes"]) == 0
-    with can.Bus(interface="yam_sim", channel=FOLLOWER, rig=sick.name) as bus:
+    assert program == "yam-motors" and repair([*arguments, "--yes", f"--rig={rig.name}"]) == 0
+    with can.Bus(interface="yam_lockstep", channel=FOLLOWER, rig=rig.name) as bus:
         motor_inspection.verify(MotorChain(bus, MOTORS, channel=FOLLOWER))

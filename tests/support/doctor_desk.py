@@ -1,5 +1,6 @@
 """What the doctor's tests share: the rig's channels, recorded tools, a made-up sysfs, running the command, its JSON."""
 
+import dataclasses
 import json
 import os
 import shutil
@@ -55,9 +56,13 @@ def examine(capsys, *arguments):
 
 
 def examine_arm(rig, arm, samples=0):
-    """What the command finds on the channel of an arm NAME[:ARM[:GRIPPER]], without all that it looks at besides."""
-    report = empty_report()
-    examine_channel(from_option(arm, "yam_sim", rig.name), None, samples, report, lambda text: None)
+    """What the command finds on a channel of a rig in lock-step, without all that it looks at besides.
+
+    arm: NAME[:ARM[:GRIPPER]].
+    """
+    report, target = empty_report(), from_option(arm, "yam_lockstep", None)
+    config = dataclasses.replace(target.config, can_options={"rig": rig.name})
+    examine_channel(dataclasses.replace(target, config=config), None, samples, report, lambda text: None)
     return exit_status(report), json.loads(as_json(report))
 
 

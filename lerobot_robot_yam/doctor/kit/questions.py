@@ -4,7 +4,6 @@ Every frame passes `harmless` before it is sent, so that no mistake elsewhere ca
 """
 
 import math
-import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import NamedTuple
 
@@ -64,6 +63,7 @@ class Questions:
     def __init__(self, bus: can.BusABC, channel: str):
         self.channel = channel
         self._port = _QuestionPort(bus, channel)
+        self.clock = self._port.clock
 
     def refresh(self, motor_ids: Sequence[int], timeout_s: float, settle_s: float) -> list[Answer]:
         """Request feedback of motors (ids below 16); collect answers until all have answered, and for `settle_s` more.
@@ -76,7 +76,7 @@ class Questions:
         for start in range(0, len(motor_ids), _BATCH):
             for motor_id in motor_ids[start : start + _BATCH]:
                 self._ask(encode_refresh(motor_id))
-            time.sleep(_BATCH_PAUSE_S)
+            self.clock.sleep(_BATCH_PAUSE_S)
         for answer in self._feedback(timeout_s, motor_ids):
             found.append(answer)
             missing.discard(answer.nibble)
@@ -88,7 +88,7 @@ class Questions:
         """Time from the question to the arrival of the motor's feedback, s; None without an answer."""
         self._drain()
         self._port.synchronise()
-        asked = time.monotonic()
+        asked = self.clock.now()
         self._ask(encode_refresh(motor_id))
         return next((max(answer.stamp_s - asked, 0.0) for answer in self._feedback(timeout_s, (motor_id,))), None)
 
@@ -127,8 +127,8 @@ class Questions:
 
     def _frames(self, timeout_s: float) -> Iterator[can.Message]:
         """Receive frames of devices within a time: no error frames, and no questions of other programs."""
-        deadline = time.monotonic() + timeout_s
-        while (remaining := deadline - time.monotonic()) > 0.0:
+        deadline = self.clock.now() + timeout_s
+        while (remaining := deadline - self.clock.now()) > 0.0:
             message = self._port.recv(remaining)
             if message is not None and not message.is_error_frame and message.arbitration_id != REGISTER_ID:
                 yield message
