@@ -1,6 +1,7 @@
 """What is read from the terminal of a command that is driven by keys."""
 
 import os
+import termios
 import threading
 import tty
 
@@ -48,6 +49,15 @@ def test_a_terminal_that_has_hung_up_is_gone_and_says_nothing():
     os.close(keys)
     assert terminal.keys(1.0) == [] and terminal.gone
     os.close(descriptor)
+
+
+def test_keys_come_at_once_and_the_terminals_mode_is_given_back(type_in):
+    descriptor = type_in(b"")
+    before = termios.tcgetattr(descriptor)
+    with key_terminal.key_terminal() as terminal:
+        os.write(descriptor, b"a\x1a")  # Ctrl-Z stops nobody
+        assert terminal.keys(1.0) == ["a", "\x1a"]
+    assert termios.tcgetattr(descriptor) == before
 
 
 def test_a_command_in_the_background_is_refused(monkeypatch):

@@ -4,12 +4,12 @@ import contextlib
 import io
 import signal
 import sys
-import time
 
 import can
 import pytest
 
 from lerobot_robot_yam.commands.lib.key_terminal import DOWN, LEFT, RIGHT, UP
+from lerobot_robot_yam.commands.lib.motor import motor_console
 from lerobot_robot_yam.commands.lib.motor.motor_console import SPEED_RAD_S, Knob
 from lerobot_robot_yam.commands.lib.motor.motor_monitor import Traffic
 from lerobot_robot_yam.commands.motors import main
@@ -79,85 +79,100 @@ def test_step_and_gains_stay_between_their_ends():
 # the motor
 
 
+class Keys:
+    """A terminal in the rig's time. `script`: when, s, and the keys, or what happens then; it quits at the end.
+
+    wakes_s: time between keys that do nothing, as of a text that is pasted.
+    """
+
+    gone = False
+
+    def __init__(self, rig, script, wakes_s=1.0):
+        self._rig, self._script, self._wakes_s, self._begin_s = rig, [*script], wakes_s, None
+
+    def keys(self, within_s):
+        self._begin_s = self._begin_s or self._rig.now()
+        self._rig.sleep(min(within_s, self._wakes_s))
+        if not self._script:
+            return ["q"]
+        if self._rig.now() - self._begin_s < self._script[0][0]:
+            return ["x"]
+        _, then = self._script.pop(0)
+        return then() or [] if callable(then) else then
+
+
 @pytest.fixture
-def console(live_arm, tmp_path):
-    """Starts `yam-motors console` for joint 6 in a terminal."""
-    command = [sys.executable, "-m", "lerobot_robot_yam.commands.motors", "console", "--motor", "joint_6"]
-    with contextlib.ExitStack() as opened:
+def console(arm, type_in, monkeypatch, capsys):
+    """Runs `yam-motors console` for joint 6 in lock-step; returns its exit status and what it has said."""
 
-        def start(*more):
-            live_arm.clear_faults("only")
-            for powered in (False, True):  # else the watchdog's 0xD stays from the test that kills
-                live_arm.fault("only", "joint_6", "power", powered)
-            live_arm.set_pose("only", q=[0.0] * 6)
-            terminal = opened.enter_context(Terminal(tmp_path, *command, *arguments(live_arm), *more))
-            terminal.wait_shown("Type enable to energise joint_6")
-            assert "HANGS" not in terminal.shown and not enabled(live_arm)
-            terminal.answer(("", b"enable\n"), ("target", b""))
-            return terminal
+    def run(script, *more, **options):
+        type_in(b"enable\n")
+        terminal = contextlib.nullcontext(Keys(arm, script, **options))
+        monkeypatch.setattr(motor_console, "key_terminal", lambda: terminal)
+        status = main(["console", "--motor", "joint_6", *more, *arguments(arm)])
+        return status, capsys.readouterr().err
 
-        yield start
-    live_arm.clear_faults("only")
+    return run
 
 
 def enabled(rig):
     return [name for name, motor in rig.state()["arms"]["only"]["motors"].items() if motor["enabled"]]
 
 
-def test_one_motor_follows_the_arrow_keys_and_is_let_down(live_arm, console):
-    """No faster than it may, though keys that come fast, as of a text that is pasted, wake the loop each time."""
-    before = motor_rad(live_arm)["joint_6"]
-    terminal = console("--range", "1.5")
-    assert enabled(live_arm) == ["joint_6"]
-    terminal.type(f"{UP}{RIGHT * 8}".encode())  # a step of 0.1 rad
-    began, begin_s = motor_rad(live_arm)["joint_6"], time.monotonic()
-    while time.monotonic() - begin_s < 1.0:
-        terminal.type(b"x")
-        time.sleep(0.001)
-    moved, seconds = motor_rad(live_arm)["joint_6"] - began, time.monotonic() - begin_s
-    assert moved < 1.1 * SPEED_RAD_S * seconds + 0.1
-    while motor_rad(live_arm)["joint_6"] - before < 0.75:  # friction keeps it a little short of 0.8
-        assert time.monotonic() < begin_s + 10.0, terminal.shown
-    terminal.type(b"q")
-    terminal.wait_shown("joint_6 is limp")
-    assert terminal.end() == 0 and enabled(live_arm) == []
-    first, last = terminal.modes()
-    assert first == last
-    assert motor_rad(live_arm)["joint_6"] - before == pytest.approx(0.8, abs=0.08)
-    assert main(["read", "CTRL_MODE", *arguments(live_arm)]) == 0  # nobody holds the channel
+@pytest.mark.parametrize("wakes_s", [1.0, 0.001])
+def test_one_motor_follows_the_arrow_keys_and_is_let_down(arm, console, wakes_s):
+    """No faster than it may, also when keys that come fast wake the loop each time."""
+    before, seen = motor_rad(arm)["joint_6"], []
+
+    def look():
+        seen.append((motor_rad(arm)["joint_6"] - before, enabled(arm)))
+
+    script = [(0.1, [UP, *[RIGHT] * 8]), (1.1, look), (4.0, look)]  # steps of 0.1 rad
+    status, said = console(script, "--range", "1.5", wakes_s=wakes_s)
+    assert status == 0 and "HANGS" not in said and "joint_6 is limp" in said and enabled(arm) == []
+    (early, one), (late, _) = seen
+    assert one == ["joint_6"] and 0.3 < early < SPEED_RAD_S * 1.05
+    assert late == pytest.approx(0.8, abs=0.08)  # friction keeps it a little short
+    assert main(["read", "CTRL_MODE", *arguments(arm)]) == 0  # nobody holds the channel
+
+
+def test_a_motor_that_misses_its_end_is_told_again(arm, console):
+    """Ctrl-Z would stop the program, so that the joint would fall: it quits."""
+    before, pause = motor_rad(arm)["joint_6"], arm.sleep
+
+    def deaf():
+        arm.fault("only", "joint_6", "command_loss_rate", 1.0)
+        ends_s = arm.now() + 0.2
+
+        def sleep(seconds):
+            pause(seconds)
+            if arm.now() > ends_s:
+                arm.fault("only", "joint_6", "command_loss_rate", 0.0)
+
+        arm.sleep = sleep
+        return ["\x1a"]
+
+    assert console([(0.1, [RIGHT] * 6), (0.6, deaf)], "--range", "3")[0] == 0
+    assert enabled(arm) == [] and 0.1 < motor_rad(arm)["joint_6"] - before < 0.4
+
+
+def test_a_motor_that_fails_is_told_and_left_limp(arm, console):
+    status, said = console([(0.5, lambda: arm.fault("only", "joint_6", "nibble", 0xA) and None)])
+    assert status == 1 and "only: joint_6 has let go: 0xA over-current" in said and enabled(arm) == []
 
 
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.long), signal.SIGKILL])
-def test_a_signal_lets_the_joint_down_and_a_kill_leaves_it_to_its_watchdog(live_arm, console, number):
-    terminal, seen = console(), len(live_arm.events())
-    terminal.kill(number)
-    terminal.end()
-    if number == signal.SIGKILL:
-        live_arm.wait_event("motor_fault", 5.0, since=seen)
+def test_a_signal_lets_the_joint_down_and_a_kill_leaves_it_to_its_watchdog(live_arm, tmp_path, number):
+    command = [sys.executable, "-m", "lerobot_robot_yam.commands.motors", "console", "--motor", "joint_6"]
+    with Terminal(tmp_path, *command, *arguments(live_arm)) as terminal:
+        terminal.answer(("Type enable to energise joint_6", b"enable\n"), ("target", b""))
+        seen = len(live_arm.events())
+        terminal.kill(number)
+        terminal.end()
+        if number == signal.SIGKILL:
+            live_arm.wait_event("motor_fault", 5.0, since=seen)
     assert enabled(live_arm) == []
     assert main(["read", "CTRL_MODE", *arguments(live_arm)]) == 0  # nobody holds the channel
-
-
-@pytest.mark.long
-def test_a_motor_that_misses_its_end_is_told_again(live_arm, console):
-    terminal = console("--range", "3")
-    terminal.type(f"{RIGHT * 6}".encode())
-    terminal.wait_shown(" q +0.2")
-    live_arm.fault("only", "joint_6", "command_loss_rate", 1.0)
-    terminal.type(b"\x1a")  # Ctrl-Z would stop the program, so that the joint would fall: it quits
-    time.sleep(0.2)
-    live_arm.fault("only", "joint_6", "command_loss_rate", 0.0)
-    before = motor_rad(live_arm)["joint_6"]
-    assert terminal.end() == 0 and enabled(live_arm) == []
-    assert motor_rad(live_arm)["joint_6"] - before < 0.3
-
-
-@pytest.mark.long
-def test_a_motor_that_fails_is_told_and_left_limp(live_arm, console):
-    terminal = console()
-    live_arm.fault("only", "joint_6", "nibble", 0xA)
-    terminal.wait_shown("only: joint_6 has let go: 0xA over-current")
-    assert terminal.end() == 1 and enabled(live_arm) == []
 
 
 # what speaks against energising
