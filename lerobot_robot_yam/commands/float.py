@@ -8,22 +8,34 @@ HAZARD: this ENERGISES the arms. Files are of the form of the vendor's example. 
 """
 
 import argparse
+import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.mounting import seeks_stops
 from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, each_arm, with_likely_gripper
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
-from lerobot_robot_yam.commands.lib.dialogue import confirm_word, tell, tell_landed
-from lerobot_robot_yam.commands.lib.float_console import FloatConsole
-from lerobot_robot_yam.commands.lib.key_terminal import key_terminal
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.commands.lib.dialogue import CLEAR_SCREEN, confirm_word, table, tell, tell_landed
+from lerobot_robot_yam.commands.lib.key_terminal import QUIT, KeyTerminal, key_terminal
+from lerobot_robot_yam.control.actuation import gravity_model
+from lerobot_robot_yam.errors import ConfigError, LifeCycleError, StaleStateError, YamError
+from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession
-from lerobot_robot_yam.session.trajectory_file import load_trajectory
+from lerobot_robot_yam.session.playback import Playback, replay
+from lerobot_robot_yam.session.state_recorder import StateRecorder
+from lerobot_robot_yam.session.trajectory import Trajectory
+from lerobot_robot_yam.session.trajectory_file import load_trajectory, save_trajectory
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.paths import user_path
 
-_WORD = "float"
+HELP = "f: float  h: hold  d: down, land  r: record  p: replay  s: save  l: load  q: land and quit"
+_HEAD = ("", "rad", "rad/s", "Nm", "gravity Nm", "stage °C", "coil °C")
+_LOOK_S = 0.01
+_SHOWN_S = 0.2
+_ENTER, _ESCAPE, _DELETE = ("\r", "\n"), "\x1b", ("\x7f", "\b")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _float(args: argparse.Namespace) -> int:
-    """Energise the arms, do as the keys say, and land them however that ends; returns the exit status."""
+    """Energise the arms, do as the keys say, and land them however that ends; return the exit status."""
     if not sys.stdin.isatty():
         raise ConfigError("it is driven by keys, and there is no terminal to type them; nothing was energised")
     loaded = None if args.load is None else load_trajectory(args.load)
@@ -52,7 +64,7 @@ def _float(args: argparse.Namespace) -> int:
     if loaded is not None:
         loaded.check([session.hardware(config.name) for config in configs])
     tell(_hazard(configs))
-    confirm_word(args.yes, _WORD, f"Type {_WORD} to go on:")
+    confirm_word(args.yes, "float", "Type float to go on:")
     with key_terminal() as terminal:
         try:
             session.start()
@@ -73,6 +85,215 @@ def _hazard(configs: Sequence[ArmConfig]) -> str:
     if seeks:
         text += f" The gripper of {' and '.join(seeks)} closes and opens fully to find its stops (see --calibration)."
     return text
+
+
+class FloatConsole:
+    """Runs arms by keys until somebody quits. Whoever has started the session stops it.
+
+    Args:
+        session: under way; its arms hold.
+        names: of its arms.
+        terminal: gives single keys.
+        output: file to save to.
+        trajectory: that has been loaded already.
+    """
+
+    def __init__(
+        self, session: ArmSession, names: list[str], terminal: KeyTerminal, output: Path, trajectory: Trajectory | None
+    ):
+        self._session, self._names, self._terminal, self._output = session, names, terminal, output
+        self._trajectory = trajectory
+        self._recorder: StateRecorder | None = None
+        self._playback: Playback | None = None
+        self._typed: str | None = None  # of a file's name
+        self._said = ""
+        self._keys: dict[str, Callable[[], None]] = {
+            "f": self._float,
+            "h": self._hold,
+            "d": self._land,
+            "r": self._record,
+            "p": self._replay,
+            "s": self._save,
+            "l": self._ask_for_file,
+        }
+        self._meet()
+
+    def _meet(self) -> None:
+        self._clients: list[ArmClient] = [self._session[name] for name in self._names]
+        self._tables = [_Table(client) for client in self._clients]
+
+    def run(self) -> None:
+        """Let the arms float, and do as the keys say until `q` is typed or the terminal is closed.
+
+        Raises:
+            StaleStateError: a control loop is silent.
+        """
+        clock = self._session.clock
+        shown_s = clock.now() - _SHOWN_S
+        self._try(self._float)
+        while not self._terminal.gone:
+            for key in self._terminal.keys(_LOOK_S):
+                if self._typed is not None:
+                    self._type(key)
+                elif key in QUIT:
+                    return
+                elif key in self._keys:
+                    self._said = ""
+                    self._try(self._keys[key])
+            states = [self._state(client) for client in self._clients]
+            if self._recorder is not None:
+                self._recorder.poll()
+            if self._playback is not None:
+                self._try(self._play, self._playback)
+            if clock.now() - shown_s >= _SHOWN_S:
+                shown_s = clock.now()
+                self._show(states)
+
+    def _state(self, client: ArmClient) -> ArmState:
+        """Return its state, also if it has failed: a person is there. Raises StaleStateError: its loop is silent."""
+        state = client.published()
+        age_s = self._session.clock.now() - state.published_s
+        if state.mode is not Mode.OFF and age_s > client.config.max_state_age_s:
+            raise StaleStateError(f"{client.config.name}: its control loop has been silent for {age_s:.2f} s")
+        return state
+
+    def _try[*A](self, work: Callable[[*A], None], *arguments: *A) -> None:
+        try:
+            work(*arguments)
+        except StaleStateError:
+            raise
+        except YamError as error:
+            self._playback = None
+            self._said = str(error)
+
+    def _wake(self) -> None:
+        """Bring up arms that have landed, and enable again those that have failed."""
+        self._playback = None
+        modes = [client.mode() for client in self._clients]
+        if all(mode is Mode.OFF for mode in modes):
+            self._session.stop()
+            self._session.start()
+            self._meet()
+        elif Mode.FAULT in modes:
+            self._session.rearm()
+
+    def _float(self) -> None:
+        self._wake()
+        for client in self._clients:
+            if client.mode() is not Mode.FLOAT:
+                client.float()
+
+    def _hold(self) -> None:
+        self._wake()
+        for client in self._clients:
+            client.hold()
+
+    def _land(self) -> None:
+        self._playback = None
+        self._end_recording()
+        for client in self._clients:
+            client.land()
+
+    def _record(self) -> None:
+        if self._recorder is not None:
+            self._end_recording()
+            return
+        self._float()
+        self._recorder = StateRecorder(self._clients)
+
+    def _end_recording(self) -> None:
+        recorder, self._recorder = self._recorder, None
+        if recorder is not None:
+            self._trajectory = recorder.trajectory()
+            self._said = f"recorded {self._trajectory.seconds:.1f} s; p replays it, s saves it"
+
+    def _replay(self) -> None:
+        self._end_recording()
+        if self._trajectory is None:
+            raise LifeCycleError("there is nothing to replay; record it (r) or load it (l)")
+        self._wake()
+        self._playback = replay(self._clients, self._trajectory)
+        self._said = "replaying; h or f ends it"
+
+    def _play(self, playback: Playback) -> None:
+        if playback.step(self._session.clock.now()):
+            self._playback = None
+            for client in self._clients:
+                client.hold()
+            self._said = "replayed; the arm holds"
+
+    def _save(self) -> None:
+        self._end_recording()
+        if self._trajectory is None:
+            raise LifeCycleError("there is nothing to save; record it first (r)")
+        save_trajectory(self._output, self._trajectory)
+        self._said = f"saved to {self._output}"
+
+    def _ask_for_file(self) -> None:
+        if self._playback is not None:  # from now on keys spell a name, and could not end the replay
+            self._hold()
+        self._typed = ""
+
+    def _type(self, key: str) -> None:
+        """Take one key of a file's name."""
+        assert self._typed is not None
+        if key in _ENTER:
+            name, self._typed = self._typed, None
+            self._try(self._load, user_path(name) if name else self._output)
+        elif key == _ESCAPE or key in QUIT[1:]:
+            self._typed = None
+        elif key in _DELETE:
+            self._typed = self._typed[:-1]
+        elif key.isprintable():
+            self._typed += key
+        self._show([self._state(client) for client in self._clients])
+
+    def _load(self, path: Path) -> None:
+        trajectory = load_trajectory(path)
+        trajectory.check([client.hardware for client in self._clients])
+        self._trajectory, self._said = trajectory, f"loaded {path}: {trajectory.seconds:.1f} s"
+
+    def _show(self, states: list[ArmState]) -> None:
+        lines = [shown.show(state) for shown, state in zip(self._tables, states, strict=True)]
+        doing = f"trajectory of {self._trajectory.seconds:.1f} s" if self._trajectory else "no trajectory"
+        if self._playback is not None:
+            doing = f"REPLAYING {self._playback.elapsed_s:.1f} of {self._playback.trajectory.seconds:.1f} s"
+        elif self._recorder is not None:
+            doing = "RECORDING"
+        lines += [doing, self._said]
+        if self._typed is not None:
+            lines[-1] = f"file to load (Enter alone: {self._output}, Escape: none): {self._typed}"
+        tell(CLEAR_SCREEN + "\n".join([*lines, HELP]))
+
+
+class _Table:
+    """What each joint of an arm does, what carries it, how warm its motor is; and the mean period since last shown."""
+
+    def __init__(self, client: ArmClient):
+        self._client, self._gravity = client, gravity_model(client.hardware)
+        self._seen: tuple[float, int] | None = None
+
+    def show(self, state: ArmState) -> str:
+        """Return the table as text."""
+        hw = self._client.hardware
+        weight: list[float] = []
+        if self._gravity is not None:
+            weight = (self._gravity.torque(state.q) * hw.arm.gravity_factor).tolist()
+        rows = [
+            [name, f"{q:+.3f}", f"{dq:+.2f}", f"{tau:+.2f}", f"{nm:+.2f}"]
+            for name, q, dq, tau, nm in zip(hw.joint_names, state.q, state.dq, state.tau_nm, weight, strict=True)
+        ]
+        if state.gripper is not None:
+            rate, tau = f"{state.gripper_rate:+.2f}", f"{state.gripper_tau_nm:+.2f}"
+            rows.append(["gripper", f"{state.gripper:.3f}", rate, tau, ""])
+        for row, stage, coil in zip(rows, state.temp_mos_c, state.temp_rotor_c, strict=True):
+            row += [f"{stage:.0f}", f"{coil:.0f}"]
+        before, self._seen = self._seen, (state.published_s, state.tick)
+        period = ""
+        if before is not None and state.tick > before[1] and math.isfinite(before[0]):
+            period = f"  period {(state.published_s - before[0]) / (state.tick - before[1]) * 1e3:.2f} ms"
+        trouble = f"  {state.message}" if state.message else ""
+        return f"{hw.name} ({hw.config.channel}): {state.mode.name}{period}{trouble}\n{table(_HEAD, rows)}"
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """Shared by the commands about one arm: its options, its config, its channel for itself alone."""
 
 import argparse
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import can
@@ -115,3 +115,10 @@ def own_bus(config: ArmConfig) -> Iterator[can.BusABC]:
             yield bus
     finally:
         lock.release()
+
+
+@contextmanager
+def open_buses(arms: Sequence[ArmConfig]) -> Iterator[dict[str, can.BusABC]]:
+    """Open channels of arms that nobody else drives, by name. Raises as `own_bus`."""
+    with ExitStack() as stack:
+        yield {config.channel: stack.enter_context(own_bus(config)) for config in arms}

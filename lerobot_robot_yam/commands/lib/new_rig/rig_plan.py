@@ -9,7 +9,7 @@ from typing import Any
 
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS
 from lerobot_robot_yam.arm.profile_files import load_arm
-from lerobot_robot_yam.commands.lib.can_naming import open_buses
+from lerobot_robot_yam.commands.lib.arm_command import open_buses
 from lerobot_robot_yam.commands.lib.dialogue import ask, tell, typed_line
 from lerobot_robot_yam.commands.lib.new_rig.found_parts import FOLLOWER, PASSIVE, FoundArm, FoundCamera
 from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER
