@@ -81,22 +81,6 @@ def test_motors_log_events(rig):
     assert rig.wait_event("note", 1.0, since=since)["text"] == "seen"
 
 
-def test_faults_reach_the_bus_and_can_be_cleared(rig):
-    request = can.Message(arbitration_id=0x7FF, data=(2, 0, 0xCC, 0, 0, 0, 0, 0), is_extended_id=False)
-    with can.Bus(interface="yam_sim", channel="follower_left", rig=rig.name) as bus:
-        for motor, kind, value in (("joint_2", "silent", True), (2, "drop_next", 1), (None, "cable_out", True)):
-            rig.fault("follower_left", motor, kind, value)
-            bus.send(request)
-            assert bus.recv(0.05) is None, kind
-            rig.clear_faults("follower_left")
-            bus.send(request)
-            assert bus.recv(5.0) is not None, kind
-        rig.fault("follower_left", "joint_2", "nibble", int(Fault.OVERLOAD))
-        bus.send(request)
-        assert bus.recv(5.0).data[0] >> 4 == Fault.OVERLOAD
-    rig.fault("follower_left", "joint_3", "register", 6.0, register=21)
-
-
 def test_handle_inputs_reach_the_bus(rig):
     rig.trigger("leader_left", 0.75)
     rig.buttons("leader_left", sync=True)
@@ -159,13 +143,16 @@ def test_a_trace_has_every_frame_a_client_sent(rig):
         (lambda rig: rig.push("leader_left", "link2", (0, 0, 1), float("nan")), "finite"),
         (lambda rig: rig.trigger("leader_left", float("nan")), "finite"),
         (lambda rig: rig.push("leader_left", "tail", (0, 0, 1), 1), "no body 'leader_left/tail'"),
-        (lambda rig: rig.fault("leader_left", "joint_9", "silent"), "no motor 'joint_9'"),
-        (lambda rig: rig.fault("leader_left", 1, "rust"), "no fault kind 'rust'"),
         (lambda rig: rig.trigger("follower_left", 1), "no teaching handle"),
         (lambda rig: rig.hand("leader_middle", [0], [[0] * 6]), "no channel 'leader_middle'"),
         (lambda rig: rig.hand("leader_left", [0, 0], [[0] * 6] * 2), "increasing"),
         (lambda rig: rig.hand("leader_left", [0], [[0] * 5]), "joints"),
         (lambda rig: rig.request("push", body="cube"), "push.*channel"),
+        (lambda rig: rig.lift("leader_left", [0.0] * 5), "6 joints cannot be brought to"),
+        (lambda rig: rig.lift("leader_left", [float("nan")] * 6), "cannot be brought to"),
+        (lambda rig: rig.lift("leader_left", [0.0] * 6, 0.0), "a time above zero"),
+        (lambda rig: rig.bring_home("leader_middle"), "no channel"),
+        (lambda rig: rig.forces("leader_middle"), "no channel"),
     ],
 )
 def test_impossible_requests_are_refused_by_name(rig, call, text):

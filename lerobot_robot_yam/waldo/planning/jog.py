@@ -92,7 +92,7 @@ class Jog(Stream):
 
     def __init__(self, planner: Planner, parts: np.ndarray, now_s: float, duration_s: float, accel: float):
         self._planner, self._shares, self._blocked = planner, parts, False
-        self._from_s, self._until_s = now_s, now_s + _duration(duration_s)
+        self._from_s, self._until_s = now_s, now_s + number("a jog's duration", duration_s, 0.0, _MOST_JOG_S)
         self._accel = shares(1.0, accel, 0.0)[1]
 
     def renewed_by(self, newer: Stream) -> bool:
@@ -249,16 +249,8 @@ def _parts(what: str, names: Sequence[Any], known: str, speeds: Mapping[Any, flo
     for name, speed in speeds.items():
         if name not in names:
             raise PlanError(f"there is no {what} {name!r}; {known}")
-        parts[names.index(name)] = _signed_share(speed)
+        parts[names.index(name)] = number("a jog's speed", speed, -1.0, 1.0)
     return parts
-
-
-def _signed_share(speed: float) -> float:
-    return number("a jog's speed", speed, -1.0, 1.0)
-
-
-def _duration(duration_s: float) -> float:
-    return number("a jog's duration", duration_s, 0.0, _MOST_JOG_S)
 
 
 def _speed_within(room: np.ndarray, deceleration: np.ndarray, dt: float) -> np.ndarray:

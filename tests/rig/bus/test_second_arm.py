@@ -1,7 +1,5 @@
 """Two motors with one identifier: both hear every frame, both answer, each from another state."""
 
-import contextlib
-
 import pytest
 
 from lerobot_robot_yam.damiao import codec, registers
@@ -9,16 +7,9 @@ from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ConfigError
-from tests.support.rig_desk import Desk
 
 CHANNEL = "follower_left"
 WRIST, KIND = 6, "DM4310"
-
-
-@pytest.fixture
-def desk():
-    with contextlib.closing(Desk(friction=0)) as desk:
-        yield desk
 
 
 def fault(desk, motor, kind, value=True, **details):

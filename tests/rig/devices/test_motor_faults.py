@@ -1,4 +1,4 @@
-"""Faults of single motors: on the wire, of their temperature and of their mechanics. Real physics, no real time."""
+"""Faults of single motors: on the wire, of temperature, mechanics and readings. Real physics, no real time."""
 
 import numpy as np
 import pytest
@@ -11,14 +11,8 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.simulation.fault_operations import KINDS
 from tests.support.rig_desk import Desk
 
-WRIST = 6
-
-
-@pytest.fixture
-def desk():
-    desk = Desk(friction=0)
-    yield desk
-    desk.close()
+SHOULDER, WRIST = 2, 6
+LSB_RAD = 25.0 / 65535  # of a position in an answer
 
 
 def fault(desk, motor, kind, value=True, **details):
@@ -42,6 +36,16 @@ def test_a_wrong_identifier_is_of_the_link_and_not_in_the_registers(desk):
     assert refresh(desk, 4)[0].id == 0x14
     fault(desk, "joint_3", "wrong_id", False)
     assert refresh(desk, 3)[0].id == 0x13
+
+
+@pytest.mark.parametrize(
+    ("motor", "kind", "value"), [("joint_2", "silent", True), (2, "drop_next", 1), (None, "cable_out", True)]
+)
+def test_no_answer_comes_until_the_fault_is_cleared(desk, motor, kind, value):
+    fault(desk, motor, kind, value)
+    assert refresh(desk, 2) == []
+    clear(desk)
+    assert refresh(desk, 2) != []
 
 
 def garbled(seed, all_bytes):
@@ -196,6 +200,54 @@ def test_clearing_ends_every_fault_of_its_motors(desk):
     assert desk.device.events.since(0, 100)[-1]["kind"] == "faults_cleared"
 
 
+def lie(desk, can_id, value):
+    fault(desk, can_id, "reading", value)
+
+
+def test_offsets_are_in_joint_sign(desk):
+    motor = desk.motor(SHOULDER)
+    before = desk.special(SHOULDER, SpecialCommand.DISABLE).position
+    lie(desk, SHOULDER, {"position_rad": 0.5})
+    told = desk.special(SHOULDER, SpecialCommand.DISABLE).position
+    direction = np.sign(motor.motor_angle_rad - motor.zero_rad) * np.sign(motor.drive.angle()) or 1.0
+    assert told - before == pytest.approx(0.5 * direction, abs=2 * LSB_RAD)
+
+
+def test_only_the_given_number_of_answers_lies(desk):
+    true = desk.special(WRIST, SpecialCommand.ENABLE).position
+    lie(desk, WRIST, {"position_rad": 12.0, "answers": 2})
+    told = [desk.mit(WRIST).position for _ in range(4)]
+    assert np.round(np.subtract(told, true)).tolist() == [12, 12, 0, 0]
+
+
+def test_a_position_beyond_the_range_comes_in_at_the_other_end_and_other_values_stay_at_theirs(desk):
+    """As of a motor that truly stands there."""
+    true = desk.special(WRIST, SpecialCommand.ENABLE).position
+    lie(desk, WRIST, {"position_rad": 13.0 - true, "velocity_rad_s": -100.0, "torque_nm": 100.0})
+    told = desk.mit(WRIST)
+    assert told.position == pytest.approx(-12.0, abs=2 * LSB_RAD)
+    assert (told.velocity, told.torque) == pytest.approx((-30.0, 10.0))
+    lie(desk, WRIST, {"position_rad": -2 * np.pi - 12.0 - true})
+    assert desk.mit(WRIST).position == pytest.approx(25.0 - 2 * np.pi - 12.0, abs=2 * LSB_RAD)
+
+
+def test_a_frozen_reading_repeats_itself_while_the_joint_turns(desk):
+    desk.special(WRIST, SpecialCommand.ENABLE)
+    desk.mit(WRIST, tau=0.5, kd=0.05)
+    desk.run(0.1)
+    lie(desk, WRIST, {"freeze": True})
+    before = desk.motor(WRIST).motor_angle_rad
+    told = []
+    for _ in range(20):
+        told.append(desk.mit(WRIST, tau=0.5, kd=0.05))
+        desk.run(0.01)
+    assert len({(f.position, f.velocity, f.torque) for f in told}) == 1
+    assert told[0].position == pytest.approx(before, abs=0.005) and told[0].velocity > 0.1
+    assert desk.motor(WRIST).motor_angle_rad > before + 0.3
+    lie(desk, WRIST, False)
+    assert desk.mit(WRIST).position > before + 0.3
+
+
 @pytest.mark.parametrize(
     ("motor", "kind", "value", "text"),
     [
@@ -217,6 +269,11 @@ def test_clearing_ends_every_fault_of_its_motors(desk):
         (1, "torque_bias_nm", "much", "finite number"),
         (1, "nibble", 16, "from 0 to 15"),
         (1, "storing", "late", "a motor stores in one of the ways"),
+        (1, "reading", True, "expected maybe position_rad, .*, or false"),
+        (1, "reading", {"angle": 1.0}, "expected maybe position_rad"),
+        (1, "reading", {"position_rad": float("nan")}, "finite"),
+        (1, "reading", {"answers": 1.5}, "whole number"),
+        (1, "reading", {"freeze": 1}, "true or false"),
     ],
 )
 def test_a_fault_that_makes_no_sense_is_refused(desk, motor, kind, value, text):

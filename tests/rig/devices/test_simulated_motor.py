@@ -16,13 +16,6 @@ from tests.support.rig_desk import Desk
 WRIST = 6  # carries no gravity torque to speak of: joint 6 turns about the tool's axis
 
 
-@pytest.fixture
-def desk():
-    desk = Desk(friction=0)
-    yield desk
-    desk.close()
-
-
 def ask(desk, can_id, data):
     (answer,) = desk.send((0x7FF, data))
     assert answer.id == can_id + 16

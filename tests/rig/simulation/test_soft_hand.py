@@ -142,24 +142,6 @@ def test_what_a_hand_refuses(rig, values, message):
     assert not rig.state()["arms"][LEADER]["held"]
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda rig: rig.lift(LEADER, [0.0] * 5), "6 joints cannot be brought to"),
-        (lambda rig: rig.lift(LEADER, [float("nan")] * 6), "cannot be brought to"),
-        (lambda rig: rig.lift(LEADER, RAISED, 0.0), "a time above zero"),
-        (lambda rig: rig.lift("leader_middle", RAISED), "no channel 'leader_middle'"),
-        (lambda rig: rig.bring_home("leader_middle"), "no channel"),
-        (lambda rig: rig.forces("leader_middle"), "no channel"),
-        (lambda rig: rig.push(LEADER, "tool", [0.0, float("nan"), 0.0], 1.0), "3 finite numbers"),
-        (lambda rig: rig.push(LEADER, "tool", [0.0, 1.0, 0.0], float("inf")), "finite number"),
-    ],
-)
-def test_what_is_refused(rig, call, message):
-    with pytest.raises(ConfigError, match=message):
-        call(rig)
-
-
 def test_pushes_and_hands_add_up():
     rig = LockstepRig(arms=[FOLLOWER])
     device = rig.device

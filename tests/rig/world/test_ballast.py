@@ -1,22 +1,13 @@
 """Masses that an arm's profile knows nothing of."""
 
-import contextlib
-
 import mujoco
 import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.dynamics import GravityModel
-from tests.support.rig_desk import Desk
 
 CHANNEL = "follower_left"
 LIFTED = np.array([0.0, 1.2, 1.0, 0.2, 0.0, 0.0])
-
-
-@pytest.fixture
-def desk():
-    with contextlib.closing(Desk(friction=0)) as desk:
-        yield desk
 
 
 def standing_torque(desk, q):

@@ -120,22 +120,6 @@ def test_a_duration_counts_in_place_of_the_speed():
         planner.line(planner.home_q, target, duration=0.1)
 
 
-def test_a_corner_is_rounded_within_its_radius():
-    planner = planner_of()
-    first = planner.line(planner.home_q, commanded(planner.pose(planner.home_q), [0, 0, 100, 0, 0, 0], rel=True))
-    corner = first.q[-1]
-    second = planner.line(corner, commanded(planner.pose(corner), [0, 100, 0, 0, 0, 0], rel=True))
-    plan = planner.joined(first, second, 0.02)
-    assert plan.duration_s < first.duration_s + second.duration_s - 0.1
-    assert np.allclose(plan.q[-1], second.q[-1], atol=1e-6) and np.abs(plan.dq[-1]).max() < 1e-6
-    tool = planner.pose(plan.q)[:, :3, 3]
-    at_corner = planner.pose(corner)[:3, 3]
-    straight = np.minimum(*(np.linalg.norm(np.delete(tool - at_corner, axis, axis=1), axis=1) for axis in (2, 1)))
-    assert 1e-3 < np.linalg.norm(tool - at_corner, axis=1).min() < 0.02
-    assert straight[np.linalg.norm(tool - at_corner, axis=1) > 0.03].max() < 5e-4
-    assert planner.joined(first, second, 0.0).duration_s == pytest.approx(first.duration_s + second.duration_s)
-
-
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.5, 0.9, 1.0])
 def test_a_stop_on_a_line_stays_on_it_and_is_soon_over(share):
     planner = planner_of()

@@ -5,9 +5,14 @@ import pytest
 
 from lerobot_robot_yam.arm.collision.workspace import KeepOut, WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.profile_files import ARMS, GRIPPERS
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.arm.tool_pose import rotation_vector
 from lerobot_robot_yam.errors import ConfigError, PlanError
+from lerobot_robot_yam.waldo.controller.status_report import axes_enabled, joints_enabled
 from lerobot_robot_yam.waldo.planning.planner import Planner
+from lerobot_robot_yam.waldo.poses import commanded, to_vector
+from tests.support.waldo_desk import planner_of
 
 
 @pytest.fixture(scope="module")
@@ -97,3 +102,32 @@ def test_the_configured_workspace_counts():
 def test_an_arm_without_six_joints_is_refused():
     with pytest.raises(ConfigError, match="six joints"):
         Planner(ResolvedArm(ArmConfig(channel="can0", arm="none")))
+
+
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("gripper", GRIPPERS)
+def test_home_is_a_good_place_to_start_from(arm, gripper):
+    """Away from every limit and from gimbal lock, every jog button open, lines of the usual sizes allowed."""
+    planner = planner_of(arm, gripper)
+    home = planner.home_q
+    assert np.minimum(home - planner.lower, planner.upper - home).min() > np.radians(3.0)
+    assert abs(to_vector(planner.pose(home))[4]) < np.radians(80.0)
+    assert joints_enabled(planner, home).all()
+    assert all(row.all() for row in axes_enabled(planner, home).values())
+    for axis in range(3):
+        for size in (-20.0, 20.0):
+            way = size * np.eye(6)[axis]
+            target = commanded(planner.pose(home), way, "WRF", rel=True)
+            plan = planner.line(home, target, speed=0.5)
+            poses = planner.pose(plan.at(np.linspace(0.0, plan.duration_s, 100))[0])
+            off = np.delete(poses[:, :3, 3] - poses[0, :3, 3], axis, axis=1)
+            turns = [rotation_vector(pose[:3, :3] @ poses[0, :3, :3].T) for pose in poses]
+            assert np.abs(off).max() < 5e-4 and np.degrees(np.abs(turns).max()) < 0.3
+
+
+def test_from_rest_home_is_a_move():
+    planner = planner_of()
+    rest = planner.hardware.rest_q - np.radians([0.0, 0.1, 0.1, 0.0, 0.0, 0.0])  # measured a little below the stops
+    plan = planner.home(rest)
+    assert np.array_equal(plan.q[-1], planner.home_q)
+    assert (np.diff(plan.q[:, 1:3], axis=0) >= -1e-9).all()  # it leaves the stops and does not go back
