@@ -19,7 +19,6 @@ from typing import Any, Self
 
 from lerobot_robot_yam.errors import RigError
 from lerobot_robot_yam.rig.client import launch
-from lerobot_robot_yam.rig.client.json_messages import to_json
 from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 
 _TIMEOUT_S = 10.0
@@ -60,7 +59,7 @@ class RigControl(RigOperations):
             RigError: the rig has ended or does not answer.
             ConfigError, BusError: the rig refuses.
         """
-        message = to_json({"op": op, **arguments})
+        message = launch.to_json({"op": op, **arguments})
         try:
             self._socket.send(message)
             packet = self._socket.recv(launch.MAX_PACKET)

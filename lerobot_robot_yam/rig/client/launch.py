@@ -9,17 +9,14 @@ import json
 import logging
 import os
 import re
-import select
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from lerobot_robot_yam.errors import BusError, ConfigError, RigError, YamError
-from lerobot_robot_yam.rig.client.json_messages import to_json
 from lerobot_robot_yam.rig.scene.scene import SCENES, Scene, load_scene
 from lerobot_robot_yam.system.clock import START_TIMEOUT_S
 from lerobot_robot_yam.system.paths import user_path
@@ -36,6 +33,17 @@ MAX_PACKET = 1 << 17  # bytes of the longest packet, in both directions
 
 # Program of a short-lived parent, by which the server becomes a child of init instead of a zombie of this process.
 _DETACH = "import os, sys\nif os.fork(): os._exit(0)\nos.setsid()\nos.execv(sys.executable, sys.argv[1:])"
+
+
+def to_json(message: Mapping[str, Any]) -> bytes:
+    """Encode a message as one packet; values of numpy become lists and numbers."""
+    return json.dumps(message, default=_plain).encode()
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} has no JSON form")
 
 
 def rig_path(name: str, suffix: str) -> Path:
@@ -171,42 +179,31 @@ def told_scene(rig: str) -> Scene:
 
 def _start(name: str, owner: int | None, scene: str | None, options: Mapping[str, Any]) -> None:
     """Start the server and wait until it listens. The caller holds the rig's lock."""
-    ready_read, ready_write = os.pipe()
+    ready, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     server = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.server.server", "--name", name]
-    server += ["--ready-fd", str(ready_write), "--options", to_json(options).decode()]
+    server += ["--ready-fd", str(theirs.fileno()), "--options", to_json(options).decode()]
     server += ([] if scene is None else ["--scene", scene]) + ([] if owner is None else ["--owner", str(owner)])
-    with open(ready_read, "rb", buffering=0):
-        with open(ready_write, "wb"), open(rig_path(name, "log"), "wb") as log:
+    answer = b""
+    with ready:
+        with theirs, open(rig_path(name, "log"), "wb") as log:
             subprocess.run(
                 [sys.executable, "-S", "-c", _DETACH, *server],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
                 env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
-                pass_fds=(ready_write,),
+                pass_fds=(theirs.fileno(),),
                 start_new_session=True,
             )
-        answer = _read_answer(ready_read)
+        ready.settimeout(START_TIMEOUT_S)
+        with contextlib.suppress(TimeoutError):
+            answer = ready.recv(MAX_PACKET)  # empty if the server has died
     if not answer:
         raise RigError(f"rig {name} did not come up; see {rig_path(name, 'log')}")
     reply = json.loads(answer)
     if "error" in reply:
         rig_path(name, "log").unlink(missing_ok=True)
     checked(reply)
-
-
-def _read_answer(fd: int) -> bytes:
-    """Read the one JSON line of a starting server; empty when it died or took too long."""
-    answer = b""
-    deadline = time.monotonic() + START_TIMEOUT_S
-    while not answer.endswith(b"\n"):
-        if not select.select([fd], [], [], max(0.0, deadline - time.monotonic()))[0]:
-            return b""
-        chunk = os.read(fd, 65536)
-        if not chunk:
-            return b""
-        answer += chunk
-    return answer
 
 
 def _sweep() -> None:

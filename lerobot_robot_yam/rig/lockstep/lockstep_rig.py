@@ -20,8 +20,7 @@ import can
 
 from lerobot_robot_yam.errors import BusError, ConfigError
 from lerobot_robot_yam.rig.bus.link_state import ClientLink
-from lerobot_robot_yam.rig.client.json_messages import to_json
-from lerobot_robot_yam.rig.client.launch import no_channel, rig_path
+from lerobot_robot_yam.rig.client.launch import no_channel, rig_path, to_json
 from lerobot_robot_yam.rig.devices import packets
 from lerobot_robot_yam.rig.devices.packets import Frame, message_of, pack_messages
 from lerobot_robot_yam.rig.scene.scene import load_scene

@@ -4,10 +4,11 @@ The server never waits for them. It passes hellos of kind "camera" on, and sends
 """
 
 import contextlib
+import json
 import logging
 import math
-import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -15,7 +16,7 @@ from collections.abc import Collection, Hashable, Mapping
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError, RigError
-from lerobot_robot_yam.rig.client.json_messages import LineReader, to_line
+from lerobot_robot_yam.rig.client.launch import MAX_PACKET, to_json
 from lerobot_robot_yam.rig.client.rendered_camera import MAX_FPS, MAX_HEIGHT, MAX_WIDTH, Settings, frame_path
 from lerobot_robot_yam.rig.simulation.device import RigDevice
 from lerobot_robot_yam.rig.simulation.operation import number
@@ -39,11 +40,11 @@ class CameraService:
         self._cameras = tuple(cameras)
         self._on_demand = on_demand
         self._process: subprocess.Popen[bytes] | None = None
+        self._socket: socket.socket | None = None  # to that process
         self._users: dict[Settings, set[Hashable]] = {}  # clients; those of settings not in `_ready` wait
         self._opened: set[Settings] = set()  # all so far; a crashed renderer leaves their blocks
         self._ready: set[Settings] = set()
         self._answers: list[tuple[Hashable, dict[str, Any]]] = []
-        self._answers_read = LineReader()
         self._stalls: dict[str, float] = {}  # camera → monotonic time of its next frame
         self._dead: set[str] = set()
         self.drawn = True
@@ -124,43 +125,41 @@ class CameraService:
 
     def fileno(self) -> int | None:
         """Return the descriptor to watch for reading, which changes with the renderer; None while none runs."""
-        stdout = None if self._process is None else self._process.stdout
-        return None if stdout is None else stdout.fileno()
+        return None if self._socket is None else self._socket.fileno()
 
     def poll(self) -> list[tuple[Hashable, dict[str, Any]]]:
         """Return new answers for clients: the renderer's, or the error of its end. Never blocks."""
-        fileno = self.fileno()
-        if fileno is not None:
+        if self._socket is not None:
             with contextlib.suppress(BlockingIOError):
-                while chunk := os.read(fileno, 65536):
-                    for message in self._answers_read.read(chunk):
-                        self._heard(message)
+                while packet := _received(self._socket):
+                    self._heard(json.loads(packet))
                 self._died()
         answers, self._answers = self._answers, []
         return answers
 
     def close(self) -> None:
         process, self._process = self._process, None
+        if self._socket is not None:
+            self._socket.close()  # at which the renderer ends
+            self._socket = None
         if process is not None:
             _end(process)
             for settings in self._opened:
                 frame_path(self._rig, *settings).unlink(missing_ok=True)
 
     def _start(self) -> None:
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         command = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.render.renderer", "--rig", self._rig]
-        command += ["--on-demand"] * self._on_demand
-        pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "bufsize": 0}
-        self._process = subprocess.Popen(command, start_new_session=True, **pipes)  # own session for `give_way`
-        assert self._process.stdout is not None
-        os.set_blocking(self._process.stdout.fileno(), False)
-        self._answers_read = LineReader()
+        command += ["--requests-fd", str(theirs.fileno()), *["--on-demand"] * self._on_demand]
+        with theirs:  # a session of its own is for `give_way`
+            self._process = subprocess.Popen(command, start_new_session=True, pass_fds=(theirs.fileno(),))
         for name, until_s in self._stalls.items():
             self._tell("stall", camera=name, until_s=until_s)
 
     def _tell(self, verb: str, **details: Any) -> None:
-        if self._process is not None and self._process.stdin is not None:
-            with contextlib.suppress(BrokenPipeError):  # poll() reports the end
-                self._process.stdin.write(to_line({"do": verb, **details}))
+        if self._socket is not None:
+            with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # poll() reports the end
+                self._socket.send(to_json({"do": verb, **details}))
 
     def _heard(self, message: dict[str, Any]) -> None:
         if "drawn" in message:
@@ -240,13 +239,21 @@ class OperatorService:
         self._process = self._leaving = None
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """Close a process's pipes, at which the renderer ends, and wait for its end."""
+def _received(renderer: socket.socket) -> bytes:
+    """Return the next packet, empty at the end. Raises BlockingIOError: none has come."""
     try:
-        process.communicate(timeout=_END_TIMEOUT_S)
+        return renderer.recv(MAX_PACKET, socket.MSG_DONTWAIT)
+    except ConnectionResetError:  # told once: it ended before it read all; what it has sent comes next
+        return renderer.recv(MAX_PACKET, socket.MSG_DONTWAIT)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Wait for a process that was told to end, and kill it if it does not."""
+    try:
+        process.wait(_END_TIMEOUT_S)
     except subprocess.TimeoutExpired:
         process.kill()
-        process.communicate()
+        process.wait()
 
 
 def _whole(hello: Mapping[str, Any], key: str) -> int:

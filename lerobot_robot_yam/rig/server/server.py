@@ -30,7 +30,6 @@ from lerobot_robot_yam.errors import BusError, ConfigError, RigError, YamError
 from lerobot_robot_yam.rig.bus.channel import Channel
 from lerobot_robot_yam.rig.bus.link_state import LinkState, LinkTable
 from lerobot_robot_yam.rig.client import launch
-from lerobot_robot_yam.rig.client.json_messages import to_json, to_line
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.server.child_processes import CameraService, OperatorService
 from lerobot_robot_yam.rig.server.lifetime import Lifetime
@@ -221,7 +220,7 @@ class RigServer:
 
     def _answer(self, client: Client, reply: Mapping[str, Any]) -> None:
         try:
-            client.socket.send(to_json(reply))
+            client.socket.send(launch.to_json(reply))
         except BlockingIOError:
             logger.warning("a client does not read its answers")
         except OSError:
@@ -273,7 +272,7 @@ def main() -> None:
     parser.add_argument("--scene", help="scene name or YAML path")
     parser.add_argument("--options", type=json.loads, default={}, help="options of the scene, as JSON")
     parser.add_argument("--owner", type=int, help="end with this process")
-    parser.add_argument("--ready-fd", type=int, help="write one JSON line here once up")
+    parser.add_argument("--ready-fd", type=int, help="socket for one packet of JSON once up")
     args = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     mujoco.set_mju_user_warning(lambda text: logger.warning("MuJoCo: %s", text))  # else it writes a file
@@ -304,8 +303,8 @@ def main() -> None:
 
 def _report(fd: int | None, message: dict[str, Any]) -> None:
     if fd is not None:
-        os.write(fd, to_line(message))
-        os.close(fd)
+        with socket.socket(fileno=fd) as starter:
+            starter.send(launch.to_json(message))
 
 
 if __name__ == "__main__":
