@@ -11,7 +11,6 @@ from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.robots.robot import Robot
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
-from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.config_yam_follower import (
     BiYamFollowerConfig,
     BiYamRemoteConfig,
@@ -54,7 +53,6 @@ class FollowerBase(ArmDevice, Robot):
         self.config = config
         options: FollowerOptions = config
         arms = options.arms()
-        check_switches(self.name, options)
         # Data sets of tool poses do not state the unit of further joints.
         self._use_degrees = options.use_degrees and options.action_space == "joint"
         self.name = recorded_name(self.name, options.use_degrees, options.action_space)

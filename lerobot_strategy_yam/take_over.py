@@ -111,21 +111,6 @@ class TakenArms:
         return {key: float(value) for key, value in action.items() if key.startswith(prefix)}
 
 
-class WayBack:
-    """Store of the last `count` actions, for the way back along them."""
-
-    def __init__(self, count: int):
-        self._actions: deque[Action] = deque(maxlen=max(count, 1))
-
-    def went(self, action: Action) -> None:
-        """Store an action that was sent."""
-        self._actions.append(action)
-
-    def back(self) -> Action | None:
-        """Remove and return the last action; None at the end."""
-        return self._actions.pop() if self._actions else None
-
-
 class Wish(StrEnum):
     """Wish of a person, beside taking arms over."""
 

@@ -8,6 +8,7 @@ followers (option `follower`); with `mirror` they are in the followers' pose whe
 import logging
 import math
 import time
+from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -23,7 +24,7 @@ from lerobot.utils.utils import log_say
 from lerobot_robot_yam.face.devices.feature_names import space_of
 from lerobot_robot_yam.face.operator_keys import requests
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
-from lerobot_strategy_yam.take_over import HELP, Action, TakenArms, TakeOverSignals, WayBack, Wish
+from lerobot_strategy_yam.take_over import HELP, Action, TakenArms, TakeOverSignals, Wish
 
 logger = logging.getLogger(__name__)
 
@@ -98,7 +99,8 @@ class YamDaggerStrategy(RolloutStrategy):
         self._ctx, self._cfg, self._multiplier = ctx, cfg, self._interpolator.multiplier
         joints = space_of(ctx.data.ordered_action_keys) == "joint"  # a tool's rotation cannot be blended linearly
         self._arms = TakenArms(self._signals.prefixes, self.config.hand_back_s if joints else 0.0)
-        self._way_back = WayBack(round(self.config.rewind_s * cfg.fps * self._multiplier))
+        ticks = round(self.config.rewind_s * cfg.fps * self._multiplier)
+        self._way_back: deque[Action] = deque(maxlen=max(ticks, 1))  # actions that were sent
         self._rewinds = self._policy_runs = self._compiled = False
         longest = max(round(cfg.dataset.episode_time_s * cfg.fps), 1)
         task = cfg.dataset.single_task or cfg.task
@@ -184,7 +186,7 @@ class YamDaggerStrategy(RolloutStrategy):
         robot.send_action(processors.robot_action_processor((action, observation)))
         if self._rewinds:
             return
-        self._way_back.went(action)
+        self._way_back.append(action)
         if is_frame:
             self._episodes.add(self._seen, action, bool(self._arms.taken))
             self._log_telemetry(self._seen, action, self._ctx.runtime)
@@ -192,8 +194,8 @@ class YamDaggerStrategy(RolloutStrategy):
     def _next_action(self, observation: dict[str, Any]) -> Action:
         """Next action of all arms; empty before the policy's first."""
         if self._rewinds:
-            back = self._way_back.back()
-            if back is not None:
+            if self._way_back:
+                back = self._way_back.pop()
                 self._arms.resume(back)
                 return back
             self._rewinds = False

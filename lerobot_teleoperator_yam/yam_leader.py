@@ -11,10 +11,8 @@ from lerobot.teleoperators.teleoperator import Teleoperator
 from lerobot.teleoperators.utils import TeleopEvents
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
-from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.control.teleop.follower_target import TriggerPickup
-from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.face.devices.remote_device import RemoteDevice
 from lerobot_robot_yam.face.lerobot_command.running_command import command_above
@@ -88,20 +86,14 @@ class LeaderBase(ArmDevice, Teleoperator):
         self.config = config
         options: LeaderOptions = config
         arms = options.arms()
-        check_switches(self.name, options)
         followers = [resolve_profiles(arm.follower_arm or arm.arm, arm.ee_gripper) for arm in arms.values()]
         handles = {prefix for prefix, (_, gripper) in zip(arms, followers, strict=True) if gripper.motor is not None}
         joints_in_degrees = options.use_degrees and options.action_space == "joint"
         self._arms = self._make_arms("leader", arms, joints_in_degrees, options.runs(), handles)
         self._lower, self._upper = np.zeros(len(self._arms.keys)), np.ones(len(self._arms.keys))
-        for side, arm, (follower, _) in zip(self._arms.sides, arms.values(), followers, strict=True):
+        for side, (follower, _) in zip(self._arms.sides, followers, strict=True):
             if side.joints:
-                limits = follower.joint_limits_rad
-                if len(limits) != side.joints:
-                    raise ConfigError(
-                        f"{side.name}: follower_arm {arm.follower_arm!r} has {len(limits)} joints, not {side.joints}"
-                    )
-                self._lower[side.slice], self._upper[side.slice] = limits.T
+                self._lower[side.slice], self._upper[side.slice] = follower.joint_limits_rad.T
         self._steps: ToolSteps | None = None
         if options.action_space == "delta":
             self._steps = ToolSteps(self._arms, followers, options.step_m, self._arms.follower_opening)

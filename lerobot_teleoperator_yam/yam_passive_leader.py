@@ -61,21 +61,11 @@ class PassiveLeaderBase(LeaderBase):
         """Whether zeros and ranges are stored. Without them the encoders' own zeros are used."""
         return all(Path(arm.passive_calibration_path).is_file() for arm in self.config.arms().values())
 
-    def send_feedback(self, feedback: Mapping[str, Any]) -> None:
+    def _no_motors(self, *_: Any) -> NoReturn:
         """Raises LifeCycleError."""
-        self._no_motors()
+        raise LifeCycleError(f"{self}: a passive leader has no motors; it can be neither led nor held")
 
-    def enable_torque(self) -> None:
-        """Raises LifeCycleError."""
-        self._no_motors()
-
-    def disable_torque(self) -> None:
-        """Raises LifeCycleError."""
-        self._no_motors()
-
-    def rearm(self) -> None:
-        """Raises LifeCycleError."""
-        self._no_motors()
+    send_feedback = enable_torque = disable_torque = rearm = _no_motors
 
     @check_if_not_connected
     @saves_finished_episode
@@ -101,9 +91,6 @@ class PassiveLeaderBase(LeaderBase):
     def _restart(self) -> None:
         super()._restart()
         self._stopped = False
-
-    def _no_motors(self) -> NoReturn:
-        raise LifeCycleError(f"{self}: a passive leader has no motors; it can be neither led nor held")
 
     @check_if_not_connected
     def calibrate(self) -> None:

@@ -34,7 +34,13 @@ class Verdict(NamedTuple):
 
 
 class Referee:
-    """Referee that has nothing to lay out and lets each episode run on; base class of the others."""
+    """Referee that lets each episode run on; base class of the others.
+
+    scene: lays the scene out instead.
+    """
+
+    def __init__(self, scene: "Referee | None" = None):
+        self._scene = scene
 
     def arrange(self, seed: int | None) -> None:
         """Lay the scene out for an episode; the arms are out of the way.
@@ -42,6 +48,8 @@ class Referee:
         Raises:
             YamError: the scene cannot be laid out.
         """
+        if self._scene is not None:
+            self._scene.arrange(seed)
 
     def verdict(self, observation: Mapping[str, Any]) -> Verdict:
         """Judge the episode by an observation."""
@@ -49,6 +57,8 @@ class Referee:
 
     def close(self) -> None:
         """Release what the referee holds. Idempotent."""
+        if self._scene is not None:
+            self._scene.close()
 
 
 class RigReferee(Referee):
@@ -58,6 +68,7 @@ class RigReferee(Referee):
     """
 
     def __init__(self, rig: RigOperations, task: str):
+        super().__init__()
         self._rig, self._task = rig, task
 
     def arrange(self, seed: int | None) -> None:
@@ -82,8 +93,8 @@ class OperatorReferee(Referee):
     """
 
     def __init__(self, task: str, scene: Referee | None = None):
+        super().__init__(scene)
         self._task = task
-        self._scene = scene
         self._key = ""
         self._pressed = threading.Event()
         self._arranges = False
@@ -110,7 +121,7 @@ class OperatorReferee(Referee):
 
     def arrange(self, seed: int | None) -> None:
         if self._scene is not None:
-            self._scene.arrange(seed)
+            super().arrange(seed)
         else:
             logger.info("lay out the scene of '%s' (seed %s), then press space", self._task, seed)
             since_s = time.monotonic()
@@ -152,17 +163,12 @@ def find_judge(name: str) -> Judge:
 
 
 class CallableReferee(Referee):
-    def __init__(self, other: Referee, judge: Judge):
-        self._other, self._judge = other, judge
-
-    def arrange(self, seed: int | None) -> None:
-        self._other.arrange(seed)
+    def __init__(self, scene: Referee, judge: Judge):
+        super().__init__(scene)
+        self._judge = judge
 
     def verdict(self, observation: Mapping[str, Any]) -> Verdict:
         said = self._judge(observation)
         if said is not None and not isinstance(said, bool | np.bool_):
             raise RigError(f"the judge of env.success returned {said!r}; it has to be True, False or None")
         return Verdict(bool(said), said is not None)
-
-    def close(self) -> None:
-        self._other.close()

@@ -7,6 +7,7 @@
   libraries was the reason.
 """
 
+import functools
 import importlib.metadata
 import logging
 import re
@@ -25,15 +26,11 @@ _MISSING = re.compile(r"^OSError: lib(?:av|sw)\w+\.so\.\d+: cannot open shared o
 _INSTEAD = "FFmpeg's libraries are not installed: LeRobot reads videos with PyAV, which does as well"
 
 logger = logging.getLogger(__name__)
-_told_of_newer = False
 
 
+@functools.cache  # once in a process
 def warn_if_newer() -> None:
-    """Warn, once in a process, when the installed LeRobot is newer than the newest tested one."""
-    global _told_of_newer
-    if _told_of_newer:
-        return
-    _told_of_newer = True
+    """Warn when the installed LeRobot is newer than the newest tested one."""
     try:
         installed = importlib.metadata.version("lerobot")
     except importlib.metadata.PackageNotFoundError:  # a source tree has no version

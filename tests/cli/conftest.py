@@ -36,6 +36,36 @@ def pytest_collection_finish(session):
         _preloaded = Preloaded()
 
 
+def options(**sections):
+    """The words of a command for options by section: `robot={"id": "lab"}` is --robot.id=lab."""
+    return [f"--{section}.{name}={value}" for section, fields in sections.items() for name, value in fields.items()]
+
+
+def virtual(role, channel, **fields):
+    """Options of a device of one arm on the rig, such as a follower, whose weight the model tells."""
+    given = {"type": f"yam_{role}", "interface": "yam_sim", "channel": channel, "id": "sim"}
+    return given | {"gravity_factor": "[1,1,1,1,1,1]"} | fields
+
+
+def one_episode(name, root, seconds, **fields):
+    """Options of a data set of a single episode, local/NAME."""
+    given = {"repo_id": f"local/{name}", "root": root, "single_task": "none", "fps": 30, "num_episodes": 1}
+    given |= {"episode_time_s": seconds, "reset_time_s": 0, "push_to_hub": "false", "no_stamp": "true"}
+    return given | fields
+
+
+def commands_on(*channels, driven=None, **scene):
+    """A fixture: commands on a rig with these arms, of which they drive some, by default all."""
+
+    @pytest.fixture
+    def commands(tmp_path):
+        with running_rig(arms=list(channels), **scene) as rig:
+            with contextlib.closing(Commands(rig, tmp_path, driven or channels)) as commands:
+                yield commands
+
+    return commands
+
+
 class Commands:
     """Runs commands against one rig, which tells what they really did; None: each starts its own.
 
@@ -150,13 +180,5 @@ def commands(tmp_path):
 def shared_commands(tmp_path_factory):
     """On a rig with the scripted operator."""
     with running_rig(operator="pick_and_place") as rig:
-        with contextlib.closing(Commands(rig, tmp_path_factory.mktemp("cli"))) as commands:
-            yield commands
-
-
-@pytest.fixture(scope="module")
-def shared_ee_commands(tmp_path_factory):
-    """On a rig without operator, for the tests of one module."""
-    with running_rig() as rig:
         with contextlib.closing(Commands(rig, tmp_path_factory.mktemp("cli"))) as commands:
             yield commands

@@ -11,7 +11,6 @@ from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.face.recorder import outcomes
 from tests.cli.conftest import CALM, ROOT
-from tests.support.rolling import Rollout, config, data_set
 from tests.support.waiting import wait
 
 pytestmark = pytest.mark.alone
@@ -239,46 +238,3 @@ def test_a_session_from_lifts(lifting):
         assert len(lift) < 1.5 * FPS * (2 * LIFT_S + HELD_S + 1.0)
         if episode != 1:  # whose label has ended it
             assert lift[-1] < 0.6
-
-
-@pytest.fixture
-def rollout(commands):
-    rollout = HeadlessRollout(commands)
-    yield rollout
-    rollout.abandon()
-
-
-class HeadlessRollout(Rollout):
-    """Without a terminal."""
-
-    def start(self, *command, cwd=ROOT):
-        self.process = self.commands.start(*command, cwd=cwd)
-
-
-@pytest.mark.long
-def test_two_corrections_from_the_handles(rollout):
-    document = config("dagger", strategy={"type": "dagger"}, dataset=data_set(rollout.root, num_episodes=5))
-    document["teleop"]["buttons"] = "dagger"
-    document["robot"]["cameras"] = {}
-    rollout.begin(document, "sines", *CALM, amplitude=0.3)
-    rollout.wait_until(lambda: "DAgger strategy ready" in rollout.commands.output(), 200.0)
-    rollout.wait_moved(0.15)
-    for number in (1, 2):
-        press(rollout.rig, "left_bottom")  # correct: pauses first
-        rollout.wait_said("Phase transition: paused -> correcting", number)
-        rollout.watch(1.5)
-        if number == 1:
-            press(rollout.rig, "right_bottom")  # go on: ends the correction first
-        else:
-            press(rollout.rig, "left_bottom")
-        rollout.wait_said("Phase transition: correcting -> paused", number)
-        if number == 1:
-            rollout.wait_said("Resuming autonomous mode")
-            rollout.watch(1.0)
-    press(rollout.rig, "right_top")
-    assert rollout.end() == 0, rollout.commands.output()[-4000:]
-    buttons = [button for button, _ in pressed(rollout.rig)]
-    assert buttons == ["left_bottom", "right_bottom", "left_bottom", "left_bottom", "right_top"]
-    data = LeRobotDataset("local/rollout_test", root=rollout.root)
-    assert data.num_episodes == 2 and all(data.hf_dataset["intervention"])
-    rollout.assert_ended_well()

@@ -6,6 +6,7 @@ import time
 import pytest
 from lerobot.datasets import LeRobotDataset
 
+from tests.cli.conftest import one_episode, options, virtual
 from tests.support.plugged_cameras import FPS, HEIGHT, READ_AT_ONCE, SERIAL, WIDTH, FedCamera, Tree
 
 pytestmark = pytest.mark.alone
@@ -31,14 +32,13 @@ def recording(commands, camera):
     root = commands.directory / "data"
     process = commands.start(
         "lerobot-record",
-        *("--robot.type=yam_follower", "--robot.interface=yam_sim", "--robot.channel=follower_left"),
-        *("--teleop.type=yam_leader", "--teleop.interface=yam_sim", "--teleop.channel=leader_left"),
-        *("--robot.gravity_factor=[1,1,1,1,1,1]", "--teleop.gravity_factor=[1,1,1,1,1,1]"),
-        *("--robot.rate_hz=100", "--teleop.rate_hz=100", "--play_sounds=false"),
+        *options(
+            robot=virtual("follower", "follower_left", rate_hz=100),
+            teleop=virtual("leader", "leader_left", rate_hz=100),
+            dataset=one_episode("dropout", root, SECONDS, fps=FPS, video="false"),
+        ),
+        "--play_sounds=false",
         f"--robot.cameras={{top: {CAMERA}root: {camera.tree.root}}}}}",
-        *("--dataset.repo_id=local/dropout", f"--dataset.root={root}", "--dataset.no_stamp=true"),
-        *("--dataset.single_task=wait", "--dataset.num_episodes=1", f"--dataset.episode_time_s={SECONDS}"),
-        *("--dataset.push_to_hub=false", f"--dataset.fps={FPS}", "--dataset.video=false", "--dataset.reset_time_s=0"),
     )
     commands.wait(lambda: "Recording episode 0" in commands.output(), process, 90.0)
     time.sleep(1.0)

@@ -12,7 +12,7 @@ from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, channel_key, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from scripts import recorders
-from tests.cli.conftest import Commands
+from tests.cli.conftest import Commands, one_episode, options, virtual
 from tests.support.coupled import FOLLOWER, LEADER, POSE, sweep
 from tests.support.spoken import Spoken
 
@@ -59,25 +59,11 @@ def recorded(tmp_path_factory):
         root = directory / "data"
         process = commands.start(
             "lerobot-record",
-            "--robot.type=yam_follower",
-            "--robot.interface=yam_sim",
-            f"--robot.channel={FOLLOWER}",
-            "--robot.gravity_factor=[1,1,1,1,1,1]",
-            "--robot.gripper_stops_rad=[3.25,-3.3]",
-            "--teleop.type=yam_leader",
-            "--teleop.interface=yam_sim",
-            f"--teleop.channel={LEADER}",
-            "--teleop.gravity_factor=[1,1,1,1,1,1]",
-            f"--teleop.follower={FOLLOWER}",
-            "--dataset.repo_id=local/coupled",
-            f"--dataset.root={root}",
-            "--dataset.single_task=sweep",
-            "--dataset.fps=30",
-            "--dataset.num_episodes=1",
-            f"--dataset.episode_time_s={SECONDS + 4}",
-            "--dataset.reset_time_s=0",
-            "--dataset.push_to_hub=false",
-            "--dataset.no_stamp=true",
+            *options(
+                robot=virtual("follower", FOLLOWER, gripper_stops_rad="[3.25,-3.3]"),
+                teleop=virtual("leader", LEADER, follower=FOLLOWER),
+                dataset=one_episode("coupled", root, SECONDS + 4),
+            ),
             "--play_sounds=true",
         )
         commands.wait_connected(process, timeout_s=150.0)

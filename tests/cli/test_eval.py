@@ -13,7 +13,7 @@ from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
 from lerobot_robot_yam.yam_env import YamEnv
 from tests.cli.conftest import Commands
 from tests.face.test_yam_env import two_arms
-from tests.policy_plugin.checkpoints import save_replayed
+from tests.policy_plugin.checkpoints import save_scripted
 
 CONFIG = "train/lift_and_place_eval"
 SEED = 1000  # LeRobot's own
@@ -74,12 +74,12 @@ def evaluate(commands, name, policy, episodes, rigs):
 def test_what_succeeds_now_and_then_does_so_on_the_same_seeds(commands):
     actions = commands.directory / "actions.npz"
     demonstrated(12, actions, off_rad=0.04)
-    policy = save_replayed(commands.directory / "policy", arms=1, actions=str(actions))
+    policy = save_scripted(commands.directory / "policy", "replay", arms=1, actions=str(actions))
     one = evaluate(commands, "one", policy, 12, 1)
     assert 2 <= sum(one) <= 10
     assert evaluate(commands, "again", policy, 12, 1) == one
     assert evaluate(commands, "two", policy, 12, 2) == one
-    nothing = save_replayed(commands.directory / "nothing", arms=1)
+    nothing = save_scripted(commands.directory / "nothing", "replay", arms=1)
     assert not any(evaluate(commands, "still", nothing, 12, 2))
 
 

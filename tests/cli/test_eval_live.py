@@ -11,7 +11,7 @@ import pytest
 
 from lerobot_robot_yam.rig.control import running_rig
 from tests.cli.conftest import Commands
-from tests.policy_plugin.checkpoints import save_replayed
+from tests.policy_plugin.checkpoints import save_scripted
 from tests.support.hosted import rig_file, running_host
 from tests.support.landed import MOST_M, moved_after_cut_m
 
@@ -45,7 +45,7 @@ class Evaluation:
     def start(self, arms, *more, success=None, actions=""):
         """A policy that does what the file `actions` says, or asks for the pose in which the arms are."""
         commands = self.commands
-        policy = save_replayed(commands.directory / "policy", arms=arms, actions=actions)
+        policy = save_scripted(commands.directory / "policy", "replay", arms=arms, actions=actions)
         return commands.start(
             "lerobot-eval",
             "--env.type=yam",

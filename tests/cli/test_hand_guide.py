@@ -7,8 +7,7 @@ import pytest
 import yaml
 from lerobot.datasets import LeRobotDataset
 
-from lerobot_robot_yam.rig.control import running_rig
-from tests.cli.conftest import ROOT, Commands
+from tests.cli.conftest import ROOT, commands_on, options, virtual
 
 pytestmark = pytest.mark.alone
 
@@ -17,10 +16,7 @@ THERE, FARTHER = [0.3, 1.0, 0.9, -0.3, 0.1, 0.2], [-0.2, 1.3, 1.1, -0.4, -0.2, 0
 SECONDS = 9
 
 
-@pytest.fixture
-def commands(tmp_path):
-    with running_rig(arms=[ARM]) as rig:
-        yield Commands(rig, tmp_path, (ARM,))
+commands = commands_on(ARM)
 
 
 def joints(rig):
@@ -74,15 +70,9 @@ def test_what_a_hand_has_led_is_recorded_and_replayed(commands):
     np.testing.assert_allclose(action[:, :6], state[:, :6], atol=0.05)
     assert (np.ptp(action[:, :6], axis=0)[:4] > 0.1).all() and np.ptp(action[:, 6]) > 0.8
 
-    robot = ("--robot.type=yam_follower", "--robot.interface=yam_sim", f"--robot.channel={ARM}", "--robot.id=sim")
+    data = {"repo_id": "local/yam_hand_guide", "root": root, "episode": 0}
     replay = commands.start(
-        "lerobot-replay",
-        *robot,
-        "--robot.gravity_factor=[1,1,1,1,1,1]",
-        "--dataset.repo_id=local/yam_hand_guide",
-        f"--dataset.root={root}",
-        "--dataset.episode=0",
-        "--play_sounds=false",
+        "lerobot-replay", *options(robot=virtual("follower", ARM), dataset=data), "--play_sounds=false"
     )
     commands.wait_enabled(replay, ARM, timeout_s=150.0)
     nearest = np.full(6, np.inf)

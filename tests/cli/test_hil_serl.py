@@ -13,8 +13,7 @@ from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.commands.model_file import main as write_model
-from lerobot_robot_yam.rig.control import running_rig
-from tests.cli.conftest import ROOT, Commands
+from tests.cli.conftest import ROOT, commands_on
 
 pytest.importorskip("placo", reason='LeRobot\'s RL stack needs the extra: pip install -e ".[hil-serl]"')
 
@@ -28,16 +27,11 @@ IK = "env.processor.inverse_kinematics"
 STEPS = 200
 
 
-@pytest.fixture
-def commands(tmp_path):
-    with running_rig(arms=[FOLLOWER, LEADER]) as rig:
-        commands = Commands(rig, tmp_path, (FOLLOWER, LEADER))
-        assert write_model(["--format=urdf", str(tmp_path / "yam.urdf")]) == 0
-        yield commands
-        commands.close()
+commands = commands_on(FOLLOWER, LEADER)
 
 
 def start(commands, module, config, *options):
+    assert write_model(["--format=urdf", str(commands.directory / "yam.urdf")]) == 0
     urdf = f"--{IK}.urdf_path={commands.directory / 'yam.urdf'}"
     return commands.start("-m", f"lerobot.rl.{module}", PLUGIN, f"--config_path={config}", urdf, *options)
 

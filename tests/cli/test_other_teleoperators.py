@@ -5,28 +5,21 @@ import time
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.rig.control import running_rig
-from tests.cli.conftest import Commands
+from tests.cli.conftest import commands_on, options, virtual
 
 pytestmark = pytest.mark.alone
 
 FOLLOWER = "follower_left"
 
 
-@pytest.fixture
-def commands(tmp_path):
-    with running_rig(arms=[FOLLOWER]) as rig:
-        yield Commands(rig, tmp_path, (FOLLOWER,))
+commands = commands_on(FOLLOWER)
 
 
 @pytest.mark.long
 def test_a_teleoperator_of_somebody_else_moves_a_follower(commands):
     process = commands.start(
         "lerobot-teleoperate",
-        "--robot.type=yam_follower",
-        "--robot.interface=yam_sim",
-        f"--robot.channel={FOLLOWER}",
-        "--robot.gravity_factor=[1,1,1,1,1,1]",
+        *options(robot=virtual("follower", FOLLOWER)),
         "--teleop.discover_packages_path=tests.teleop_plugin",
         "--teleop.type=swing",
         "--teleop.swing_rad=0.4",

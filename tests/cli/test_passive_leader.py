@@ -1,13 +1,11 @@
 """lerobot-teleoperate with a leader without motors: gate, approach by the follower, and the loss of an encoder."""
 
-import contextlib
 import time
 
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.rig.control import running_rig
-from tests.cli.conftest import Commands
+from tests.cli.conftest import commands_on, options, virtual
 from tests.support.waiting import wait
 
 pytestmark = pytest.mark.alone
@@ -16,19 +14,14 @@ LEADER, FOLLOWER = "leader_left", "follower_left"
 HOME, THERE = [0.0] * 6, [0.3, 1.1, 1.0, -0.3, 0.1, 0.2]
 
 
-@pytest.fixture
-def commands(tmp_path):
-    with running_rig(scene="passive_leaders", arms=[FOLLOWER, LEADER]) as rig:
-        with contextlib.closing(Commands(rig, tmp_path, (FOLLOWER,))) as commands:
-            yield commands
+commands = commands_on(FOLLOWER, LEADER, driven=(FOLLOWER,), scene="passive_leaders")
 
 
 def teleoperate(commands, *more):
-    arm = "--robot.type=yam_follower", "--robot.interface=yam_sim", f"--robot.channel={FOLLOWER}", "--robot.id=sim"
-    leader = "--teleop.type=yam_passive_leader", "--teleop.interface=yam_sim", f"--teleop.channel={LEADER}"
-    process = commands.start(
-        "lerobot-teleoperate", *arm, "--robot.gravity_factor=[1,1,1,1,1,1]", *leader, "--teleop.id=sim", *more
-    )
+    leader = virtual("passive_leader", LEADER)
+    del leader["gravity_factor"]
+    arms = options(robot=virtual("follower", FOLLOWER), teleop=leader)
+    process = commands.start("lerobot-teleoperate", *arms, *more)
     commands.wait_enabled(process, FOLLOWER, timeout_s=120.0)
     return process
 

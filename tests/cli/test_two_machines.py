@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
+from tests.cli.conftest import one_episode, options
 from tests.cli.test_record import BI_KEYS
 from tests.cli.test_rollout import INFERENCES, correct, records
 from tests.support.hosted import rig_file, running_host
@@ -24,19 +25,11 @@ def recorded(request, shared_commands, tmp_path_factory):
             monkeypatch.setenv("YAM_RUNTIME_DIR", str(workstation))
             status = commands.run(
                 "lerobot-record",
-                "--robot.type=bi_yam_remote",
-                f"--robot.host={host.address}",
-                "--teleop.type=bi_yam_remote_leader",
-                f"--teleop.host={host.address}",
-                "--dataset.repo_id=local/link",
-                f"--dataset.root={directory / 'data'}",
-                "--dataset.single_task=sweep",
-                "--dataset.fps=30",
-                "--dataset.num_episodes=1",
-                f"--dataset.episode_time_s={SECONDS}",
-                "--dataset.reset_time_s=0",
-                "--dataset.push_to_hub=false",
-                "--dataset.no_stamp=true",
+                *options(
+                    robot={"type": "bi_yam_remote", "host": host.address},
+                    teleop={"type": "bi_yam_remote_leader", "host": host.address},
+                    dataset=one_episode("link", directory / "data", SECONDS),
+                ),
                 "--play_sounds=false",
             )
             assert status == 0, commands.output()[-4000:] + host.said()
@@ -44,13 +37,9 @@ def recorded(request, shared_commands, tmp_path_factory):
             yield commands, LeRobotDataset("local/link", root=directory / "data"), host
 
 
-def test_data_set_is_as_of_local_arms(recorded):
-    _, data, _ = recorded
-    assert data.meta.robot_type == "bi_yam_follower" and list(data.features["action"]["names"]) == BI_KEYS
-
-
 def test_arms_follow_the_leaders(recorded):
     _, data, host = recorded
+    assert data.meta.robot_type == "bi_yam_follower" and list(data.features["action"]["names"]) == BI_KEYS
     table = data.hf_dataset.with_format("numpy")
     state, action = np.stack(table["observation.state"]), np.stack(table["action"])
     assert len(state) > 0.8 * SECONDS * data.fps
@@ -65,11 +54,10 @@ def test_replay_over_the_link_and_all_arms_land(recorded):
     commands.assert_landed()
     status = commands.run(
         "lerobot-replay",
-        "--robot.type=bi_yam_remote",
-        f"--robot.host={host.address}",
-        f"--dataset.repo_id={data.repo_id}",
-        f"--dataset.root={data.root}",
-        "--dataset.episode=0",
+        *options(
+            robot={"type": "bi_yam_remote", "host": host.address},
+            dataset={"repo_id": data.repo_id, "root": data.root, "episode": 0},
+        ),
         "--play_sounds=false",
     )
     assert status == 0, commands.output()[-4000:]

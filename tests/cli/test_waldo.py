@@ -6,25 +6,17 @@ import socket
 
 import pytest
 
-from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.waldo.wire import ask_once
-from tests.cli.conftest import Commands
+from tests.cli.conftest import commands_on, options, virtual
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
 
 FOLLOWER, LEADER, HOST = "follower_left", "leader_left", "127.0.0.1"
-TELEOPERATE = [
-    "lerobot-teleoperate",
-    *("--robot.type=yam_follower", "--robot.interface=yam_sim", f"--robot.channel={FOLLOWER}", "--robot.id=sim"),
-    *("--teleop.type=yam_leader", "--teleop.interface=yam_sim", f"--teleop.channel={LEADER}", "--teleop.id=sim"),
-]
+ARMS = options(robot=virtual("follower", FOLLOWER), teleop=virtual("leader", LEADER))
+TELEOPERATE = ["lerobot-teleoperate", *ARMS]
 
 
-@pytest.fixture
-def commands(tmp_path):
-    with running_rig(arms=[FOLLOWER, LEADER]) as rig:
-        with contextlib.closing(Commands(rig, tmp_path, (FOLLOWER, LEADER))) as commands:
-            yield commands
+commands = commands_on(FOLLOWER, LEADER)
 
 
 @contextlib.contextmanager

@@ -34,12 +34,6 @@ def lockstep(tmp_path):
     env.close()
 
 
-def attempt(env, seed):
-    """States seen, actions, and success of a demonstration."""
-    frames = list(demonstrate(env, seed))
-    return np.array([f.observation["agent_pos"] for f in frames]), np.array([f.action for f in frames]), frames[-1]
-
-
 def test_it_is_an_environment(lockstep):
     observation, info = lockstep.reset(seed=3)
     assert lockstep.observation_space.contains(observation)
@@ -52,17 +46,6 @@ def test_it_is_an_environment(lockstep):
         observation, reward, terminated, truncated, info = lockstep.step(action)
         assert lockstep.observation_space.contains(observation) and lockstep.render().shape == (48, 64, 3)
         assert (reward, terminated, truncated, info) == (0.0, False, False, {"is_success": False})
-
-
-@pytest.mark.long
-def test_the_operators_attempt_succeeds_and_its_actions_do_again(lockstep):
-    states, actions, last = attempt(lockstep, seed=5)
-    assert last.success
-    observation, _ = lockstep.reset(seed=5)
-    for state, action in zip(states, actions, strict=True):
-        assert np.array_equal(observation["agent_pos"], state)
-        observation, reward, terminated, _, info = lockstep.step(action)
-    assert terminated and reward == 1.0 and info["is_success"]
 
 
 def test_a_demonstration_keeps_what_was_sent_not_what_was_asked_for(tmp_path):
@@ -131,19 +114,6 @@ def two_arms(tmp_path):
         for side in ("left", "right")
     }
     return BiYamFollowerConfig(calibration_dir=tmp_path, **arms)
-
-
-@pytest.mark.long
-def test_two_arms_have_two_places(tmp_path):
-    config = YamEnvConfig(robot=two_arms(tmp_path), lockstep=True, task="handover")
-    assert config.features["action"].shape == (14,)
-    env = YamEnv(config)
-    try:
-        observation, _ = env.reset(seed=0)
-        assert observation["agent_pos"].shape == (14,) and env.sides == ["left", "right"]
-        assert env.render().shape == (240, 320, 3)  # the rig's own, as the robot has none
-    finally:
-        env.close()
 
 
 @pytest.mark.long

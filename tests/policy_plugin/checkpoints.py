@@ -7,11 +7,8 @@ from lerobot.policies.act.modeling_act import ACTPolicy
 from lerobot.policies.act.processor_act import make_act_pre_post_processors
 from lerobot.utils.constants import OBS_ENV_STATE, OBS_STATE
 
-from tests.policy_plugin.configuration_replayed import ReplayedConfig
 from tests.policy_plugin.configuration_scripted import ScriptedConfig
-from tests.policy_plugin.modeling_replayed import ReplayedPolicy
 from tests.policy_plugin.modeling_scripted import ScriptedPolicy
-from tests.policy_plugin.processor_replayed import make_replayed_pre_post_processors
 from tests.policy_plugin.processor_scripted import make_scripted_pre_post_processors
 from tests.policy_plugin.steps import Surroundings, Swing
 
@@ -40,21 +37,6 @@ def save_scripted(directory, behaviour, arms, stats=None, **fields):
     )
     ScriptedPolicy(config).save_pretrained(directory)
     for pipeline in make_scripted_pre_post_processors(config, statistics(arms) if stats is None else stats):
-        pipeline.save_pretrained(directory)
-    return directory
-
-
-def save_replayed(directory, arms, actions=""):
-    """A checkpoint that does what a file says, or nothing; returns its directory."""
-    n = 7 * arms
-    config = ReplayedConfig(
-        actions=actions,
-        device="cpu",
-        input_features={"observation.state": PolicyFeature(type=FeatureType.STATE, shape=(n,))},
-        output_features={"action": PolicyFeature(type=FeatureType.ACTION, shape=(n,))},
-    )
-    ReplayedPolicy(config).save_pretrained(directory)
-    for pipeline in make_replayed_pre_post_processors(config, None):
         pipeline.save_pretrained(directory)
     return directory
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import AdamWConfig
 
-BEHAVIOURS = ("sines", "reach", "nothing", "nan", "short", "jumps", "slow")
+BEHAVIOURS = ("sines", "reach", "nothing", "nan", "short", "jumps", "slow", "replay")
 
 
 @PreTrainedConfig.register_subclass("scripted")
@@ -17,7 +17,9 @@ class ScriptedConfig(PreTrainedConfig):
         behaviour: "sines" moves every joint there and back for ever; "reach" goes there and stays; "nothing" stays
             where it is; "nan" does as "sines" and after
             `good_s` says NaN once in every action; "short" leaves out the last coordinate; "jumps" alternates between
-            the start and `amplitude` beyond it, action by action; "slow" is "sines" that takes `delay_s` to answer.
+            the start and `amplitude` beyond it, action by action; "slow" is "sines" that takes `delay_s` to answer;
+            "replay" does in its n-th episode what was done in the n-th of a file, for each row of a batch.
+        actions: of "replay", an .npz of (k, n) arrays "0", "1", …; empty: each episode stays where it begins.
         amplitude: largest distance from the start, in the unit of the observations.
         period_s: of the sines.
         fps, chunk_size: of `predict_action_chunk`.
@@ -25,6 +27,7 @@ class ScriptedConfig(PreTrainedConfig):
     """
 
     behaviour: str = "sines"
+    actions: str = ""
     amplitude: float = 0.3
     period_s: float = 3.0
     fps: float = 30.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lerobot_strategy_yam.take_over import TakenArms, WayBack
+from lerobot_strategy_yam.take_over import TakenArms
 
 SIDES = ("left_", "right_")
 
@@ -64,10 +64,3 @@ def test_an_arm_that_is_taken_over_while_it_blends_is_the_persons_at_once():
     assert arms.action(0.0, action(0.0, 0.0), None) == action(1.0, 1.0)
     arms.take("left_")
     assert arms.action(0.25, action(0.0, 0.0), action(3.0, 3.0)) == pytest.approx(action(3.0, 0.5))
-
-
-def test_the_way_back_ends_where_it_was_begun_to_be_kept():
-    way = WayBack(3)
-    for value in range(5):
-        way.went({"gripper.pos": float(value)})
-    assert [way.back() for _ in range(4)] == [{"gripper.pos": 4.0}, {"gripper.pos": 3.0}, {"gripper.pos": 2.0}, None]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-_announced: "list[HandGuidance]" = []  # those of this process's connected teleoperators
+_announced: "HandGuidance | None" = None  # that of this process's connected teleoperator
 
 
 class HandGuidance:
@@ -45,16 +45,17 @@ class HandGuidance:
         Raises:
             ConfigError: another one is connected already.
         """
-        if _announced and self not in _announced:
-            raise ConfigError(f"{self._device}: this process has a {_announced[0]._device} already")
-        if self not in _announced:
-            _announced.append(self)
+        global _announced
+        if _announced is not None and _announced is not self:
+            raise ConfigError(f"{self._device}: this process has a {_announced._device} already")
+        _announced = self
 
     def withdraw(self) -> None:
         """Disconnect the teleoperator: the arms hold. Idempotent."""
+        global _announced
         self.end()
-        if self in _announced:
-            _announced.remove(self)
+        if _announced is self:
+            _announced = None
 
     def attach(self, follower: str, arms: ArmGroup, space: "ArmGroup | EeSpace") -> None:
         """Guide a follower that is about to be energised.
@@ -166,4 +167,4 @@ class HandGuidance:
 
 def guidance() -> HandGuidance | None:
     """Return the guidance of this process's connected hand-guide teleoperator, if any."""
-    return _announced[0] if _announced else None
+    return _announced

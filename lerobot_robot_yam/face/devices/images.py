@@ -87,21 +87,6 @@ def open_camera(name: str, options: Mapping[str, Any], arms: Iterable[ArmConfig]
     return camera
 
 
-class LateImages:
-    """Warns of images that were waited for: at once, then at most every `_TOLD_S`."""
-
-    def __init__(self) -> None:
-        self._told_s, self._untold = -math.inf, 0
-
-    def tell(self, late: str) -> None:
-        """Warn of, or count, a message of `newest_images`."""
-        self._untold += 1
-        if time.monotonic() - self._told_s > _TOLD_S:
-            also = f" (and {self._untold - 1} times since this was said)" if self._untold > 1 else ""
-            logger.warning("%s%s", late, also)
-            self._told_s, self._untold = time.monotonic(), 0
-
-
 def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]) -> tuple[dict[str, Any], str]:
     """Read all cameras, and again while an image is older than 0.2 s (two frames of a slow camera).
 
@@ -147,14 +132,14 @@ class ImageReader:
         self._cameras, self._configs = cameras, configs
         self._images: dict[str, Any] = {}
         self._new_s: dict[str, float] = {}  # time of the first read of each camera's image
-        self._late = LateImages()
+        self._told_s, self._untold = -math.inf, 0  # last warning of a wait, and waits since
 
     def read(self) -> tuple[dict[str, Any], bool]:
         """Return the images of `newest_images`, and whether any was waited for."""
         images, late = newest_images(self._cameras, self._configs)
         waited = bool(late)
         if late:
-            self._late.tell(late)
+            self._tell(late)
         begin = now = time.monotonic()
         due = {name: camera for name, camera in self._cameras.items() if self._is_due(name, images, now)}
         while due and now - begin < _RENEWAL_S:
@@ -170,6 +155,14 @@ class ImageReader:
                 self._new_s[name] = now
         self._images = images
         return images, waited
+
+    def _tell(self, late: str) -> None:
+        """Warn of a wait at once, then at most every `_TOLD_S`."""
+        self._untold += 1
+        if time.monotonic() - self._told_s > _TOLD_S:
+            also = f" (and {self._untold - 1} times since this was said)" if self._untold > 1 else ""
+            logger.warning("%s%s", late, also)
+            self._told_s, self._untold = time.monotonic(), 0
 
     def _is_due(self, name: str, images: Mapping[str, Any], now_s: float) -> bool:
         """Return whether a camera repeats its last image, though the next one should come at any moment."""

@@ -1,5 +1,7 @@
 """End-effector keys of real devices on a rig in lock-step: what they mean, where the tool goes, what is refused."""
 
+import functools
+import itertools
 import logging
 import math
 
@@ -14,8 +16,7 @@ from lerobot_robot_yam.face.devices.ee_space import Tool
 from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.yam_follower import BiYamFollower, YamFollower
-from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
-from lerobot_teleoperator_yam.yam_leader import BiYamLeader, YamLeader
+from lerobot_teleoperator_yam.yam_leader import BiYamLeader
 from scripts import recorders
 from tests.face.devices.test_lerobot_contract import connected_pair, follower_config, leader_config, settle
 from tests.support.rigged import STOPS, lockstep_rig
@@ -56,11 +57,6 @@ def test_what_has_no_tool_pose_is_refused(tmp_path, fields, named):
     config = YamFollowerConfig(**{"channel": "x", "action_space": "ee", "calibration_dir": tmp_path, **fields})
     with pytest.raises(ConfigError, match=named):
         YamFollower(config)
-
-
-def test_a_leader_needs_to_know_the_followers_gripper(tmp_path):
-    with pytest.raises(ConfigError, match="claw"):
-        YamLeader(YamLeaderConfig(channel="x", ee_gripper="claw", calibration_dir=tmp_path))
 
 
 # one tool, without an arm
@@ -148,6 +144,12 @@ def numbers_of(values):
     return np.array([values[f"{name}.pos"] for name in TOOL_NUMBERS])
 
 
+@functools.cache
+def straight_down():
+    """The rotation from which the numbers count."""
+    return downward(YamKinematics("yam", "linear_4310"))
+
+
 def truth(rig):
     """The numbers of where the tool really is, in the frame of the arm's base."""
     (row,) = [row for row in rig.scene()["arms"] if row["channel"] == ARM]
@@ -156,7 +158,7 @@ def truth(rig):
     pose = np.eye(4)
     pose[:3, :3] = turn @ np.array(site["mat"]).reshape(3, 3)
     pose[:3, 3] = turn @ (np.array(site["pos"]) - row["position_m"])
-    return pose_to_vector(pose, downward(YamKinematics("yam", "linear_4310")))
+    return pose_to_vector(pose, straight_down())
 
 
 def send(follower, action, seconds):
@@ -197,6 +199,43 @@ def test_out_of_reach_goes_to_the_border_and_a_jump_keeps_the_speed_limit(follow
     limits = follower._arms.sides[0].hardware.speed_limit[:6]
     assert (np.array(recorders.watch(rig, ARM)["max_speed_rad_s"][:6]) < 1.1 * limits).all()
     assert 0.3 < fastest < 1.1 * limits[0]  # rad/s, not degrees per second
+
+
+WAY = [READY, [0.6, 1.5, 1.3, -0.9, 0.4, 0.2], [0.1, 1.7, 1.6, -1.1, 0.0, -0.3], [0.3, 1.4, 1.5, -1.3, 0.2, 0.2]]
+LEG = 30  # frames
+ERROR_M = 0.002
+
+
+def off_path(points, path):
+    """(k,) distance of each point from a polyline (m, 3)."""
+    start, along = path[:-1], np.diff(path, axis=0)
+    length = np.maximum(np.einsum("ij,ij->i", along, along), 1e-18)
+    share = np.clip(np.einsum("kij,ij->ki", points[:, None] - start, along) / length, 0.0, 1.0)
+    return np.linalg.norm(points[:, None] - start - share[..., None] * along, axis=2).min(axis=1)
+
+
+@pytest.mark.long
+def test_a_replay_brings_the_tool_along_its_way_again(follower, rig):
+    reach(follower, READY, 3.0)
+    share = np.linspace(0.0, 1.0, LEG, endpoint=False)[:, None]
+    way = np.concatenate([before + share * np.subtract(after, before) for before, after in itertools.pairwise(WAY)])
+    went, tools, actions = [], [], []
+    for q in way:
+        sent = follower.send_joints(np.append(q, 1.0))
+        actions.append({key: float(np.float32(value)) for key, value in follower.action_for(sent).items()})
+        follower.clock.sleep(FRAME_S)
+        went.append(truth(rig)[:3])
+        tools.append(numbers_of(follower.get_observation())[:3])
+    assert off_path(np.array(tools), np.array(went)).max() < 0.005  # what is observed is where the tool is
+    reach(follower, READY, 3.0)
+    again = []
+    for action in actions:
+        follower.send_action(action)
+        follower.clock.sleep(FRAME_S)
+        again.append(truth(rig)[:3])
+    assert np.ptp(went, axis=0).max() > 0.1
+    assert off_path(np.array(again), np.array(went)).max() < ERROR_M
+    assert np.linalg.norm(np.subtract(again[-1], went[-1])) < ERROR_M
 
 
 @pytest.mark.parametrize(

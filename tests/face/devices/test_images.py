@@ -9,7 +9,7 @@ import pytest
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import StaleStateError
 from lerobot_robot_yam.face.devices import images
-from lerobot_robot_yam.face.devices.images import LATE_S, PATIENCE_S, ImageReader, LateImages, newest_images
+from lerobot_robot_yam.face.devices.images import LATE_S, PATIENCE_S, ImageReader, newest_images
 from lerobot_robot_yam.yam_follower import YamFollower
 from tests.support.rigged import STOPS, rig_of
 
@@ -92,14 +92,17 @@ def test_how_old_an_image_may_be_without_a_wait(clock, age_ms, fps, waits):
 
 
 def test_late_images_are_said_at_once_and_then_seldom(clock, caplog):
-    late = LateImages()
+    camera = Camera(clock)
+    number_of = camera.read_latest
+    camera.read_latest = lambda **limit: np.full((16, 16, 3), number_of(**limit) % 256, np.uint8)
+    reader = ImageReader({"top": camera}, {"top": CameraSettings(fps=None)})
     for number in range(4):
         clock.sleep(31.0 if number == 3 else 1.0)
-        late.tell(f"waited {number} ms")
-    assert [record.getMessage() for record in caplog.records] == [
-        "waited 0 ms",
-        "waited 3 ms (and 2 times since this was said)",
-    ]
+        camera._fresh_at = clock.monotonic() + 0.1
+        reader.read()
+    said = [record.getMessage() for record in caplog.records]
+    assert len(said) == 2 and all(text.startswith("waited 10") for text in said)
+    assert said[1].endswith("(and 2 times since this was said)") and "since" not in said[0]
 
 
 class SlowCamera:

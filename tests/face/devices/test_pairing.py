@@ -1,15 +1,18 @@
 """A leader and a follower of one program: actions that do not fit are found before the second is energised."""
 
+import contextlib
 from functools import partial
 
 import pytest
 
 from lerobot_robot_yam.config_yam_follower import YamFollowerConfig
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.yam_follower import YamFollower
 from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader, YamLeader
 from tests.face.devices.test_lerobot_contract import STOPS_RAD, enabled, leader_config, leave, on_rig
+from tests.support import seven_joints
 from tests.support.rigged import rig_of
 
 
@@ -21,12 +24,12 @@ def rig():
 
 def follower(rig, tmp_path, **options):
     fields, more = on_rig(rig.name, channel="follower_left", gripper_stops_rad=STOPS_RAD)
-    return YamFollower(YamFollowerConfig(calibration_dir=tmp_path, **fields, **more, **options))
+    return YamFollower(YamFollowerConfig(calibration_dir=tmp_path, **more, **fields | options))
 
 
 def leader(rig, tmp_path, **options):
     fields, more = on_rig(rig.name, channel="leader_left")
-    return YamLeader(YamLeaderConfig(calibration_dir=tmp_path, **fields, **more, **options))
+    return YamLeader(YamLeaderConfig(calibration_dir=tmp_path, **more, **fields | options))
 
 
 def test_leaders_that_do_not_fit_the_follower_stay_limp(rig, tmp_path):
@@ -59,3 +62,22 @@ def test_a_leader_that_fits_is_energised_and_a_follower_that_does_not_is_not(rig
         assert any(enabled(rig, "leader_left")) and not any(enabled(rig, "follower_left"))
     finally:
         leave(device)
+
+
+def test_an_arm_of_seven_joints_leads_another(tmp_path):
+    with contextlib.closing(LockstepRig(seven_joints.write_scene(tmp_path))) as rig:
+        options = {"arm": seven_joints.ARM, "gravity_factor": [1.0] * 7}
+        device, robot = leader(rig, tmp_path, **options), follower(rig, tmp_path, **options)
+        device.connect()
+        robot.connect()
+        start = rig.state()["arms"]["leader_left"]["q"]
+        rig.hand("leader_left", [0.5, 2.5], [start, seven_joints.REACH], [0.0, 1.0])
+        for _ in range(120):
+            action, observation = device.get_action(), robot.get_observation()
+            assert robot.send_action(action) == pytest.approx(action)
+            robot.clock.sleep(1 / 30)
+        leave(robot)
+        leave(device)
+    assert list(observation) == list(action) == seven_joints.KEYS
+    assert list(action.values()) == pytest.approx([*seven_joints.REACH, 0.0], abs=0.05)
+    assert list(observation.values()) == pytest.approx(list(action.values()), abs=0.05)

@@ -39,27 +39,17 @@ def test_config_from_the_command_line():
     assert draccus.parse(YamOpenpiConfig, args=["--image_size=null"]).image_size is None
 
 
-def test_chunks_are_handed_out_one_by_one(made):
-    server, policy = made()
+@pytest.mark.parametrize("steps", [None, 2])
+def test_chunks_are_handed_out_one_by_one_and_forgotten_at_a_reset(made, steps):
+    server, policy = made(n_action_steps=steps)
     batch, _ = batch_of(policy)
-    actions = [policy.select_action(batch) for _ in range(9)]
+    actions = [policy.select_action(batch) for _ in range(5)]
     assert all(action.shape == (1, 14) and action.dtype == torch.float32 for action in actions)
-    assert [round(float(a[0, 5]) * 1000) for a in actions] == [0, 1, 2, 3, 100, 101, 102, 103, 200]
-    assert len(server.observations) == 3 and server.connections == 1
-
-
-def test_only_the_first_steps_of_a_chunk(made):
-    _, policy = made(n_action_steps=2)
-    batch, _ = batch_of(policy)
-    assert [round(float(policy.select_action(batch)[0, 0]) * 1000) for _ in range(5)] == [0, 1, 100, 101, 200]
-
-
-def test_reset_forgets_the_chunk(made):
-    _, policy = made()
-    batch, _ = batch_of(policy)
-    policy.select_action(batch)
     policy.reset()
-    assert round(float(policy.select_action(batch)[0, 0]) * 1000) == 100
+    actions.append(policy.select_action(batch))
+    given = [round(float(a[0, 5]) * 1000) for a in actions]
+    assert given == ([0, 1, 2, 3, 100, 200] if steps is None else [0, 1, 100, 101, 200, 300])
+    assert len(server.observations) == given[-1] // 100 + 1 and server.connections == 1
 
 
 def test_observation_is_sent_as_the_server_wants_it(made):

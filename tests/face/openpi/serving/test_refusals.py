@@ -84,19 +84,17 @@ def test_what_a_client_sends_cannot_garble_a_log(act, serve, caplog):
     assert answer.isprintable() and told.isprintable() and max(len(answer), len(told)) < 2100
 
 
-def test_our_client_refuses_a_missing_camera_before_an_arm_is_energised(act, serve):
-    with pytest.raises(ConfigError, match="has to see observation.images.wrist_left, which --policy.image_keys does"):
-        our_policy(serve(act), image_keys={"top": "images/top"})
-
-
-def test_our_client_refuses_another_image_size_before_an_arm_is_energised(act, serve):
-    with pytest.raises(ConfigError, match=rf"wants images of \[{HEIGHT}, {WIDTH}\]; set '--policy.image_size"):
-        our_policy(serve(act), image_size=(224, 224))
-
-
-def test_our_client_refuses_degrees_before_an_arm_is_energised(act, serve):
-    with pytest.raises(ConfigError, match="says that its angle_unit is 'rad', --policy.angle_unit is 'deg'"):
-        our_policy(serve(act), angle_unit="deg")
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        ({"image_keys": {"top": "images/top"}}, "has to see observation.images.wrist_left, which --policy.image_keys"),
+        ({"image_size": (224, 224)}, rf"wants images of \[{HEIGHT}, {WIDTH}\]; set '--policy.image_size"),
+        ({"angle_unit": "deg"}, "says that its angle_unit is 'rad', --policy.angle_unit is 'deg'"),
+    ],
+)
+def test_our_client_refuses_what_does_not_fit_before_an_arm_is_energised(act, serve, fields, says):
+    with pytest.raises(ConfigError, match=says):
+        our_policy(serve(act), **fields)
 
 
 def test_our_client_shows_what_the_server_says_of_a_wrong_state(act, serve):
