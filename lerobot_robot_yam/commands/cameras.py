@@ -22,7 +22,7 @@ from lerobot_robot_yam.cameras.role_names import ROLES, named_cameras, read_conf
 from lerobot_robot_yam.cameras.video_devices import ROOT
 from lerobot_robot_yam.commands.lib.camera_bench import TARGET, Bench
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
-from lerobot_robot_yam.commands.lib.dialogue import agreed, ask, need_terminal, table, tell
+from lerobot_robot_yam.commands.lib.dialogue import agreed, ask, need_terminal, say, table, tell
 from lerobot_robot_yam.errors import CameraError, ConfigError, SetupError
 from lerobot_robot_yam.system.paths import user_path, write_whole
 
@@ -78,12 +78,12 @@ def _list(args: argparse.Namespace) -> int:
         nodes = ", ".join(node.name for node in seen.nodes) if seen else "-"
         port = seen.usb.port if seen and seen.usb else "-"
         rows.append([camera.serial or "-", camera.model, port, link, nodes or "-"])
-    sys.stdout.write(table(["serial", "model", "USB port", "link", "nodes"], rows) + "\n")
+    say(table(["serial", "model", "USB port", "link", "nodes"], rows))
     if not cameras:
         tell(_NONE)
     for camera in cameras:
         if args.formats:
-            sys.stdout.write(f"{camera}: {', '.join(camera.modes()) or 'tells no formats'}\n")
+            say(f"{camera}: {', '.join(camera.modes()) or 'tells no formats'}")
         if camera.seen and camera.seen.realsense and camera.seen.slow:
             tell(f"{camera}: USB 2 is too slow for a RealSense; use a USB 3 port (blue) with a USB 3 cable")
     return 0
@@ -112,7 +112,7 @@ def _tune(args: argparse.Namespace) -> int:
     bench = Bench(args.width, args.height, args.fps)
     before, exposure, after = bench.tune(camera, args.target, tell)
     tell(f"before: {before}\nafter: {after}")
-    sys.stdout.write(f"exposure: {exposure}\n")
+    say(f"exposure: {exposure}")
     if args.sheet:
         bench.write(args.sheet)
     if args.config:

@@ -19,7 +19,7 @@ import numpy as np
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.commands.lib.arm_command import add_place_arguments, place_of
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
-from lerobot_robot_yam.commands.lib.dialogue import table, tell
+from lerobot_robot_yam.commands.lib.dialogue import say, table, tell
 from lerobot_robot_yam.commands.lib.feel_figures import (
     SPEED_RAD_S,
     Effort,
@@ -161,10 +161,10 @@ def _report(
         said.append(
             f"backdrive: drag of the motors at {SPEED_RAD_S:g} rad/s, {drag}, and the profile's friction, {friction}"
         )
-    sys.stdout.write("\n".join(said) + "\n")
+    say("\n".join(said))
     if plot is not None:
         _save_plot(plot, motion, effort, periods)
-        sys.stdout.write(f"picture: {plot}\n")
+        say(f"picture: {plot}")
     return 0
 
 

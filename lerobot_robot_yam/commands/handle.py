@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, arm_config, own_bus
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command, seconds
-from lerobot_robot_yam.commands.lib.dialogue import confirm_word, need_terminal, tell
+from lerobot_robot_yam.commands.lib.dialogue import confirm_word, need_terminal, say, tell
 from lerobot_robot_yam.control.gripper.trigger_range import learn, load_range, save_range
 from lerobot_robot_yam.damiao.handle_encoder import (
     EEPROM_ZERO_HIGH,
@@ -82,7 +82,7 @@ def _show(args: argparse.Namespace, handle: HandleAccess) -> None:
         "buttons": [int(button) for button in report.buttons],
     }
     if args.json:
-        sys.stdout.write(json.dumps({"channel": handle.channel, **facts}) + "\n")
+        say(json.dumps({"channel": handle.channel, **facts}))
         return
     sys.stdout.write("".join(f"{name.replace('_', ' '):<20} {value}\n" for name, value in facts.items()))
     if firmware < FIRMWARE_REQUIRED:

@@ -21,8 +21,9 @@ from lerobot_robot_yam.arm.profile import ArmProfile
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, arm_config, own_bus
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
-from lerobot_robot_yam.commands.lib.dialogue import ask, confirm_word, need_terminal, table, tell
+from lerobot_robot_yam.commands.lib.dialogue import ask, confirm_word, need_terminal, say, table, tell
 from lerobot_robot_yam.commands.lib.host_option import add_host_arguments, run_tool
+from lerobot_robot_yam.commands.lib.motor.motor_bench import nothing_answers
 from lerobot_robot_yam.control.preflight.binding import bind, check_identity
 from lerobot_robot_yam.control.preflight.fingerprint import Fingerprint, read_fingerprint
 from lerobot_robot_yam.control.preflight.role import likely_gripper
@@ -91,16 +92,10 @@ def _identify(args: argparse.Namespace) -> int:
     with own_bus(config) as bus:
         found = read_fingerprint(bus, config.channel, config.interface, arm_ids(arm))
     role = found.role(gripper_id(arm))
-    if args.json:
-        sys.stdout.write(json.dumps({"channel": config.channel, "role": role, **found.to_dict()}) + "\n")
-    else:
-        sys.stdout.write(describe(config.channel, found, role) + "\n")
-    sys.stdout.flush()
+    facts = {"channel": config.channel, "role": role, **found.to_dict()}
+    say(json.dumps(facts) if args.json else describe(config.channel, found, role))
     if not found.motors:
-        raise MotorError(
-            f"nothing answers on channel {config.channel}; check motor power and the emergency stop, the CAN cable "
-            "and the bit-rate (classic CAN, 1 Mbit/s)"
-        )
+        raise MotorError(nothing_answers(config.channel))
     name = config.name
     if args.wiggle:
         name = _watch_it_move(args, config, found, arm)

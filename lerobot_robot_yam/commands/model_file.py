@@ -12,8 +12,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
+from lerobot_robot_yam.commands.lib.dialogue import say
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.system.paths import user_path
+from lerobot_robot_yam.system.paths import user_path, write_whole
 
 FORMATS = ("mjcf", "urdf")
 
@@ -32,11 +33,10 @@ def write(path: Path | None, arm: str, gripper: str, form: str) -> int:
         sys.stdout.write(text)
         return 0
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
+        write_whole(path, text)
     except OSError as error:
         raise ConfigError(f"{path} cannot be written: {error.strerror}") from error
-    sys.stdout.write(f"{path}: {arm} with {gripper}\n")
+    say(f"{path}: {arm} with {gripper}")
     return 0
 
 

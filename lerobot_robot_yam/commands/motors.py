@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 
 from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, arm_config, own_bus
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command, seconds
-from lerobot_robot_yam.commands.lib.dialogue import need_terminal, table, tell
+from lerobot_robot_yam.commands.lib.dialogue import need_terminal, say, table, tell
 from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench, nothing_answers
 from lerobot_robot_yam.commands.lib.motor.motor_changes import (
     restore_arm,
@@ -106,10 +106,9 @@ def _scan(args: argparse.Namespace, bench: MotorBench) -> int:
     found = bench.scan(_ALL_IDS if args.all_ids else MOTOR_IDS)
     if args.json:
         rows = {str(can_id): bench.row(can_id, motor) for can_id, motor in found.items()}
-        sys.stdout.write(json.dumps({"channel": bench.channel, "motors": rows, "notes": bench.notes(found)}) + "\n")
+        say(json.dumps({"channel": bench.channel, "motors": rows, "notes": bench.notes(found)}))
     elif found:
-        sys.stdout.write(bench.show(found) + "\n")
-    sys.stdout.flush()
+        say(bench.show(found))
     if not found:
         raise MotorError(nothing_answers(bench.channel))
     if not args.json:
@@ -126,11 +125,11 @@ def _read(args: argparse.Namespace, bench: MotorBench) -> int:
             str(can_id): {r.name: shown(r, value) for r, value in contents.items() if not wanted or r in wanted}
             for can_id, contents in held.items()
         }
-        sys.stdout.write(json.dumps({"channel": bench.channel, "motors": rows}) + "\n")
+        say(json.dumps({"channel": bench.channel, "motors": rows}))
         return 0
     names = wanted or list(dict.fromkeys(register for contents in held.values() for register in contents))
     lines = [[r.name, *(str(shown(r, c.get(r))) for c in held.values()), r.unit] for r in names]
-    sys.stdout.write(table(["register", *map(bench.name, held), "unit"], lines) + "\n")
+    say(table(["register", *map(bench.name, held), "unit"], lines))
     return 0
 
 
@@ -159,7 +158,7 @@ def _diff(args: argparse.Namespace, bench: MotorBench) -> int:
         for register, values in changes(stored, bench.contents(can_id)).items()
     ]
     if rows:
-        sys.stdout.write(table(["motor", "register", "file", "motor has"], rows) + "\n")
+        say(table(["motor", "register", "file", "motor has"], rows))
     else:
         tell(f"the motors hold what {args.file} says")
     return int(bool(rows))

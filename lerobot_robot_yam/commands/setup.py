@@ -23,7 +23,7 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.cameras.video_devices import ROOT
 from lerobot_robot_yam.commands.lib.arm_command import add_place_arguments, place_of
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
-from lerobot_robot_yam.commands.lib.dialogue import agreed, need_terminal, tell
+from lerobot_robot_yam.commands.lib.dialogue import agreed, need_terminal, say, tell
 from lerobot_robot_yam.commands.lib.new_rig.found_parts import find_arms, find_cameras, find_channels
 from lerobot_robot_yam.commands.lib.new_rig.rig_document import difference, draw_rig, rig_text, write_rig
 from lerobot_robot_yam.commands.lib.new_rig.rig_plan import Answers, RigPlan, plan_rig
@@ -63,7 +63,7 @@ def _check(args: argparse.Namespace) -> int:
     except ConfigError as error:
         message = str(error)
         raise ConfigError(message if str(args.file) in message else f"{args.file}: {message}") from error
-    sys.stdout.write("\n".join(lines) + "\n")
+    say("\n".join(lines))
     return 0
 
 
@@ -76,15 +76,14 @@ def _set_up(args: argparse.Namespace) -> int:
     arms = find_arms([ArmConfig(name=channel, channel=channel, **place) for channel in channels], tell)
     answers = Answers(args.file.with_name(args.file.name + ".answers"), sure)
     plan = plan_rig(arms, find_cameras(rig, args.root or ROOT), answers)
-    sys.stdout.write(draw_rig(plan) + "\n")
-    sys.stdout.flush()
+    say(draw_rig(plan))
     _repair(plan, args)
     text = rig_text(args.file, plan)
     changes = difference(args.file, text)
     if not changes:
         tell(f"{args.file} says so already")
     elif args.dry_run:
-        sys.stdout.write(changes + "\n")
+        say(changes)
     elif not _agreed(args, changes):
         tell("nothing was written; run it again, it goes on")
         return 1

@@ -22,7 +22,7 @@ from typing import Any
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.lib.arm_command import open_buses, place_of
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
-from lerobot_robot_yam.commands.lib.dialogue import agreed, ask, need_terminal, table, tell, typed_line
+from lerobot_robot_yam.commands.lib.dialogue import agreed, ask, need_terminal, say, table, tell, typed_line
 from lerobot_robot_yam.errors import SetupError
 from lerobot_robot_yam.setup.adapter_rules import (
     RULES,
@@ -198,7 +198,7 @@ class Naming:
 
 def _set_up(args: argparse.Namespace, naming: Naming) -> int:
     if args.list:
-        sys.stdout.write(naming.table() + "\n")
+        say(naming.table())
         return 0
     if not args.dry_run:
         naming.files.check_writable()

@@ -25,7 +25,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.arm.tuning import Tuning, load_tuning, save_tuning
 from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, with_likely_gripper
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
-from lerobot_robot_yam.commands.lib.dialogue import ask, confirm_word, need_terminal, tell
+from lerobot_robot_yam.commands.lib.dialogue import ask, confirm_word, need_terminal, say, tell
 from lerobot_robot_yam.commands.lib.plot_file import require_plot
 from lerobot_robot_yam.commands.lib.tune.gravity_terms import GravityTerms
 from lerobot_robot_yam.commands.lib.tune.tune_fit import Fit, NotToldError, fit, require_engine
@@ -122,10 +122,10 @@ def tune(config: ArmConfig, args: argparse.Namespace, isolation: Isolation = "pr
     found, before, poses = tuner.measure(args.guided)
     after = tuner.hold(found.tuning, poses)
     save_tuning(args.out, found.tuning)
-    sys.stdout.write(report(tuner.hardware, found, before, after) + f"\ntuning: {args.out}\n")
+    say(report(tuner.hardware, found, before, after) + f"\ntuning: {args.out}")
     if args.plot is not None:
         save_plot(args.plot, tuner.hardware, found, before, after)
-        sys.stdout.write(f"picture: {args.plot}\n")
+        say(f"picture: {args.plot}")
     return 0
 
 

@@ -24,7 +24,7 @@ from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, arm_config, own_bus, with_answering_gripper
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
-from lerobot_robot_yam.commands.lib.dialogue import confirm_word, need_terminal, table, tell
+from lerobot_robot_yam.commands.lib.dialogue import confirm_word, need_terminal, say, table, tell
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.motor_inspection import verify
@@ -70,13 +70,16 @@ def _zero(args: argparse.Namespace) -> int:
         tell(zeroing.guidance())
         if not args.yes:
             _wait_until_placed(zeroing)
-        _warn_of_change(zeroing, zeroing.read())
+        present = zeroing.read().joint_rad
+        far = [f"{zeroing.names[i]} by {-present[i]:+.2f}" for i in zeroing.chosen if abs(present[i]) > _CHANGE_RAD]
+        if far:  # wanted after a repair, otherwise a mistake
+            tell(f"WARNING: this changes where these joints are taken to be, in rad: {', '.join(far)}")
         question = f"Type {_WORD} to make the present pose the zero of these joints:"
         confirm_word(args.yes, _WORD, question, "nothing was zeroed")
         zeroing.require_still()
         before, after = zeroing.set_zero()
     if args.json:
-        sys.stdout.write(json.dumps({"channel": config.channel, "motors": _as_json(zeroing, before, after)}) + "\n")
+        say(json.dumps({"channel": config.channel, "motors": _as_json(zeroing, before, after)}))
     else:
         sys.stdout.write(
             f"before:\n{zeroing.angles(before)}\nafter:\n{zeroing.angles(after)}\n"
@@ -96,14 +99,6 @@ def _wait_until_placed(zeroing: "Zeroing") -> None:
         tell(f"\rmotor rad: {live}", end=" ")
     sys.stdin.readline()
     tell(zeroing.angles(zeroing.read()))
-
-
-def _warn_of_change(zeroing: "Zeroing", present: "Reading") -> None:
-    """Warn of joints whose angle will change: wanted after a repair, otherwise a mistake."""
-    joint = present.joint_rad
-    far = [f"{zeroing.names[i]} by {-joint[i]:+.2f}" for i in zeroing.chosen if abs(joint[i]) > _CHANGE_RAD]
-    if far:
-        tell(f"WARNING: this changes where these joints are taken to be, in rad: {', '.join(far)}")
 
 
 def _as_json(zeroing: "Zeroing", before: "Reading", after: "Reading") -> dict[str, dict[str, Any]]:

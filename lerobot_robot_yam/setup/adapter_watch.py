@@ -1,6 +1,7 @@
 """Detection of an adapter that a person shows, by plugging it in or by moving the wrist of its arm.
 
-sysfs shows what is plugged in. Arms are only asked for the positions of their motors.
+sysfs shows what is plugged in. Arms are only asked for the positions of their motors. The person may always type a line
+instead: `Answer` waits at most so many seconds for it, and returns None when there is none. `Tell` gets a line of text.
 """
 
 import time
@@ -24,6 +25,10 @@ _RESTS_S, _RESTS_RAD = 0.3, 0.02
 _RESTLESS_S = 10.0  # longest wait for rest, s: a hanging arm may sway for long, though its wrist hardly does
 
 
+Answer = Callable[[float], str | None]
+Tell = Callable[[str], None]
+
+
 class PlugWatch:
     """Adapters that are plugged in after this was made. Make it before the person is asked to plug.
 
@@ -35,16 +40,8 @@ class PlugWatch:
         self._sysfs = sysfs
         self._before = set(_places(sysfs))
 
-    def wait(self, answer: Callable[[float], str | None], tell: Callable[[str], None]) -> list[CanAdapter] | str:
-        """Wait until one adapter is plugged in, or plugged in again, or the person types a line.
-
-        Args:
-            answer: waits at most so many seconds for a typed line; None when there is none.
-            tell: receives a line of text.
-
-        Returns:
-            The channels of the adapter, or the line.
-        """
+    def wait(self, answer: Answer, tell: Tell) -> list[CanAdapter] | str:
+        """Wait until one adapter is plugged in, or again; return its channels, or the line."""
         while (line := answer(_PLUGS_S)) is None:
             now = _places(self._sysfs)
             if set(now) - self._before:
@@ -86,16 +83,8 @@ class WristWatch:
         if not self._start:
             raise MotorError(f"no arm answers on {', '.join(buses)}: switch the arms' power on, check the CAN cables")
 
-    def wait(self, answer: Callable[[float], str | None], tell: Callable[[str], None]) -> tuple[str, str]:
-        """Wait until the wrist of one arm is moved, or the person types a line.
-
-        Args:
-            answer: waits at most so many seconds for a typed line; None when there is none.
-            tell: receives a line of text.
-
-        Returns:
-            The channel, or the line; the other is empty.
-        """
+    def wait(self, answer: Answer, tell: Tell) -> tuple[str, str]:
+        """Wait until the wrist of one arm is moved; return its channel, or the line; the other is empty."""
         while (line := answer(_POLL_S)) is None:
             moved = self._moved_rad()
             furthest = max(moved, key=lambda channel: moved[channel])

@@ -14,9 +14,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lerobot_robot_yam.commands.data.dataset_command import bar, say
+from lerobot_robot_yam.commands.data.dataset_command import bar
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
-from lerobot_robot_yam.commands.lib.dialogue import table
+from lerobot_robot_yam.commands.lib.dialogue import say, table
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 

@@ -1,8 +1,7 @@
-"""Shared by the commands that write a changed copy of a data set: paths, a line of output, a progress bar."""
+"""Shared by the commands that write a changed copy of a data set: paths, a progress bar."""
 
 import argparse
 import os
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -31,12 +30,6 @@ def paths(parser: argparse.ArgumentParser, args: argparse.Namespace, suffix: str
         parser.error(f"{target} lies in {root}, which is not to be changed; choose another directory with --output")
     os.environ["HF_HUB_OFFLINE"] = "1"
     return root, target
-
-
-def say(line: str) -> None:
-    """A line of the command's output."""
-    sys.stdout.write(f"{line}\n")
-    sys.stdout.flush()
 
 
 def bar(items: Iterable[Any], what: str) -> Iterable[Any]:

@@ -24,6 +24,7 @@ from lerobot_robot_yam.errors import ConfigError, RigError
 from lerobot_robot_yam.face.datasets.recording import recorded_name
 from lerobot_robot_yam.face.datasets.repair.inspection import inspect
 from lerobot_robot_yam.rig.lockstep.demonstrator import Demonstrator
+from lerobot_robot_yam.system.paths import write_whole
 from lerobot_robot_yam.system.signals import finished_first
 from lerobot_robot_yam.yam_env import YamEnv
 
@@ -98,7 +99,7 @@ def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_
                 won = _attempt(env, seed, dataset)
                 tried[seed] = won
                 with finished_first("saving the episode"):
-                    _note(seeds_path, tried)  # before it is saved: the next run must not do the same seed again
+                    write_whole(seeds_path, json.dumps(tried))  # first: the next run must not do the same seed again
                     if won:
                         dataset.save_episode()
                         bar.update()
@@ -113,13 +114,6 @@ def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_
         if dataset is not None:
             dataset.finalize()
     return tried
-
-
-def _note(path: Path, tried: dict[int, bool]) -> None:
-    """All at once: a file cut short could not be read again."""
-    new = path.with_suffix(".new")
-    new.write_text(json.dumps(tried))
-    new.replace(path)
 
 
 def _attempt(env: YamEnv, seed: int, dataset: LeRobotDataset) -> bool:

@@ -16,9 +16,9 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from lerobot_robot_yam.commands.data.dataset_command import add_paths, bar, paths, say
+from lerobot_robot_yam.commands.data.dataset_command import add_paths, bar, paths
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
-from lerobot_robot_yam.commands.lib.dialogue import table
+from lerobot_robot_yam.commands.lib.dialogue import say, table
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.datasets.layout import INFO, episodes_in
 from lerobot_robot_yam.face.recorder import outcomes

@@ -12,8 +12,9 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from lerobot_robot_yam.commands.data.dataset_command import add_paths, bar, paths, say
+from lerobot_robot_yam.commands.data.dataset_command import add_paths, bar, paths
 from lerobot_robot_yam.commands.lib.command_line import run_command
+from lerobot_robot_yam.commands.lib.dialogue import say
 
 _SUFFIX = "_repaired"
 

@@ -12,6 +12,7 @@ import numpy as np
 from lerobot_robot_yam.cameras.opening import Plugged
 from lerobot_robot_yam.cameras.picture_source import PictureSource, Wanted
 from lerobot_robot_yam.errors import SetupError
+from lerobot_robot_yam.system.paths import write_whole
 
 _SETTLE = 20  # pictures until a camera's own exposure has settled
 _TAKES = 5  # pictures until an exposure that was set shows
@@ -97,8 +98,7 @@ class Bench:
         """
         sheet = cv2.cvtColor(_sheet(self._pictures), cv2.COLOR_RGB2BGR)
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(cv2.imencode(".png", sheet)[1].tobytes())
+            write_whole(path, cv2.imencode(".png", sheet)[1].tobytes())
         except OSError as error:
             raise SetupError(f"{path} cannot be written: {error}") from error
 

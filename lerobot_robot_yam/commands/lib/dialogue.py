@@ -59,9 +59,15 @@ def confirm_word(yes: bool, word: str, question: str, left: str = "nothing was e
 
 
 def tell(text: str, end: str = "\n") -> None:
-    """Show words to the person at the terminal."""
+    """Show words to the person at the terminal, on standard error."""
     sys.stderr.write(text + end)
     sys.stderr.flush()
+
+
+def say(text: str) -> None:
+    """Write a command's output, with a newline."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
 
 
 def tell_landed(landed: bool) -> int:

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command, seconds
-from lerobot_robot_yam.commands.lib.dialogue import tell
+from lerobot_robot_yam.commands.lib.dialogue import say, tell
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 
 if TYPE_CHECKING:
@@ -176,17 +176,17 @@ def _status(args: argparse.Namespace) -> int:
 
     directory = args.keys or keys_directory()
     names = paired(directory)
-    sys.stdout.write(f"paired: {', '.join(names) or 'none'}\n")
+    say(f"paired: {', '.join(names) or 'none'}")
     at: dict[str, str | None] = {"address": args.listen or _LOCAL, "key": str(directory / HOST_KEY) if names else None}
     if args.listen is None:
         with contextlib.suppress(OSError, ValueError):
             at = json.loads(_note().read_text())
     told = hello(Host(HostAddress.of(str(at["address"])), at["key"]))
-    sys.stdout.write(f"{told['computer']} serves, lerobot_robot_yam {told['package']}\n")
+    say(f"{told['computer']} serves, lerobot_robot_yam {told['package']}")
     for role, group in told["groups"].items():
         arms = ", ".join(arm["key"] for arm in group["arms"].values())
-        sys.stdout.write(f"{role} ({arms}): {group['phase']}{' for ' * bool(group['holder'])}{group['holder']}\n")
-    sys.stdout.write(f"emergency stop: {told['stop'] or 'not latched'}\n")
+        say(f"{role} ({arms}): {group['phase']}{' for ' * bool(group['holder'])}{group['holder']}")
+    say(f"emergency stop: {told['stop'] or 'not latched'}")
     return 0
 
 

@@ -3,10 +3,9 @@
 import argparse
 import contextlib
 import math
-import sys
 from collections.abc import Mapping, Sequence
 
-from lerobot_robot_yam.commands.lib.dialogue import confirm_word, table, tell
+from lerobot_robot_yam.commands.lib.dialogue import confirm_word, say, table, tell
 from lerobot_robot_yam.commands.lib.motor.motor_bench import ANSWERS_BEYOND, SAFE_COUNTS, MotorBench
 from lerobot_robot_yam.commands.lib.motor.motor_dump import kept_until_stored, load_dump, shown
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
@@ -112,7 +111,7 @@ def timeout(args: argparse.Namespace, bench: MotorBench) -> int:
         for can_id in bench.ids(args.motor):
             counts = bench.contents(can_id).get(Register.TIMEOUT, math.nan)
             rows.append([bench.name(can_id), f"{counts:g}", f"{counts * TIMEOUT_COUNT_S:g}" if counts else _NEVER])
-        sys.stdout.write(table(["motor", "counts of 50 µs", "seconds"], rows) + "\n")
+        say(table(["motor", "counts of 50 µs", "seconds"], rows))
         return 0
     _check_seconds(args.seconds)
     ids = bench.ids(args.motor)

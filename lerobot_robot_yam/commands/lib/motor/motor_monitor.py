@@ -6,7 +6,6 @@ command before it, and a command that is followed by another one without an answ
 
 import argparse
 import json
-import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -15,7 +14,7 @@ import can
 import numpy as np
 
 from lerobot_robot_yam.commands.lib.arm_command import arm_config
-from lerobot_robot_yam.commands.lib.dialogue import table, tell
+from lerobot_robot_yam.commands.lib.dialogue import say, table, tell
 from lerobot_robot_yam.commands.lib.motor.motor_bench import ANSWERS_BEYOND, motor_names
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.damiao.bus_port import BusPort, is_classic_data
@@ -51,13 +50,13 @@ def monitor_session(args: argparse.Namespace) -> int:
     if args.json:
         others = {f"0x{identifier:X}": count for identifier, count in heard.others.items()}
         facts = {"channel": config.channel, "load": load, "error_frames": heard.error_frames, "others": others}
-        sys.stdout.write(json.dumps({**facts, "motors": heard.figures()}) + "\n")
+        say(json.dumps({**facts, "motors": heard.figures()}))
         return 0
     rows = [
         [names.get(i, f"motor {i}"), *("–" if value is None else f"{value:g}" for value in row.values())]
         for i, row in heard.figures().items()
     ]
-    sys.stdout.write(table(_HEAD, rows) + "\n")
+    say(table(_HEAD, rows))
     tell(f"the wire was busy for {load:.0%} of the time; {heard.error_frames} error frames")
     return 0
 
