@@ -1,7 +1,8 @@
-"""One rig for the tests of a module that do not need it fresh, and a desk without friction for each test."""
+"""One rig for the tests of a module that do not need it fresh, and a bus on it or a desk for each test."""
 
 import contextlib
 
+import can
 import pytest
 
 from lerobot_robot_yam.rig.control import running_rig
@@ -12,6 +13,12 @@ from tests.support.rig_desk import Desk
 def rig():
     with running_rig() as rig:
         yield rig
+
+
+@pytest.fixture
+def bus(rig):
+    with can.Bus(interface="yam_sim", channel="follower_left", rig=rig.name) as bus:
+        yield bus
 
 
 @pytest.fixture

@@ -38,12 +38,12 @@ def either_rig(*arms):
     return rig
 
 
-def lockstep_rig(*arms):
+def lockstep_rig(*arms, **options):
     """A fixture: a rig in lock-step."""
 
     @pytest.fixture
     def rig():
-        with rig_of("lockstep", arms=list(arms)) as rig:
+        with rig_of("lockstep", arms=list(arms), **options) as rig:
             yield rig
 
     return rig

@@ -7,19 +7,7 @@ import can
 
 from lerobot_robot_yam.damiao.registers import Opcode, Register, decode_request
 from tests.support.desk_bus import SPECS, DeskBus
-
-
-class Impatient:
-    """A clock on which waiting takes no time."""
-
-    def __init__(self):
-        self._now_s = 100.0
-
-    def now(self) -> float:
-        return self._now_s
-
-    def sleep(self, seconds: float) -> None:
-        self._now_s += seconds
+from tests.support.waiting import QuickClock
 
 
 class StubbornDesk(DeskBus):
@@ -37,7 +25,7 @@ class StubbornDesk(DeskBus):
 
     def __init__(self):
         super().__init__(SPECS, handle=True)
-        self.clock = Impatient()
+        self.clock = QuickClock()
         self.fault = dict.fromkeys(self.specs, 0)
         for registers in self.registers.values():
             registers[Register.OT_VALUE], registers[Register.UV_VALUE] = 100.0, 15.0

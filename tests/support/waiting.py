@@ -1,4 +1,4 @@
-"""Waiting in real time for what other processes and threads do."""
+"""Waiting: in real time for what other processes and threads do, or in no time by a clock of its own."""
 
 import time
 
@@ -23,3 +23,16 @@ def wait(condition, within_s=20.0, why="", process=None):
             raise AssertionError(f"{'it has ended' if ended else f'not within {within_s} s'}: {text[-_TAIL:]}")
         time.sleep(_LOOK_S)
     return found
+
+
+class QuickClock:
+    """A clock on which waiting takes no time."""
+
+    def __init__(self):
+        self.now_s = 100.0
+
+    def now(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds

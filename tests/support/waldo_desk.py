@@ -10,6 +10,7 @@ from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.plant import RealArm
 from lerobot_robot_yam.waldo.planning.planner import Planner
 from tests.support.rigged import isolation_of, sim_config
+from tests.support.waiting import QuickClock
 
 HOME_DEG = [0.0, 60.0, 60.0, -29.0, 0.0, 0.0]
 PATIENCE_S = 0.05  # real time that planning may take; a request that takes longer waits for the arm
@@ -20,19 +21,6 @@ def planner_of(arm="yam", gripper="linear_4310"):
     planner = Planner(ArmChoice(arm, gripper).resolved())
     planner.kinematics.tool = tool_centre(planner.hardware.gripper)
     return planner
-
-
-class Passing:
-    """A clock of its own, for an arm that is only simulated."""
-
-    def __init__(self):
-        self.now_s = 100.0
-
-    def now(self):
-        return self.now_s
-
-    def sleep(self, seconds):
-        self.now_s += seconds
 
 
 class WaldoDesk:
@@ -90,7 +78,7 @@ class WaldoDesk:
 def waldo_desk(rig=None, channel=None, **fields):
     """A desk that is thrown away afterwards; without a rig its arm is only simulated."""
     if rig is None:
-        desk = WaldoDesk(Passing(), ArmChoice(**fields).resolved())
+        desk = WaldoDesk(QuickClock(), ArmChoice(**fields).resolved())
     else:
         config = sim_config(rig, channel, **fields)
         desk = WaldoDesk(rig, ResolvedArm(config), RealArm(config, isolation_of(rig)))

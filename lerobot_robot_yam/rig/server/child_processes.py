@@ -12,7 +12,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Hashable, Mapping
+from collections.abc import Collection, Hashable, Iterator, Mapping
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError, RigError
@@ -195,48 +195,45 @@ class OperatorService:
 
     def __init__(self, rig: str, device: RigDevice):
         self._rig, self._device = rig, device
-        self._task = device.scene.options.operator
         self._process: subprocess.Popen[bytes] | None = None
-        self._leaving: subprocess.Popen[bytes] | None = None  # ending, but still alive
-        self._leaving_since_s = 0.0
-        self._energised_s: float | None = None
-        self._failed = False
+        self._now_s, self._steps = 0.0, self._run(device.scene.options.operator)
 
     def keep(self, now_s: float) -> None:
         """Start or end the operator; call it several times a second."""
-        if self._task == NO_OPERATOR:
-            return
-        if self._leaving is not None:
-            if self._leaving.poll() is not None:
-                self._leaving = None
-            elif now_s - self._leaving_since_s > _END_TIMEOUT_S:
-                self._leaving.kill()
-        if not self._device.leaders_energised():
-            self._energised_s, self._failed = None, False
-            if self._process is not None:
-                # Without waiting: a server that pauses for 0.1 s would pass for lost motors.
-                self._process.terminate()
-                self._leaving, self._leaving_since_s, self._process = self._process, now_s, None
-            return
-        self._energised_s = self._energised_s or now_s
-        if self._process is not None:
-            code = self._process.poll()
-            if code is not None:
-                logger.error("the operator ended with exit code %d", code)
-                self._device.events.add("operator_ended", code=code)
-                self._process, self._failed = None, True
-        elif not self._failed and self._leaving is None and now_s - self._energised_s > _SETTLE_S:
+        self._now_s = now_s
+        next(self._steps)
+
+    def _run(self, task: str) -> Iterator[None]:
+        """Never wait: a server that pauses for 0.1 s would pass for lost motors."""
+        energised, events = self._device.leaders_energised, self._device.events
+        while True:
+            since_s = self._now_s
+            while task == NO_OPERATOR or not energised() or self._now_s - since_s <= _SETTLE_S:
+                since_s = self._now_s if not energised() else since_s
+                yield
             command = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.operator.operator"]
-            command += ["--rig", self._rig, "--task", self._task]
-            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
-            self._device.events.add("operator_started", task=self._task)
+            command += ["--rig", self._rig, "--task", task]
+            process = self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+            events.add("operator_started", task=task)
+            while energised() and process.poll() is None:
+                yield
+            if process.poll() is not None:
+                logger.error("the operator ended with exit code %d", process.returncode)
+                events.add("operator_ended", code=process.returncode)
+                while energised():
+                    yield
+            process.terminate()
+            terminated_s = self._now_s
+            while process.poll() is None:
+                if self._now_s - terminated_s > _END_TIMEOUT_S:
+                    process.kill()
+                yield
+            self._process = None
 
     def close(self) -> None:
-        for process in (self._process, self._leaving):
-            if process is not None:
-                process.terminate()
-                _end(process)
-        self._process = self._leaving = None
+        if self._process is not None:
+            self._process.terminate()
+            _end(self._process)
 
 
 def _received(renderer: socket.socket) -> bytes:

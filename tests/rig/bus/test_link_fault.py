@@ -44,12 +44,6 @@ def healthy(rig):
     rig.clear_faults(CHANNEL)
 
 
-@pytest.fixture
-def bus(rig):
-    with can.Bus(interface="yam_sim", channel=CHANNEL, rig=rig.name) as bus:
-        yield bus
-
-
 def motor(rig, name="joint_1"):
     return rig.state()["arms"][CHANNEL]["motors"][name]
 

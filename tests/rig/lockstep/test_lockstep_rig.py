@@ -10,17 +10,13 @@ from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
 from lerobot_robot_yam.errors import BusError, ConfigError
 from lerobot_robot_yam.rig.lockstep.lockstep_cameras import LockstepCamera
-from lerobot_robot_yam.rig.lockstep.lockstep_rig import BEGIN_S, LockstepRig, find_lockstep
-from tests.support.rigged import exchange
+from lerobot_robot_yam.rig.lockstep.lockstep_rig import BEGIN_S, find_lockstep
+from tests.support.rigged import exchange, lockstep_rig
 
 JOINTS = [MotorSpec(f"joint_{i + 1}", i + 1, "DM4340" if i < 3 else "DM4310") for i in range(6)]
 
 
-@pytest.fixture
-def rig():
-    rig = LockstepRig(arms=["follower_left"])
-    yield rig
-    rig.close()
+rig = lockstep_rig("follower_left")
 
 
 def open_bus(rig, **options):

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.operator.hands import sight_of
 from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
+from tests.support.rigged import lockstep_rig
 
 ON_ITS_FACE = np.array([math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0])  # a quarter turn about y: the x axis points down
 
@@ -16,11 +16,7 @@ def seen(rig: RigOperations):
     return sight_of(rig.state(), ("left", "right"))
 
 
-@pytest.fixture
-def rig():
-    rig = LockstepRig("drawer", arms=["follower_left", "follower_right"])
-    yield rig
-    rig.close()
+rig = lockstep_rig("follower_left", "follower_right", scene="drawer")
 
 
 def test_without_leaders_the_followers_are_both_and_limp_arms_are_not_willing(rig):

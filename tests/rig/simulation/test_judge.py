@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.scene.scene import load_scene
 from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
 from lerobot_robot_yam.rig.simulation.judge import Contacts, Judge
 from lerobot_robot_yam.rig.world.world import World
+from tests.support.rigged import lockstep_rig, rig_of
 
 ARMS = {"arms": ["follower_left", "follower_right"]}
 
@@ -68,11 +68,7 @@ def test_things_are_strewn_within_their_bounds_lie_still_and_clear_of_the_arms(n
         assert not points or np.ptp(points, axis=0)[:2].min() > 0.01
 
 
-@pytest.fixture
-def rig():
-    rig = LockstepRig("lift_and_place", **ARMS)
-    yield rig
-    rig.close()
+rig = lockstep_rig(*ARMS["arms"], scene="lift_and_place")
 
 
 def test_doing_nothing_fails_when_time_is_over(rig):
@@ -122,16 +118,13 @@ def test_a_new_attempt_forgets_the_old_one(rig):
 
 
 def test_the_scene_and_the_state_tell_of_tasks_and_furniture():
-    rig = LockstepRig("drawer", seed=5, **ARMS)
-    try:
+    with rig_of("lockstep", scene="drawer", seed=5, **ARMS) as rig:
         scene, state = rig.scene(), rig.state()
         assert scene["seed"] == 5 and scene["homes"]["left"] and scene["tasks"][0]["name"] == "drawer"
         assert [thing["name"] for thing in scene["furniture"]] == ["table", "drawer"]
         assert state["joints"] == {"drawer": 0.0} and set(state["furniture"]) == {"table", "drawer"}
         rig.task("drawer", seed=1)
         assert 0.0 < rig.state()["joints"]["drawer"] < 0.015
-    finally:
-        rig.close()
 
 
 @pytest.mark.parametrize(
@@ -144,12 +137,9 @@ def test_a_task_that_cannot_be_set_is_refused(rig, name, seed, text):
 
 
 def test_a_scene_without_tasks_says_so():
-    rig = LockstepRig(**ARMS)
-    try:
+    with rig_of("lockstep", **ARMS) as rig:
         with pytest.raises(ConfigError, match="the scene has no tasks"):
             rig.task("lift_and_place", seed=0)
-    finally:
-        rig.close()
 
 
 def test_held_is_touched_by_both_fingers():
@@ -171,8 +161,7 @@ def test_held_is_touched_by_both_fingers():
 
 def test_a_drawer_that_is_pulled_to_its_stop_is_open():
     """The stop gives way a little, so a pulled drawer is out farther than its range."""
-    rig = LockstepRig("drawer", arms=["follower_left"])
-    try:
+    with rig_of("lockstep", scene="drawer", arms=["follower_left"]) as rig:
         rig.task("drawer", 3)
         world = rig.device.world
         address = world.model.joint("drawer").dofadr[0]
@@ -180,5 +169,3 @@ def test_a_drawer_that_is_pulled_to_its_stop_is_open():
         rig.sleep(1.5)
         assert world.data.qpos[world.model.joint("drawer").qposadr[0]] > 0.14
         assert rig.task_state()["success"]
-    finally:
-        rig.close()

@@ -13,14 +13,6 @@ def planner(request):
     return planner_of(request.param)
 
 
-def test_at_home_every_button_is_open(planner):
-    assert joints_enabled(planner, planner.home_q).tolist() == [1] * 12
-    assert {frame: row.tolist() for frame, row in axes_enabled(planner, planner.home_q).items()} == {
-        "WRF": [1] * 12,
-        "TRF": [1] * 12,
-    }
-
-
 @pytest.mark.parametrize("joint", range(6))
 def test_at_a_limit_only_the_way_back_is_open(planner, joint):
     for side, limits in enumerate((planner.upper, planner.lower)):

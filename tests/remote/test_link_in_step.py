@@ -1,4 +1,4 @@
-"""A host that has let go of a client's arms, in lock-step: the client hears so, and whether they have come down."""
+"""A host in lock-step: clients hear when it lets go of their arms, and requests that arrive too late are dropped."""
 
 import contextlib
 import time
@@ -12,8 +12,11 @@ from lerobot_robot_yam.remote.hosted_device import HostedDevice
 from lerobot_robot_yam.remote.hosted_group import Phase
 from lerobot_robot_yam.remote.link import Link
 from lerobot_robot_yam.session import runners
+from lerobot_robot_yam.session.arm_client import REQUEST_TIMEOUT_S
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import Request
 from lerobot_robot_yam.system.clock import SYSTEM
 from tests.support.hosted import ServedArms
 from tests.support.link_in_step import LinkInStep
@@ -23,11 +26,19 @@ from tests.support.waiting import wait
 ARM = "follower_left"
 POSE = [0.1, 0.2, 0.2, 0.0, 0.0, 0.1]
 OTHER = {"group": "robot", "session": 5}  # another client
+LATE_S = REQUEST_TIMEOUT_S + 0.2
+PATIENT = pytest.mark.parametrize("fields", [{"max_state_age_s": 2.0}])  # after a stall no state is new
 
 
 @pytest.fixture
-def host():
-    with rig_of("lockstep", arms=[ARM]) as rig, ServedArms(rig, ARM) as served:
+def fields():
+    """Fields of the arm's config, here and on the host."""
+    return {}
+
+
+@pytest.fixture
+def host(fields):
+    with rig_of("lockstep", arms=[ARM]) as rig, ServedArms(rig, ARM, **fields) as served:
         yield rig, served
 
 
@@ -42,10 +53,10 @@ def stopped(monkeypatch):
 
 
 @pytest.fixture
-def session(host):
+def session(host, fields):
     rig, served = host
     device = HostedDevice(Host(served.address), "robot", ("",))
-    session = ArmSession([sim_config(rig, ARM)], LinkInStep.on(served, device))
+    session = ArmSession([sim_config(rig, ARM, **fields)], LinkInStep.on(served, device))
     session.start()
     yield session
     session.stop()
@@ -115,3 +126,37 @@ def test_arms_are_let_go_when_their_start_is_given_up(error, monkeypatch):
             link.start("robot", True, lambda: served.groups[0].phase is Phase.STARTING and error is LifeCycleError)
         assert served.groups[0].phase is Phase.FREE
         assert not any(motor["enabled"] for motor in rig.state()["arms"][ARM]["motors"].values())
+
+
+def told(session, served):
+    """Mode of the host's arm once it has the newest command, and has had the time to do what that says."""
+    group, deadline = served.groups[0], time.monotonic() + 10.0
+    before = group.newest
+    while group.newest == before:
+        assert time.monotonic() < deadline
+        session._runner._link.turn()
+    group._session.clock.sleep(0.1)
+    return group._session[ARM].mode()
+
+
+@PATIENT
+@pytest.mark.parametrize(
+    ("age_s", "mode", "dropped"), [(0.9 * REQUEST_TIMEOUT_S, Mode.FLOAT, 0), (LATE_S, Mode.HOLD, 1)]
+)
+def test_a_request_is_carried_out_only_while_its_caller_waits(host, session, age_s, mode, dropped):
+    _, served = host
+    session[ARM].ask(Request.FLOAT)
+    served.groups[0]._session.clock.sleep(age_s)  # a stall of the network, by the clock of the arms
+    assert told(session, served) is mode
+    assert served.groups[0].dropped == dropped
+
+
+@PATIENT
+def test_a_target_does_not_bring_back_an_old_request(host, session):
+    """The record of a new target has the last request in it, which the host has never seen."""
+    _, served = host
+    session[ARM].ask(Request.FLOAT)
+    served.groups[0]._session.clock.sleep(LATE_S)
+    session[ARM].write_target(POSE, 0.5)
+    assert told(session, served) is Mode.TRACK
+    assert served.groups[0].dropped == 1
