@@ -1,7 +1,6 @@
 """Random CAN frames, and a bus that delivers them to a client between the answers of its motors."""
 
 import math
-import struct
 
 import can
 from hypothesis import strategies as st
@@ -19,11 +18,6 @@ SPECS = [
     MotorSpec("d", 0x17, "DM3507"),  # answers with the nibble of motor 7, on another identifier
 ]
 KNOWN_IDS = sorted({s.can_id for s in SPECS} | {s.feedback_id for s in SPECS} | HANDLE_IDS | {REGISTER_ID, 0x101})
-
-
-def float_frame(first: float, second: float = 0.0) -> bytes:
-    """Payload of a position-velocity command (rad, rad/s), or of a velocity command."""
-    return struct.pack("<ff", first, second)
 
 
 class NoisyBus(DeskBus):

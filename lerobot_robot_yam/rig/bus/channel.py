@@ -66,7 +66,6 @@ class Channel:
         self.wire = Wire()
         self.overflows = 0  # packets lost in a full queue, in either direction
         self.trace: deque[tuple[float, float, int, int]] | None = None  # sent, arrived, identifier, first byte
-        self._late: list[tuple[float, Frame]] = []
         self._random = random.Random(seed)
         self._by_id: dict[int, tuple[SimMotor, int]] = {}
         self._tick = WholeTick(self.motors, handle) if self.motors else None
@@ -168,12 +167,7 @@ class Channel:
             self.clients.clear()
 
     def poll(self, now_s: float) -> None:
-        """Send due frames: delayed answers, the handle's own reports, a foreign driver's frames."""
-        if self._late:
-            due = [frame for at, frame in self._late if at <= now_s]
-            self._late = [item for item in self._late if item[0] > now_s]
-            for frame in due:
-                self.emit(frame, now_s)
+        """Send due frames: the handle's own reports, a foreign driver's frames."""
         if self.handle is not None:
             for report in self.handle.due_reports(now_s):
                 self.emit(report, now_s)
@@ -225,14 +219,7 @@ class Channel:
                 self.identifiers_changed()
         if answer is None:
             return ()
-        faults = motor.faults
-        if not faults.any():
-            return (answer,)
-        answers = faults.spoil(answer, self._random)
-        if faults.delay_s:
-            self._late += [(at_s + faults.delay_s, late) for late in answers]
-            return ()
-        return answers
+        return motor.faults.spoil(answer, self._random) if motor.faults.any() else (answer,)
 
     def _deliver(self, clients: Sequence[Listener], timed: Sequence[tuple[float, Frame]]) -> None:
         """Send clients frames, each with the time at which the wire delivers it."""

@@ -18,7 +18,6 @@ class LinkFaults:
     drop_next: int = 0  # number of answers to lose
     loss_rate: float = 0.0  # share of answers lost
     command_loss_rate: float = 0.0  # share of commands and requests that the motor does not hear
-    delay_s: float = 0.0  # delay of each answer
     wrong_id: int | None = None  # identifier of answers instead of the one in the registers
     corrupt_rate: float = 0.0  # share of answers with random contents
     corrupt_all: bool = False  # random contents also in the first byte: motor number and fault code
@@ -31,14 +30,14 @@ class LinkFaults:
 
     def any(self) -> bool:
         """Return whether a fault changes the answers on the wire."""
-        return bool(self.drop_next or self.loss_rate or self.delay_s or self.corrupt_rate or self.wrong_id is not None)
+        return bool(self.drop_next or self.loss_rate or self.corrupt_rate or self.wrong_id is not None)
 
     def unheard(self, chance: random.Random) -> bool:
         """Draw whether the present frame is lost on its way to the motor."""
         return self.command_loss_rate > 0.0 and chance.random() < self.command_loss_rate
 
     def spoil(self, answer: Frame, chance: random.Random) -> Sequence[Frame]:
-        """Return the frames that remain of an answer; the caller applies `delay_s`."""
+        """Return the frames that remain of an answer."""
         if self.drop_next > 0:
             self.drop_next -= 1
             return ()

@@ -85,22 +85,21 @@ class Wire:
     identifiers are higher.
     """
 
-    def __init__(self, frame_time_s: float = FRAME_TIME_S):
-        self.frame_time_s = frame_time_s
+    def __init__(self) -> None:
         self.free_at_s = 0.0
         self.frames = 0
 
     def transmit(self, ready_s: float) -> float:
         """Put a frame that is ready at `ready_s` on the wire; return the time at which it is delivered, s."""
         start = ready_s if ready_s > self.free_at_s else self.free_at_s
-        self.free_at_s = start + self.frame_time_s
+        self.free_at_s = start + FRAME_TIME_S
         self.frames += 1
         return self.free_at_s
 
     def transmit_all(self, ready_s: float, count: int) -> list[float]:
         """Put `count` frames that are ready at `ready_s` on the wire; return the time at which each is delivered, s."""
         start = ready_s if ready_s > self.free_at_s else self.free_at_s
-        _, *through_s = accumulate(repeat(self.frame_time_s, count), initial=start)
+        _, *through_s = accumulate(repeat(FRAME_TIME_S, count), initial=start)
         self.free_at_s = through_s[-1]
         self.frames += count
         return through_s

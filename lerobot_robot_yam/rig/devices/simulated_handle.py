@@ -1,6 +1,7 @@
 """Simulated encoders on a leader's bus: a teaching handle's, and those of a leader without motors.
 
-Firmware 2.4.0, set to report on request. Unlike real ones they keep the order of replies to overlapping requests.
+Firmware 2.4.0, set to report on request, as far as the driver asks: they send no events. Unlike real ones they
+keep the order of replies to overlapping requests.
 """
 
 from collections.abc import Sequence
@@ -12,8 +13,6 @@ from lerobot_robot_yam.rig.world.world import World
 
 FIRMWARE = (2, 4, 0)
 _DEVICE = 1
-_OP_EVENTS = 0x05
-_OP_READINGS = 0x06
 
 
 class SimHandle:
@@ -32,7 +31,6 @@ class SimHandle:
         self.silent = False
         self.report_period_s = 0.0  # 0: reports on request only
         self._zero_rad = 0.0
-        self._event_mask = 0
         self._next_report_s = 0.0
         self._eeprom = bytearray(encoder.EEPROM_BYTES)
         self._eeprom[7] = self._device
@@ -61,9 +59,6 @@ class SimHandle:
             answer = encoder.encode_version(FIRMWARE, self._device)
         elif opcode == encoder.OP_READ_EEPROM and parameters and parameters[0] < len(self._eeprom):
             answer = encoder.encode_eeprom_byte(self._eeprom[parameters[0]], self._device)
-        elif opcode == encoder.OP_WRITE_EEPROM and len(parameters) > 1:
-            end = min(parameters[0] + len(parameters) - 1, len(self._eeprom))
-            self._eeprom[parameters[0] : end] = parameters[1 : end - parameters[0] + 1]
         elif opcode == encoder.OP_SET_ZERO:
             self._zero_rad += self._position_rad()
             counts = round(self._zero_rad / encoder.RAD_PER_COUNT) & 0xFFFF
@@ -74,10 +69,6 @@ class SimHandle:
             high, low = int.from_bytes(parameters[:2], "big").to_bytes(2, "big")
             self._eeprom[encoder.EEPROM_ADC_FREQUENCY_HIGH] = high
             self._eeprom[encoder.EEPROM_ADC_FREQUENCY_LOW] = low
-        elif opcode == _OP_EVENTS and parameters:
-            self._event_mask = parameters[0]
-        elif opcode == _OP_READINGS:
-            answer = bytes((self._device, _OP_READINGS | encoder.REPLY_FLAG, 0, 0, self._inputs()))
         return None if answer is None else Frame(0.0, encoder.REQUEST_ID, answer)
 
     def set_report_frequency(self, hz: int) -> None:
@@ -94,21 +85,10 @@ class SimHandle:
         self._next_report_s = max(self._next_report_s + self.report_period_s, now_s)
         return self.report()
 
-    def report(self, ident: int = encoder.REPORT_ID) -> Frame:
-        """Encode the present state as a report (or event) frame."""
-        rate = self._rate_rad_s()
-        return Frame(0.0, ident, encoder.encode_report(self._position_rad(), rate, self.buttons, self._device))
-
-    def press(self, buttons: tuple[bool, bool]) -> Frame | None:
-        """Set the buttons; return the event frame that this causes, if events are on."""
-        before = self._inputs()
-        self.buttons = buttons
-        if (before ^ self._inputs()) & self._event_mask and not self.silent:
-            return self.report(encoder.EVENT_ID)
-        return None
-
-    def _inputs(self) -> int:
-        return int(self.buttons[0]) | int(self.buttons[1]) << 1
+    def report(self) -> Frame:
+        """Encode the present state as a report."""
+        data = encoder.encode_report(self._position_rad(), self._rate_rad_s(), self.buttons, self._device)
+        return Frame(0.0, encoder.REPORT_ID, data)
 
     def _position_rad(self) -> float:
         return self.trigger * self.travel_rad - self._zero_rad

@@ -3,12 +3,12 @@
 No public source documents these rules; they are our choice:
 - ENABLE does not clear a fault; CLEAR does, and leaves the motor disabled.
 - Only frames to the motor's own command identifiers feed the watchdog.
-- A command of another mode than CTRL_MODE is answered but not obeyed.
+- A command of another mode than CTRL_MODE is answered but not obeyed. No driver of ours leaves MIT mode, so this motor
+  obeys MIT commands alone.
 - The answer to STORE is an echo of the request.
 """
 
 import contextlib
-import math
 import random
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,10 +19,8 @@ from lerobot_robot_yam.damiao import codec, registers
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Opcode, Register
 from lerobot_robot_yam.damiao.tables import (
-    POSITION_VELOCITY_OFFSET,
     REGISTER_ID,
     TIMEOUT_COUNT_S,
-    VELOCITY_OFFSET,
     ControlMode,
     Fault,
 )
@@ -34,9 +32,6 @@ from lerobot_robot_yam.rig.devices.thermometer import Thermometer
 from lerobot_robot_yam.rig.world.shafts import Drive, LooseShaft
 from lerobot_robot_yam.rig.world.world import World
 
-# Gains of the motor's own loops in the modes whose commands carry no gains.
-_POSITION_KP, _POSITION_KD = 100.0, 5.0
-_VELOCITY_KD = 5.0
 _NORMAL = int(Fault.NORMAL)  # a plain number, because an enumeration look-up is slow
 _RANGES = (Register.PMAX, Register.VMAX, Register.TMAX)
 AHEAD_S = 0.003  # longest time over which a sample is extrapolated
@@ -77,8 +72,6 @@ class SimMotor:
         self.ranges = codec.ranges_of(row.type)
         self.thermometer = Thermometer(random.Random(world.scene.options.seed * 1000 + row.can_id))
         self.last_command_s = 0.0  # simulated time
-        self.goal: tuple[float, float] | None = None  # target and speed limit of the present position-velocity move
-        self._reference = 0.0
         self._registers = factory_registers(row, serial)
         self.flash = Flash(self._registers)
         self._written: int | None = None  # the last register written
@@ -97,7 +90,7 @@ class SimMotor:
         if (
             self.fault == _NORMAL
             and self._plainly_set
-            and self.goal is self.reading is self.twin is None
+            and self.reading is self.twin is None
             and not self.faults.set
             and thermometer.held is thermometer.ramp is None
         ):
@@ -124,12 +117,8 @@ class SimMotor:
         self.last_command_s = self.world.sim_s
         if special is not None:
             self._special(special)
-        elif len(data) == 8 and self.fault == Fault.NORMAL:
-            if offset == 0:
-                if self.mode == ControlMode.MIT:
-                    self._obey(*codec.unpack_mit(self.ranges, data))
-            else:
-                self._obey_floats(offset, data)
+        elif offset == 0 and len(data) == 8 and self.fault == Fault.NORMAL and self.mode == ControlMode.MIT:
+            self._obey(*codec.unpack_mit(self.ranges, data))
         return self.feedback(at_s)
 
     def request(self, data: bytes, at_s: float) -> Frame | None:
@@ -180,16 +169,6 @@ class SimMotor:
         return Frame(0.0, self.master_id, data)
 
     # state
-
-    def advance(self, elapsed_s: float) -> None:
-        """Move the reference of a position-velocity move; call it while there is a `goal`."""
-        if self.goal is None:
-            return
-        target, speed = self.goal
-        step = abs(speed) * elapsed_s
-        self._reference += min(max(target - self._reference, -step), step)
-        velocity = math.copysign(abs(speed), target - self._reference) if self._reference != target else 0.0
-        self._obey(self._reference, velocity, _POSITION_KP, _POSITION_KD, 0.0, scale=False)
 
     def look_after_itself(self) -> None:
         """Enter a fault when too hot, or without a command for too long; call it each few ms of simulated time."""
@@ -269,7 +248,6 @@ class SimMotor:
         if special is SpecialCommand.ENABLE:
             if self.fault == Fault.DISABLED:
                 self._limp()
-                self._reference = self.motor_angle_rad
                 self.fault = Fault.NORMAL
                 self._log("motor_enabled", motor=self.name)
         elif special is SpecialCommand.DISABLE:
@@ -280,13 +258,11 @@ class SimMotor:
             self.fault = Fault.DISABLED
             self._limp()
 
-    def _obey(self, position: float, velocity: float, kp: float, kd: float, torque: float, scale: bool = True) -> None:
-        """Servo to a command in motor coordinates; scale: it was packed in the motor's own ranges."""
-        if scale:
-            self.goal = None
-            if self._scales is not None:
-                by = self._scales
-                position, velocity, torque = position / by[0], velocity / by[1], torque / by[2]
+    def _obey(self, position: float, velocity: float, kp: float, kd: float, torque: float) -> None:
+        """Servo to a command in motor coordinates, packed in the ranges of the motor's type."""
+        if self._scales is not None:
+            by = self._scales
+            position, velocity, torque = position / by[0], velocity / by[1], torque / by[2]
         direction = self.direction
         true = self.zero_rad + direction * self.drive.angle()
         p_max = self.ranges[0]
@@ -294,18 +270,7 @@ class SimMotor:
             position += true - ((true + p_max) % (2 * p_max) - p_max)
         self.drive.command(direction * (position - self.zero_rad), direction * velocity, kp, kd, direction * torque)
 
-    def _obey_floats(self, offset: int, data: bytes) -> None:
-        """Obey a position-velocity or velocity command, if CTRL_MODE fits and the numbers are finite."""
-        first, second = codec.decode_position_velocity(data)
-        if not (math.isfinite(first) and math.isfinite(second)):
-            return
-        if offset == POSITION_VELOCITY_OFFSET and self.mode == ControlMode.POSITION_VELOCITY:
-            self.goal = first, second
-        elif offset == VELOCITY_OFFSET and self.mode == ControlMode.VELOCITY:
-            self._obey(0.0, first, 0.0, _VELOCITY_KD, 0.0, scale=False)
-
     def _limp(self) -> None:
-        self.goal = None
         self.drive.command(0.0, 0.0, 0.0, 0.0, 0.0)
 
     def _registers_changed(self) -> None:

@@ -88,7 +88,6 @@ class RigDevice:
         self.each_step: list[Callable[[], None]] = []
         self.each_advance: list[Callable[[], None]] = []
         self.loaded: set[str] = set()
-        self._advanced_s = 0.0
         self._next_slow_s = 0.0
 
     def _hand(self, row: ArmPlacement, handle: SimHandle | None) -> Hand:
@@ -162,10 +161,6 @@ class RigDevice:
         sim_s = world.sim_s
         for look in self.each_advance:
             look()
-        elapsed, self._advanced_s = sim_s - self._advanced_s, sim_s
-        for motor in self._all_motors:
-            if motor.goal is not None:
-                motor.advance(elapsed)
         if sim_s >= self._next_slow_s:
             self._next_slow_s = sim_s + _SLOW_PERIOD_S
             self._slow(sim_s, now_s)
@@ -178,7 +173,7 @@ class RigDevice:
             if sim_s >= end_s:
                 self.forces.end(source)
                 del self._pushes[source]
-        self.presses.advance(sim_s, now_s)
+        self.presses.advance(sim_s)
         for event in self.judge.update():
             self.events.add(event.pop("kind"), **event)
         for name, hand in self.hands.items():

@@ -157,7 +157,6 @@ MOTOR_KINDS: dict[str, Callable[[SimMotor, Any, _Details], None]] = {
     "drop_next": _link_fault("drop_next", lambda value: whole(value, 0, _COUNT_MAX)),
     "loss_rate": _link_fault("loss_rate", _share),
     "command_loss_rate": _link_fault("command_loss_rate", _share),
-    "delay_s": _link_fault("delay_s", lambda value: number(value, 0.0, _DELAY_MAX_S)),
     "duplicate": _duplicate,
     "wrong_id": _link_fault("wrong_id", lambda value: None if value is False else whole(value, 0, _ID_MAX)),
     "corrupt_rate": _corrupt_rate,
@@ -186,7 +185,7 @@ class FaultOperations(Operations):
             "power" (bool): False cuts its power; True restores it, with the registers that its flash holds.
             "storing" ("reverts" or "cut", or False): effect of STORE: other registers return to what flash holds; or
                 the power fails in the middle.
-            "drop_next" (answers), "loss_rate" (0 … 1), "delay_s" (s): answers are lost or late.
+            "drop_next" (answers), "loss_rate" (0 … 1): answers are lost.
             "command_loss_rate" (0 … 1): share of lost frames to the motor.
             "duplicate" (bool, or {"q_rad": rad}): a second motor has its identifiers, see "second_arm".
             "wrong_id" (identifier, or False): answers have this identifier instead of the one in the registers.

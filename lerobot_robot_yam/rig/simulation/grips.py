@@ -1,7 +1,8 @@
 """Two ways in which a hand holds an arm: firmly at each joint, or as a mass on a spring at the tool."""
 
 import math
-from typing import NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -42,23 +43,31 @@ class Softness(NamedTuple):
         return self
 
 
-class Grip(Protocol):
-    """Seam of the ways in which a hand acts on an arm."""
+class Grip(ABC):
+    """Way in which a hand acts on an arm."""
 
+    @abstractmethod
+    def take_hold(self, softness: Softness | None) -> None:
+        """Begin to act, or continue with another mass, stiffness or damping; a firm grip has none."""
+
+    @abstractmethod
     def aim(self, q_rad: list[float], rates_rad_s: list[float]) -> None:
         """Pull to joints (n,) that move at these rates, from now on."""
 
+    @abstractmethod
     def step(self) -> None:
         """Act in the next step of the physics."""
 
+    @abstractmethod
     def strained(self) -> bool:
         """Return whether the arm works against the hand."""
 
+    @abstractmethod
     def let_go(self) -> None:
         """Stop acting."""
 
 
-class FirmGrip:
+class FirmGrip(Grip):
     """A stiff and damped spring at each joint, integrated with the physics.
 
     MuJoCo integrates damping implicitly, but not that of an actuator at its force limit. There a damper that reverses a
@@ -76,7 +85,7 @@ class FirmGrip:
         inertia = world.model.dof_armature[world.joint_dofs(channel)]
         self._kd_at_limit = np.minimum(HAND_KD, inertia / world.timestep_s).tolist()
 
-    def take_hold(self) -> None:
+    def take_hold(self, softness: Softness | None) -> None:
         for drive in self._drives:
             drive.set_gains(HAND_KP, HAND_KD)
 
@@ -99,7 +108,7 @@ class FirmGrip:
             drive.command(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-class SoftGrip:
+class SoftGrip(Grip):
     """A mass at the tool on a damped spring to the tool's pose at the target joints:
 
         F = k (x* − x) + c (ẋ* − ẋ) + m g,     T = FIST_M² · (k φ + c (ω* − ω)),  φ the turn from here to there.
@@ -121,10 +130,9 @@ class SoftGrip:
         self._rate, self._spin = np.zeros(3), np.zeros(3)
         self._aimed_s = 0.0
 
-    def take_hold(self, softness: Softness) -> None:
-        """Begin to act, or continue with another mass, stiffness or damping."""
-        self._ballast.hold(softness.mass_kg, FIST_M)
-        self._softness = softness
+    def take_hold(self, softness: Softness | None) -> None:
+        self._softness = softness or Softness()
+        self._ballast.hold(self._softness.mass_kg, FIST_M)
 
     def aim(self, q_rad: list[float], rates_rad_s: list[float]) -> None:
         model = self._world.model

@@ -109,21 +109,11 @@ class Hand:
             self._targets = arm
         self.gripping = not self.resisted
         if self.gripping:
-            self._take_hold(softness)
-
-    def _take_hold(self, softness: Softness | None) -> None:
-        grip: Grip
-        if self._firm is not None and softness is None:
-            grip = self._firm
-        else:
-            grip = self._soft
-        if grip is not self._grip:
-            self._grip.let_go()
-        self._grip = grip
-        if grip is self._firm:
-            self._firm.take_hold()
-        else:
-            self._soft.take_hold(softness or Softness())
+            grip = self._soft if self._firm is None or softness is not None else self._firm
+            if grip is not self._grip:
+                self._grip.let_go()
+            self._grip = grip
+            grip.take_hold(softness)
 
     @property
     def soft(self) -> bool:
@@ -195,7 +185,7 @@ class ButtonPresses:
         self._log = log
         self._ends: dict[tuple[str, int], tuple[Channel, float]] = {}  # simulated times
 
-    def press(self, channel: Channel, button: str, until_sim_s: float, now_s: float) -> None:
+    def press(self, channel: Channel, button: str, until_sim_s: float) -> None:
         """Hold a button down until a simulated time; a later end replaces an earlier one.
 
         Raises:
@@ -205,28 +195,25 @@ class ButtonPresses:
             raise ConfigError(f"a handle has the buttons {', '.join(_BUTTONS)}, not {button!r}")
         index = _BUTTONS.index(button)
         self._ends[channel.name, index] = channel, until_sim_s
-        self._move(channel, index, True, now_s)
+        self._move(channel, index, True)
 
-    def hold(self, channel: Channel, down: tuple[bool, bool], now_s: float) -> None:
+    def hold(self, channel: Channel, down: tuple[bool, bool]) -> None:
         """Hold both buttons down, or not, from now on."""
         for index, one in enumerate(down):
             self._ends.pop((channel.name, index), None)
-            self._move(channel, index, one, now_s)
+            self._move(channel, index, one)
 
-    def advance(self, sim_s: float, now_s: float) -> None:
+    def advance(self, sim_s: float) -> None:
         """Release the buttons whose time has come."""
         for key, (channel, end_s) in list(self._ends.items()):
             if sim_s >= end_s:
                 del self._ends[key]
-                self._move(channel, key[1], False, now_s)
+                self._move(channel, key[1], False)
 
-    def _move(self, channel: Channel, index: int, down: bool, now_s: float) -> None:
+    def _move(self, channel: Channel, index: int, down: bool) -> None:
         handle = channel.handle
         assert handle is not None  # the caller has checked
-        if handle.buttons[index] is down:
-            return
-        first, second = handle.buttons
-        event = handle.press((down, second) if index == 0 else (first, down))
-        self._log(channel.name, _BUTTONS[index], down)
-        if event is not None:
-            channel.emit(event, now_s)
+        if handle.buttons[index] is not down:
+            first, second = handle.buttons
+            handle.buttons = (down, second) if index == 0 else (first, down)
+            self._log(channel.name, _BUTTONS[index], down)

@@ -27,7 +27,7 @@ class HandOperations(Operations):
     def buttons(self, channel: str, sync: bool = False, record: bool = False) -> None:
         """Hold a handle's two buttons down, or not."""
         self._handle_of(channel)
-        self.device.presses.hold(self._channel_of(channel), (sync, record), self.device.clock.now())
+        self.device.presses.hold(self._channel_of(channel), (sync, record))
 
     @operation
     def press(self, channel: str, button: str, seconds: float = 0.1) -> None:
@@ -37,7 +37,7 @@ class HandOperations(Operations):
         """
         self._handle_of(channel)
         until_s = self.device.world.sim_s + number(seconds, *_PRESS_S)
-        self.device.presses.press(self._channel_of(channel), button, until_s, self.device.clock.now())
+        self.device.presses.press(self._channel_of(channel), button, until_s)
 
     @operation
     def hand(

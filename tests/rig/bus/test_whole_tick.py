@@ -17,7 +17,6 @@ from lerobot_robot_yam.rig.simulation.device import RigDevice
 from lerobot_robot_yam.rig.simulation.fault_operations import CHANNEL_KINDS, KINDS
 from lerobot_robot_yam.rig.simulation.rig_operations import perform
 from scripts.soak.injected_faults import MATRIX
-from tests.support.frames import float_frame
 
 TICK_S = 0.004
 FAULTS = {  # kind → value and details: what makes no trouble, or so slowly that these ticks would not see it
@@ -25,7 +24,6 @@ FAULTS = {  # kind → value and details: what makes no trouble, or so slowly th
     "storing": ("reverts", {}),
     "loss_rate": (0.5, {}),
     "command_loss_rate": (0.5, {}),
-    "delay_s": (0.003, {}),
     "temperatures_c": ([70.0, 300.0], {}),
     "temperature_ramp": ({"rate_c_per_s": 200.0, "from_c": 60.0}, {}),
     "torque_bias_nm": (1.0, {}),
@@ -145,7 +143,7 @@ def test_between_other_frames_too():
         [(ident, SpecialCommand.ENABLE.value) for ident in ids],
         [(ids[0], SpecialCommand.ZERO.value)],
         [(REGISTER_ID, registers.encode_write(ids[4], Register.CTRL_MODE, int(ControlMode.VELOCITY)))],
-        [(0x200 + ids[4], float_frame(0.5))],
+        [(0x200 + ids[4], bytes(8))],
         [(REGISTER_ID, registers.encode_write(ids[4], Register.CTRL_MODE, int(ControlMode.MIT)))],
         [(REGISTER_ID, registers.encode_write(ids[5], Register.MST_ID, 0x77))],
         [(REGISTER_ID, registers.encode_write(ids[5], Register.PMAX, 20.0))],

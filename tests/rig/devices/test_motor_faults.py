@@ -72,14 +72,6 @@ def test_a_share_of_answers_is_garbled_and_the_same_ones_for_the_same_seed(all_b
     assert garbled(2, all_bytes)[1] != frames
 
 
-def test_delayed_answers_are_spoiled_too(desk):
-    fault(desk, WRIST, "delay_s", 0.02)
-    fault(desk, WRIST, "wrong_id", 0x7A)
-    assert refresh(desk, WRIST) == []
-    desk.run(0.03)
-    assert [frame.id for frame in desk.heard()] == [0x7A]
-
-
 @pytest.mark.parametrize(
     ("limit_c", "register_c", "code"),
     [(80.0, 80.0, Fault.MOS_OVER_TEMPERATURE), (100.0, 120.0, Fault.ROTOR_OVER_TEMPERATURE)],
@@ -173,7 +165,6 @@ def test_clearing_ends_every_fault_of_its_motors(desk):
         "drop_next": 5,
         "loss_rate": 1.0,
         "command_loss_rate": 1.0,
-        "delay_s": 1.0,
         "wrong_id": 0x77,
         "corrupt_rate": 1.0,
         "reading": {"position_rad": 1.0},

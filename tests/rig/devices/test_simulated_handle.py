@@ -3,7 +3,6 @@
 import pytest
 
 from lerobot_robot_yam.damiao import handle_encoder
-from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from tests.support.rig_desk import Desk
 
 
@@ -17,13 +16,3 @@ def test_reports_come_unasked_at_the_frequency_set():
     desk.run(0.2)
     assert desk.heard() == []
     desk.close()
-
-
-def test_a_button_edge_is_an_event_when_events_are_on():
-    handle = SimHandle()
-    assert handle.press((True, False)) is None
-    handle.request(bytes((handle_encoder.ALL_DEVICES, 0x05, 0x03)))
-    assert handle.press((True, False)) is None  # no edge
-    event = handle.press((False, False))
-    assert event.id == handle_encoder.EVENT_ID
-    assert handle_encoder.decode_report(event.data).buttons == (False, False)
