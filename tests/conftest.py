@@ -3,6 +3,7 @@
 import contextlib
 import fcntl
 import functools
+import gc
 import importlib.metadata
 import inspect
 import os
@@ -31,7 +32,7 @@ from draccus.wrappers import docstring  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
 from lerobot_robot_yam.rig.control import RigControl, running_rig  # noqa: E402
-from tests.support import lerobot_tree, preloaded  # noqa: E402
+from tests.support import lerobot_tree  # noqa: E402
 from tests.support.stillness import Stillness  # noqa: E402
 
 # The longest parts of parsing a command: draccus looks for the help of each option in the source, and for the arguments
@@ -82,6 +83,11 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_report_header() -> str:
     """Which LeRobot is tested."""
     return f"lerobot {importlib.metadata.version('lerobot')}"
+
+
+def pytest_collection_finish() -> None:
+    """What is loaded by now stays: each walk of Python's collector over torch and LeRobot takes a third of a second."""
+    gc.freeze()
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -157,7 +163,7 @@ def _processes() -> dict[int, str]:
                 found[int(name)] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
         except OSError:
             continue  # ended meanwhile, or somebody else's
-    return preloaded.running() | {pid: line for pid, line in found.items() if _TRACKER not in line}
+    return {pid: line for pid, line in found.items() if _TRACKER not in line}
 
 
 def _left() -> dict[str, set[str]]:

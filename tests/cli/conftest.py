@@ -13,7 +13,6 @@ import pytest
 from lerobot_robot_yam.rig.control import running_rig
 from tests.support.landed import MOST_M, moved_after_cut_m
 from tests.support.paths import ROOT
-from tests.support.preloaded import Preloaded
 from tests.support.terminal import Terminal
 from tests.support.waiting import wait
 
@@ -23,17 +22,6 @@ CHANNELS = ("follower_left", "follower_right", "leader_left", "leader_right")
 # Two processors carry four arms, their rig, three cameras and an encoder at full rate if nobody else needs them.
 # What is asserted about rates is asserted of the shipped configs as they are, in the long tier.
 CALM = [f"--{device}.{side}_arm_config.rate_hz=100" for device in ("robot", "teleop") for side in ("left", "right")]
-
-
-_preloaded: Preloaded | None = None
-
-
-def pytest_collection_finish(session):
-    """Before the first test: what is there then is not left behind by one."""
-    global _preloaded
-    ours = any(item.path.parent == Path(__file__).parent for item in session.items)
-    if ours and session.config.option.markexpr != "long":
-        _preloaded = Preloaded()
 
 
 def options(**sections):
@@ -84,20 +72,16 @@ class Commands:
         program = [sys.executable, name] if name.startswith("-") else [str(Path(sys.executable).parent / name)]
         environment = self.environment()
         self._said_before = len(self.output())
-        with open(self.directory / "output.txt", "ab") as output, open(os.devnull) as nothing:
-            if _preloaded is not None and not name.startswith("-"):
-                read = nothing.fileno() if stdin == subprocess.DEVNULL else stdin
-                process = _preloaded.start([*program, *arguments], cwd, environment, read, output.fileno())
-            else:
-                process = subprocess.Popen(
-                    [*program, *arguments],
-                    cwd=cwd,
-                    env=environment,
-                    stdin=stdin,
-                    stdout=output,
-                    stderr=subprocess.STDOUT,
-                    start_new_session=True,
-                )
+        with open(self.directory / "output.txt", "ab") as output:
+            process = subprocess.Popen(
+                [*program, *arguments],
+                cwd=cwd,
+                env=environment,
+                stdin=stdin,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
         self._started.append(process)
         return process
 

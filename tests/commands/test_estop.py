@@ -16,6 +16,7 @@ from lerobot_robot_yam.system.runtime_files import FileLock, runtime_dir
 from tests.state.test_emergency_stop import wait_mode
 from tests.support.paths import ROOT
 from tests.support.rigged import sim_config
+from tests.support.tiers import spread
 
 UID = os.getuid()
 
@@ -176,7 +177,7 @@ with rig_of("lockstep", arms=["follower_left"]) as rig:
 """
 
 
-@pytest.mark.parametrize("full", ["no file", "no room"])
+@pytest.mark.parametrize("full", spread(["no file", "no room"], 0))
 def test_it_stops_arms_on_a_disk_that_is_full(full, tmp_path):
     """A small disk of its own, in a name space of its own."""
     mount = 'mount -t tmpfs -o size=256k,nr_inodes="$FILES",mode=700 none "$YAM_RUNTIME_DIR" && exec "$@"'

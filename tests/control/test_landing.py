@@ -263,6 +263,7 @@ def test_a_joint_that_is_not_heard_sinks_as_slowly_as_the_others(motor, rest):
     assert speed <= 2 * LANDING_SPEED_RAD_S
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("then", spread(["the cable is mended", "it goes on"], 1))
 def test_an_arm_lands_of_which_no_reading_is_believed(rig, then):
     """Its motors obey all the same: without commands they would let go, with the arm in the air."""

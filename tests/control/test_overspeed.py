@@ -94,6 +94,7 @@ def drive():
         yield start
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arm", "fields", "kind", "flips_hz", "fps"),
     spread(

@@ -73,6 +73,7 @@ def follower(rig):
     return ArmConfig(name="left", channel=FOLLOWER, interface="yam_sim", can_options=options, gripper_stops_rad=stops)
 
 
+@pytest.mark.long
 def test_a_live_session_is_watched_and_not_disturbed(rig, capsys):
     with YamArm(follower(rig)) as arm:
         time.sleep(0.3)

@@ -59,6 +59,7 @@ def test_only_a_world_of_ones_own_can_be_discarded(rig_arm):
         ArmSession([rig_arm.config], isolation="somewhere")
 
 
+@pytest.mark.long
 def test_the_channel_lock_names_the_holder(rig_arm):
     with pytest.raises(ChannelInUseError, match=r"follower_left is in use by process \d+"):
         ArmSession([rig_arm.config]).start()

@@ -112,6 +112,7 @@ def test_parts_of_the_arm_keep_their_distance_with_the_fingers_open():
 # through the loop
 
 
+@pytest.mark.long
 def test_it_comes_up_holds_tracks_and_lands(rig):
     with arm_on(rig, FOLLOWER, **GAINS) as arm:
         before = arm.observe()

@@ -129,6 +129,7 @@ def test_a_loop_that_hangs_while_its_arm_sets_out_leaves_it_a_bounded_speed(rig)
     session.discard()
 
 
+@pytest.mark.long
 def test_a_late_tick_adds_no_more_speed_than_its_command_accelerates(rig):
     rng = np.random.default_rng(0)
     session = ArmSession([config(rig, CHANNELS[0])], isolation="lockstep")
@@ -218,6 +219,7 @@ def test_an_answer_to_somebody_else_is_not_taken_for_one_to_us(rig):
     session.discard()
 
 
+@pytest.mark.long
 def test_a_slow_loop_is_said_once_and_its_arm_goes_on(rig, monkeypatch, caplog):
     command = Actuation.compute_command
 

@@ -101,6 +101,7 @@ def resumed(root):
     return LeRobotDataset.resume("local/wreck", root=root, streaming_encoding=True, rgb_encoder=CODER)
 
 
+@pytest.mark.long
 def test_a_repaired_data_set_can_be_resumed_and_killed_again(tmp_path):
     wreck(create(tmp_path / "whole", CAMERAS[:1]), tmp_path / "killed", (5, 8))
     assert repair(tmp_path / "killed", f"--output={tmp_path / 'one'}") == 0

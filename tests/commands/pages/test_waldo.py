@@ -65,6 +65,7 @@ def test_it_starts_commander_attached_to_its_controller_and_ends_both(tmp_path):
     assert ask_once(HOST, port, "ping") is None
 
 
+@pytest.mark.long
 def test_whoever_opens_it_to_the_network_is_told():
     with served("--no-page", "--host", "0.0.0.0") as (_, process):
         status, said = ended(process)

@@ -63,6 +63,7 @@ def test_what_the_caller_passes_on_is_what_the_follower_was_asked(rig, pair):
     assert max(gaps) < 0.02
 
 
+@pytest.mark.long
 def test_a_stalled_caller_gives_no_jolt(rig, pair):
     session, caller = pair
     sweep(rig, 8.0)
@@ -96,6 +97,7 @@ def test_without_its_caller_it_holds_after_the_usual_time(rig, pair):
     assert np.abs(np.array(rig.state()["arms"][FOLLOWER]["q"])[:6] - at).max() < 0.005
 
 
+@pytest.mark.long
 def test_another_action_ends_it_in_the_same_tick(rig, pair):
     session, caller = pair
     sweep(rig, 8.0)

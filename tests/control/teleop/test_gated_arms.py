@@ -122,6 +122,7 @@ def test_nothing_moves_before_somebody_passes_the_action_on(rig, started):
     assert arms.gates == [Gate.HOMING, Gate.IDLE]
 
 
+@pytest.mark.long
 def test_a_button_engages_and_releases_and_the_follower_stays(rig, started):
     session, arms = started(gate="button", gate_button="top")
     rig.hand(LEADER, [1.5], [LIFTED])

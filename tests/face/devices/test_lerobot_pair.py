@@ -13,6 +13,7 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from tests.face.devices import test_lerobot_contract as contract
 from tests.face.devices.test_lerobot_contract import BI_KEYS, connected_pair, enabled
 from tests.support.rigged import rig_of
+from tests.support.tiers import spread
 
 
 @pytest.fixture(scope="module")
@@ -208,7 +209,7 @@ def test_a_correction_without_a_handover_goes_by_the_trigger(leader, shared_rig,
     assert settle(lambda _: leader.get_action(), None, 0.3)["left_gripper.pos"] == 1.0
 
 
-@pytest.mark.parametrize("led", [True, False])
+@pytest.mark.parametrize("led", spread([True, False], 1))
 def test_a_trigger_that_is_let_go_of_while_the_leader_holds_opens_nothing(leader, shared_rig, led, settle, clock):
     def opening(trigger):
         shared_rig.trigger("leader_left", trigger)

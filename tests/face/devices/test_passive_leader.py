@@ -47,6 +47,7 @@ def wait(condition, timeout_s=10.0):
         time.sleep(0.02)
 
 
+@pytest.mark.long
 def test_two_leaders_tell_their_poses_and_buttons(rig, tmp_path):
     arms = {
         f"{name.removeprefix('leader_')}_arm_config": PassiveLeaderArmConfig(**fields(rig, name))

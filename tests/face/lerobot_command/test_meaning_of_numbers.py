@@ -78,7 +78,7 @@ def resumed_recording(tmp_path, robot, recorded):
 
 
 @pytest.mark.parametrize(("robot", "recorded"), spread(BOTH, 0, 1))
-@pytest.mark.parametrize("command", [replay, rollout, resumed_rollout, resumed_recording])
+@pytest.mark.parametrize("command", spread([replay, rollout, resumed_rollout, resumed_recording], 0, 1, 3))
 def test_a_stock_command(tmp_path, monkeypatch, command, robot, recorded):
     space, degrees = MEANINGS[robot]
     main, document = command(tmp_path, robot, recorded)

@@ -75,6 +75,7 @@ def test_a_things_shadow_lies_where_the_light_throws_it(usual):
         assert count > 10 and off < 2.5, camera
 
 
+@pytest.mark.long
 def test_plain_pictures_have_neither_shadow_nor_grain(usual):
     def table(look):
         return look()[50:70, 70:90].std(axis=(0, 1)).max()  # between the arms

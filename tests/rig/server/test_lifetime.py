@@ -78,6 +78,7 @@ def test_a_rig_of_a_killed_process_ends_with_it():
     assert files_of(name) == []
 
 
+@pytest.mark.long
 def test_clients_that_start_at_once_share_one_rig_and_killed_ones_end_it():
     clients = start_clients("test-race", 3)
     (pid,) = {pid for _, pid, _ in clients}

@@ -18,7 +18,7 @@ STEPS = 13  # two chunks of ACT, and the beginning of a third
 NAMES = [f"{side}_{joint}.pos" for side in ("left", "right") for joint in [*map(str, range(1, 7)), "gripper"]]
 
 
-SHORT = ("act", "vqbet, history")
+SHORT = ("act",)
 
 
 @pytest.fixture(params=[pytest.param(name, marks=[] if name in SHORT else pytest.mark.long) for name in POLICIES])
