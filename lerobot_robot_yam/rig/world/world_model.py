@@ -140,7 +140,8 @@ def _attach_arm(spec: mujoco.MjSpec, row: ArmPlacement, scene: Scene) -> None:
     if row.deviation is not None:
         _add_rubbing(own, row.deviation, arm.joint_count)
     tcp = own.site("tcp_site")
-    tcp.parent.add_body(name=BALLAST, pos=tcp.pos, explicitinertial=True, mass=0.0, inertia=[0.0] * 3)
+    ballast = tcp.parent.add_body(name=BALLAST, pos=tcp.pos, explicitinertial=True, mass=0.0)
+    ballast.inertia, ballast.ipos, ballast.iquat = [0.0] * 3, [0.0] * 3, [1.0, 0.0, 0.0, 0.0]
     spec.attach(own, prefix=f"{row.channel}/", frame=frame)
     for i, motor in enumerate(arm.motors):
         target = f"{row.channel}/joint{i + 1}"

@@ -1,10 +1,13 @@
 """Masses that an arm's profile knows nothing of."""
 
+import contextlib
+
 import mujoco
 import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.dynamics import GravityModel
+from tests.support.rig_desk import Desk
 
 CHANNEL = "follower_left"
 LIFTED = np.array([0.0, 1.2, 1.0, 0.2, 0.0, 0.0])
@@ -37,3 +40,22 @@ def test_a_payload_pulls_as_a_mass_at_the_tool_does(desk):
     assert np.abs(loaded - plain).max() > 1.0
     desk.clear_faults(CHANNEL)
     assert standing_torque(desk, LIFTED) == pytest.approx(plain)
+
+
+@pytest.mark.parametrize("channel", ["follower_left", "leader_left"])
+def test_a_hand_is_a_ball_of_its_mass_at_the_tool(channel):
+    """By what it adds to the arm's mass matrix:  m Jᵀ J + m r² Wᵀ W."""
+    mass_kg, gyration_m = 1.5, 0.06
+    with contextlib.closing(Desk(channel)) as desk:
+        world, model = desk.device.world, desk.device.world.model
+        matrices, (jacobian, turns) = np.zeros((2, model.nv, model.nv)), np.zeros((2, 3, model.nv))
+        for matrix, kg in zip(matrices, (0.0, mass_kg), strict=True):
+            desk.device.ballast[channel].hold(kg, gyration_m)
+            data = mujoco.MjData(model)
+            data.qpos[:] = world.data.qpos
+            data.qpos[world.joint_addresses(channel)] = LIFTED
+            mujoco.mj_forward(model, data)
+            mujoco.mj_fullM(model, data, matrix)
+        mujoco.mj_jacSite(model, data, jacobian, turns, model.site(f"{channel}/tcp_site").id)
+        added = mass_kg * (jacobian.T @ jacobian + gyration_m**2 * turns.T @ turns)
+        np.testing.assert_allclose(matrices[1] - matrices[0], added, atol=1e-9)
