@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import (
-    ActionError,
     ChannelInUseError,
     ConfigError,
     LifeCycleError,
@@ -99,11 +98,6 @@ def test_gains_are_changed_and_checked(session):
     with pytest.raises(ConfigError, match="kd"):
         arm.change_gains(kp, 0.01 * kd)
     arm.change_gains(kp, kd)
-
-
-def test_a_target_that_is_no_number_is_refused(session):
-    with pytest.raises(ActionError, match="is nan; nothing was sent"):
-        session[ARM].write_target([np.nan] * 6, 0.5)
 
 
 def test_others_watch_but_do_not_drive(served, session):

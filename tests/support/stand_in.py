@@ -7,16 +7,14 @@ followers' targets.
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 
-import mujoco
 import numpy as np
 
-from lerobot_robot_yam.rig.operator.hands import Pose, Sight
+from lerobot_robot_yam.rig.operator.hands import Sight, sight_of
 from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.simulation.device import RigDevice
-from lerobot_robot_yam.rig.simulation.judge import Judge
 from lerobot_robot_yam.rig.simulation.rig_operations import perform
-from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP
 from tests.support.transfers import Transfers
 
@@ -34,9 +32,9 @@ class StandIn:
     """Implements `hands.Hands` in simulated time, which runs as fast as it can."""
 
     def __init__(self, scene: Scene, sides: tuple[str, ...] = ("left", "right")):
-        self.world = World(scene)
-        self.prop = scene.props[0].name
-        self.judge, self.transfers = Judge(self.world), Transfers(self.world)
+        self.device = RigDevice(scene)
+        self.world, self.judge, self.prop = self.device.world, self.device.judge, scene.props[0].name
+        self.transfers = Transfers(self.world)
         self.events: list[dict] = []
         self.energised = True
         self.following = True
@@ -75,16 +73,8 @@ class StandIn:
             self._tick()
 
     def look(self) -> Sight:
-        bodies = {thing.name: self.world.data.body(thing.name) for thing in self.world.scene.things}
-        jointed = [thing.name for thing in self.world.scene.furniture if thing.joint is not None]
-        return Sight(
-            things={name: Pose(body.xpos.copy(), body.xquat.copy()) for name, body in bodies.items()},
-            joints={name: float(self.world.data.joint(name).qpos[0]) for name in jointed},
-            leader_rad={s: self._q(self._led_by(s)) for s in self._sides},
-            follower_rad={s: self._q(f"follower_{s}") for s in self._sides},
-            opening={s: self.world.opening(f"follower_{s}") or 0.0 for s in self._sides},
-            willing=self.energised,
-        )
+        state = perform(self.device, {"op": "state", "brief": True})
+        return replace(sight_of(state, self._sides), willing=self.energised)
 
     def _led_by(self, side: str) -> str:
         return f"leader_{side}" if f"leader_{side}" in self.world.profiles else f"follower_{side}"
@@ -96,10 +86,7 @@ class StandIn:
         self._paths.clear()
 
     def put_back(self, position_m: np.ndarray) -> None:
-        joint = self.world.data.joint(self.prop)
-        joint.qpos[:] = [*position_m, 1.0, 0.0, 0.0, 0.0]
-        joint.qvel[:] = 0.0
-        mujoco.mj_kinematics(self.world.model, self.world.data)
+        perform(self.device, {"op": "place", "prop": self.prop, "pos": position_m.tolist()})
         self.transfers.reset()
 
     @property
