@@ -20,15 +20,7 @@ from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.commands.lib.arm_command import add_place_arguments, place_of
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
 from lerobot_robot_yam.commands.lib.dialogue import say, table, tell
-from lerobot_robot_yam.commands.lib.feel_figures import (
-    SPEED_RAD_S,
-    Effort,
-    Motion,
-    effort,
-    likeness,
-    motion,
-    periods_s,
-)
+from lerobot_robot_yam.commands.lib.feel_figures import SPEED_RAD_S, Effort, Motion, effort, likeness, motion, periods_s
 from lerobot_robot_yam.commands.lib.plot_file import plot_file
 from lerobot_robot_yam.errors import BusError, ConfigError, StaleStateError
 from lerobot_robot_yam.state.records import STATE_DTYPE, channel_key, state_path

@@ -18,12 +18,7 @@ from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, arm_co
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command, seconds
 from lerobot_robot_yam.commands.lib.dialogue import confirm_word, need_terminal, say, tell
 from lerobot_robot_yam.control.gripper.trigger_range import learn, load_range, save_range
-from lerobot_robot_yam.damiao.handle_encoder import (
-    EEPROM_ZERO_HIGH,
-    EEPROM_ZERO_LOW,
-    FIRMWARE_REQUIRED,
-    HandleReport,
-)
+from lerobot_robot_yam.damiao.handle_encoder import EEPROM_ZERO_HIGH, EEPROM_ZERO_LOW, FIRMWARE_REQUIRED, HandleReport
 from lerobot_robot_yam.damiao.settings.handle_access import HandleAccess
 from lerobot_robot_yam.system.paths import user_path
 

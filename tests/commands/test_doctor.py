@@ -6,13 +6,13 @@ from lerobot_robot_yam.commands.configs import config_path
 from lerobot_robot_yam.commands.doctor import main
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
-from tests.support.doctor_desk import (
-    FOLLOWER,
-    LEADER_ARM,
-    examine,
-    found,
-    virtual,
-)
+from tests.support.doctor_desk import FOLLOWER, LEADER, LEADER_ARM, examine, found, virtual
+
+
+@pytest.fixture(scope="module")
+def rig():
+    with running_rig(arms=[FOLLOWER, LEADER]) as rig:
+        yield rig
 
 
 def test_a_healthy_rig(rig, capsys):

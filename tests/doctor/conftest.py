@@ -1,4 +1,4 @@
-"""Virtual rigs for the doctor."""
+"""A virtual rig for the doctor."""
 
 import pytest
 
@@ -8,12 +8,5 @@ from tests.support.doctor_desk import FOLLOWER, LEADER
 
 @pytest.fixture(scope="module")
 def rig():
-    with running_rig(arms=[FOLLOWER, LEADER]) as rig:
-        yield rig
-
-
-@pytest.fixture
-def sick():
-    """A rig of this test alone, to make ill."""
     with running_rig(arms=[FOLLOWER, LEADER]) as rig:
         yield rig

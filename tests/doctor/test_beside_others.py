@@ -2,6 +2,7 @@
 
 import threading
 import time
+from functools import partial
 
 import can
 import pytest
@@ -11,60 +12,47 @@ from lerobot_robot_yam.damiao import handle_encoder
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.registers import Opcode, Register
 from lerobot_robot_yam.damiao.tables import REGISTER_ID, Fault
+from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.state.records import lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock
-from tests.support.doctor_desk import FOLLOWER, LEADER, LEADER_ARM, MOTORS, examine, found, virtual
+from tests.support.doctor_desk import FOLLOWER, LEADER, LEADER_ARM, MOTORS, examine, examine_arm, found, virtual
+from tests.support.rigged import lockstep_rig
 
 HARMLESS = {Opcode.READ, Opcode.REFRESH}
 HANDLE_QUESTIONS = {handle_encoder.OP_REPORT, handle_encoder.OP_VERSION, handle_encoder.OP_READ_EEPROM}
 
 
+desk = lockstep_rig(FOLLOWER, LEADER)
+
+
 @pytest.mark.parametrize("ill", [False, True])
-def test_nothing_but_questions_is_sent(sick, capsys, ill):
+def test_nothing_but_questions_is_sent(desk, ill):
     """Seen by the rig, and heard in full by another client of each channel."""
     if ill:  # nor when there is something to complain about
-        sick.fault(FOLLOWER, "joint_2", "silent")
-        sick.fault(FOLLOWER, "joint_4", "nibble", int(Fault.COMMUNICATION_LOST))
-        sick.fault(FOLLOWER, "joint_5", "register", 0, register=int(Register.TIMEOUT))
-        sick.fault(LEADER, None, "handle_silent")
-    buses = [can.Bus(interface="yam_sim", channel=channel, rig=sick.name) for channel in (FOLLOWER, LEADER)]
-    heard = []
-    stop = threading.Event()
-
-    def listen(bus):
-        while not stop.is_set():
-            message = bus.recv(0.05)
-            if message is not None:
-                heard.append((message.arbitration_id, bytes(message.data)))
-
-    threads = [threading.Thread(target=listen, args=(bus,)) for bus in buses]
-    for channel in (FOLLOWER, LEADER):
-        sick.trace_start(channel)
-    for thread in threads:
-        thread.start()
-    try:
-        status, _ = examine(capsys, *virtual(sick, FOLLOWER, LEADER_ARM, samples=10))
-        time.sleep(0.2)
-    finally:
-        stop.set()
-        for thread in threads:
-            thread.join()
-        for bus in buses:
-            bus.shutdown()
-    assert status == int(ill)
-    traces = {channel: sick.trace(channel) for channel in (FOLLOWER, LEADER)}
+        desk.fault(FOLLOWER, "joint_2", "silent")
+        desk.fault(FOLLOWER, "joint_4", "nibble", int(Fault.COMMUNICATION_LOST))
+        desk.fault(FOLLOWER, "joint_5", "register", 0, register=int(Register.TIMEOUT))
+        desk.fault(LEADER, None, "handle_silent")
+    traces, heard = {}, []
+    for channel, arm in ((FOLLOWER, FOLLOWER), (LEADER, LEADER_ARM)):
+        with can.Bus(interface="yam_lockstep", channel=channel, rig=desk.name) as bus:
+            desk.trace_start(channel)
+            status, _ = examine_arm(desk, arm, samples=10)
+            desk.sleep(0.2)
+            heard += [(message.arbitration_id, bytes(message.data)) for message in iter(partial(bus.recv, 0.0), None)]
+        assert status == int(ill)
+        traces[channel] = desk.trace(channel)
     assert len(traces[FOLLOWER]) > 7 * 15 and len(traces[LEADER]) > 6 * 15
     for channel, trace in traces.items():
         # No motor id (1 …), no 0x100 + id, no 0x200 + id: neither an enable nor any motion.
         assert {identifier for _, _, identifier, _ in trace} <= {REGISTER_ID, handle_encoder.REQUEST_ID}, channel
+        assert not any(motor["enabled"] for motor in desk.state()["arms"][channel]["motors"].values())
     questions = [data for identifier, data in heard if identifier == REGISTER_ID]
     assert len(questions) == sum(i == REGISTER_ID for trace in traces.values() for _, _, i, _ in trace)
     assert {data[2] for data in questions} == HARMLESS
     handle = [data for identifier, data in heard if identifier == handle_encoder.REQUEST_ID and data[0] == 0xFF]
     assert handle and {data[1] for data in handle} <= HANDLE_QUESTIONS
-    for channel in (FOLLOWER, LEADER):
-        assert not any(motor["enabled"] for motor in sick.state()["arms"][channel]["motors"].values())
 
 
 def follower(rig):
@@ -102,15 +90,14 @@ def test_a_live_leader_that_was_not_named(rig, capsys):
     assert [row["state"] for row in report["sessions"]][6] is None
 
 
-def test_a_live_session_with_a_fault(sick, capsys):
-    with YamArm(follower(sick)):
+def test_a_live_session_with_a_fault(capsys):
+    with running_rig(arms=[FOLLOWER]) as sick, YamArm(follower(sick)):
         sick.fault(FOLLOWER, "joint_5", "nibble", int(Fault.ROTOR_OVER_TEMPERATURE), sticky=True)
         time.sleep(0.3)
         status, report = examine(capsys, *virtual(sick, FOLLOWER))
         assert status == 1
         assert found(report, "problem", "joint_5 (id 5)", "0xC coil too hot")
         assert found(report, "problem", FOLLOWER, "is in fault")
-        sick.clear_faults(FOLLOWER)
 
 
 def test_a_held_channel_without_a_state(rig, capsys):

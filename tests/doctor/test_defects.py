@@ -13,14 +13,7 @@ from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.register_access import RegisterAccess
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import MotorError
-from tests.support.doctor_desk import (
-    FOLLOWER,
-    LEADER,
-    LEADER_ARM,
-    MOTORS,
-    examine_arm,
-    found,
-)
+from tests.support.doctor_desk import FOLLOWER, LEADER, LEADER_ARM, MOTORS, examine_arm, found
 from tests.support.rigged import lockstep_rig
 
 WHERE = "--interface yam_lockstep"

@@ -6,9 +6,9 @@ command before it, and a command that is followed by another one without an answ
 
 import argparse
 import json
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from itertools import pairwise
 
 import can
 import numpy as np
@@ -71,16 +71,6 @@ def _frames(bus: can.BusABC, channel: str, seconds: float) -> Iterator[can.Messa
             yield message
 
 
-@dataclass
-class _Heard:
-    """What was heard of one motor: times of its commands, and the time to each answer, s."""
-
-    commands_s: list[float] = field(default_factory=list)
-    latency_s: list[float] = field(default_factory=list)
-    lost: int = 0
-    waits: bool = False
-
-
 class Traffic:
     """Everything that is heard on a bus.
 
@@ -94,36 +84,30 @@ class Traffic:
     """
 
     def __init__(self, messages: Iterable[can.Message]):
-        self._motors: dict[int, _Heard] = {}
+        self._heard: defaultdict[int, list[tuple[float, bool]]] = defaultdict(list)  # when, and whether a command
         self.others: Counter[int] = Counter()
         self.error_frames = self.frames = 0
         for message in messages:
-            if is_classic_data(message):
-                self.frames += 1
-                self._count(message.arbitration_id, message.timestamp)
-            else:
+            if not is_classic_data(message):
                 self.error_frames += message.is_error_frame
-
-    def _count(self, identifier: int, at_s: float) -> None:
-        if identifier in _COMMANDED:
-            motor = self._motors.setdefault(_COMMANDED[identifier], _Heard())
-            motor.lost += motor.waits
-            motor.commands_s.append(at_s)
-            motor.waits = True
-        elif identifier - ANSWERS_BEYOND in MOTOR_IDS:
-            motor = self._motors.setdefault(identifier - ANSWERS_BEYOND, _Heard())
-            if motor.waits:
-                motor.latency_s.append(at_s - motor.commands_s[-1])
-            motor.waits = False
-        else:
-            self.others[identifier] += 1
+                continue
+            self.frames += 1
+            identifier = message.arbitration_id
+            can_id = _COMMANDED.get(identifier, identifier - ANSWERS_BEYOND)
+            if can_id in MOTOR_IDS:
+                self._heard[can_id].append((message.timestamp, identifier in _COMMANDED))
+            else:
+                self.others[identifier] += 1
 
     def figures(self) -> dict[int, dict[str, float | None]]:
         """By CAN id: commands, lost answers, and p50, p99 and maximum in ms; None where nothing tells them."""
         found: dict[int, dict[str, float | None]] = {}
-        for can_id, motor in sorted(self._motors.items()):
-            found[can_id] = {"commands": len(motor.commands_s), "lost": motor.lost}
-            for name, times_s in (("latency_ms", motor.latency_s), ("period_ms", np.diff(motor.commands_s))):
+        for can_id, heard in sorted(self._heard.items()):
+            commands_s = [at_s for at_s, command in heard if command]
+            latency_s = [then_s - at_s for (at_s, first), (then_s, second) in pairwise(heard) if first and not second]
+            lost = sum(first and second for (_, first), (_, second) in pairwise(heard))
+            found[can_id] = {"commands": len(commands_s), "lost": lost}
+            for name, times_s in (("latency_ms", latency_s), ("period_ms", np.diff(commands_s))):
                 values = (np.percentile(times_s, (50, 99, 100)) * 1e3).round(3).tolist() if len(times_s) else [None] * 3
                 found[can_id] |= {f"{name}_{q}": value for q, value in zip(("p50", "p99", "max"), values, strict=True)}
         return found
