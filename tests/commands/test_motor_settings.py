@@ -28,13 +28,6 @@ def test_a_motor_gets_its_id_and_keeps_it(arm, capsys, state_home):
     assert writes(arm)["gripper"] == 1 and not list(state_home.iterdir())
 
 
-def test_two_motors_with_one_id_are_not_given_another(arm, capsys):
-    arm.fault("only", "joint_2", "duplicate")
-    for action in (["set-id", 2, 9], ["write", "OT_VALUE=90", "--motor", "joint_2"], ["timeout", "0.3"]):
-        said = refused(arm, capsys, *action, "--yes")
-        assert "2 motors answer to id 2; nothing was changed. Unplug all but one" in said
-
-
 def test_firmware_that_reverts_gets_both_ids_all_the_same(arm, capsys):
     arm.fault("only", "gripper", "storing", "reverts")
     assert run(arm, "set-id", 7, 9, "--yes") == 0
@@ -57,10 +50,13 @@ def test_ids_that_were_half_stored_when_the_power_went_are_set_again(arm, capsys
     assert [*state_home.iterdir()] == [kept]
 
 
-def test_two_motors_with_one_id_are_not_taken_for_one(arm, capsys, tmp_path):
+def test_two_motors_with_one_id_are_not_changed_nor_taken_for_one(arm, capsys, tmp_path):
     path = tmp_path / "left.yaml"
     assert run(arm, "dump", path) == 0
     arm.fault("only", "joint_2", "duplicate")
+    for action in (["set-id", 2, 9], ["write", "OT_VALUE=90", "--motor", "joint_2"], ["timeout", "0.3"]):
+        said = refused(arm, capsys, *action, "--yes")
+        assert "2 motors answer to id 2; nothing was changed. Unplug all but one" in said
     for action in (["read"], ["dump", tmp_path / "mixed.yaml"], ["diff", path], ["timeout"]):
         assert "2 motors answer to id 2" in refused(arm, capsys, *action)
     assert not (tmp_path / "mixed.yaml").exists()

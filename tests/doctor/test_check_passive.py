@@ -9,33 +9,35 @@ from lerobot_robot_yam.arm.config import LeadArmConfig
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, PassiveConfig
 from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
+from lerobot_robot_yam.doctor.kit.targets import from_config
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.session.arm_session import ArmSession
-from tests.support.doctor_desk import LEADER, examine, found
+from tests.support.doctor_desk import LEADER, examine, examine_target, found
+from tests.support.rigged import rig_of
 
 ZEROS = {"version": 1, "zero_rad": [0.0] * 6, "range_rad": [[-1.0, 1.0]] * 6, "trigger_rad": 0.67}
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def rig():
-    with running_rig(scene="passive_leaders", arms=[LEADER]) as rig:
+    with rig_of("lockstep", scene="passive_leaders", arms=[LEADER]) as rig:
         yield rig
 
 
 @pytest.fixture
-def leader(rig, tmp_path, capsys):
+def leader(rig, tmp_path):
     """Examines the leader, with zeros of its own and more options; returns status and report."""
     zeros, config = tmp_path / "zeros.json", tmp_path / "config.yaml"
     zeros.write_text(json.dumps(ZEROS))
 
     def look(**options):
-        of_arm = {"channel": LEADER, "interface": "yam_sim", "passive_calibration_path": str(zeros)} | options
+        where = {"channel": LEADER, "interface": "yam_lockstep", "can_options": {"rig": rig.name}}
+        of_arm = {**where, "passive_calibration_path": str(zeros)} | options
         config.write_text(json.dumps({"teleop": {"type": "yam_passive_leader", "id": "lab", **of_arm}}))
-        return examine(capsys, f"--config_path={config}", f"--rig={rig.name}")
+        (target,) = from_config(config, None).targets
+        return examine_target(target)
 
-    yield look
-    rig.clear_faults(LEADER)
-    rig.trigger(LEADER, 0.0)
+    return look
 
 
 def test_one_that_is_well(rig, leader):
@@ -82,21 +84,22 @@ def test_zeros_that_cannot_be_used(leader, tmp_path):
     assert status == 1 and problem["remedy"].startswith(f"rm {broken} && lerobot-calibrate")
 
 
-def test_a_session_that_reads_one_is_watched(rig, leader):
-    passive = PassiveConfig(joint_sign=JOINT_SIGNS["desk"])
-    of_rig = {"interface": "yam_sim", "can_options": {"rig": rig.name}}
-    config = LeadArmConfig(
-        name="left", channel=LEADER, gripper="yam_teaching_handle", start="float", passive=passive, **of_rig
-    )
-    session = ArmSession([config])
-    session.start()
-    try:
-        status, report = leader()
-        assert status == 0 and not found(report, "problem", "")
-        assert {row["name"] for row in report["sessions"]} == {f"joint_{i + 1}" for i in range(6)}
-        rig.fault(LEADER, None, "encoders_silent", [4])
-        time.sleep(0.3)
-        status, report = leader()
-        assert status == 1 and found(report, "problem", f"{LEADER} joint_5", "has not been heard for")
-    finally:
-        session.stop()
+def test_a_session_that_reads_one_is_watched(tmp_path, capsys):
+    with running_rig(scene="passive_leaders", arms=[LEADER]) as rig:
+        of_rig = {"channel": LEADER, "interface": "yam_sim", "can_options": {"rig": rig.name}}
+        config, passive = tmp_path / "config.yaml", PassiveConfig(joint_sign=JOINT_SIGNS["desk"])
+        config.write_text(json.dumps({"teleop": {"type": "yam_passive_leader", **of_rig}}))
+        session = ArmSession(
+            [LeadArmConfig(name="left", gripper="yam_teaching_handle", start="float", passive=passive, **of_rig)]
+        )
+        session.start()
+        try:
+            status, report = examine(capsys, f"--config_path={config}")
+            assert status == 0 and not found(report, "problem", "")
+            assert {row["name"] for row in report["sessions"]} == {f"joint_{i + 1}" for i in range(6)}
+            rig.fault(LEADER, None, "encoders_silent", [4])
+            time.sleep(0.3)
+            status, report = examine(capsys, f"--config_path={config}")
+            assert status == 1 and found(report, "problem", f"{LEADER} joint_5", "has not been heard for")
+        finally:
+            session.stop()

@@ -60,9 +60,15 @@ def examine_arm(rig, arm, samples=0):
 
     arm: NAME[:ARM[:GRIPPER]].
     """
-    report, target = empty_report(), from_option(arm, "yam_lockstep", None)
+    target = from_option(arm, "yam_lockstep", None)
     config = dataclasses.replace(target.config, can_options={"rig": rig.name})
-    examine_channel(dataclasses.replace(target, config=config), None, samples, report, lambda text: None)
+    return examine_target(dataclasses.replace(target, config=config), samples)
+
+
+def examine_target(target, samples=0):
+    """The same of an arm of a run config."""
+    report = empty_report()
+    examine_channel(target, None, samples, report, lambda text: None)
     return exit_status(report), json.loads(as_json(report))
 
 
