@@ -2,13 +2,17 @@
 
 import contextlib
 import re
+import sys
 
+import draccus
 import numpy as np
 import pytest
+from lerobot.robots import RobotConfig, make_robot_from_config
 
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.model import build_model
 from lerobot_robot_yam.arm.profile_files import load_gripper
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.state.modes import Mode
 from tests import test_layers
@@ -16,7 +20,7 @@ from tests.control.test_landing import land_and_watch
 from tests.support.landed import MOST_M
 from tests.support.pages import block, section
 from tests.support.paths import ROOT
-from tests.support.rigged import arm_on
+from tests.support.rigged import STOPS, arm_on
 
 PAGE = "docs/architecture.md"
 LISTS = ("A gripper", "An arm", "An option of an arm", "A console command", "A fault", "A task of the rig")
@@ -61,6 +65,54 @@ def test_adding_takes_few_files(heading, most):
 
 def test_the_look_for_files_can_fail():
     assert not exists("arm/nothing.py") and not exists("arm/nothing/NAME.yaml") and exists("commands/NAME.py")
+
+
+@contextlib.contextmanager
+def files_that_run():
+    """The files of the packages, below lerobot_robot_yam/, whose functions begin inside the block; not the rig's."""
+    monitoring, found = sys.monitoring, set()
+
+    def note(code, _):
+        package, _, path = code.co_filename.partition("lerobot_robot_yam/")[2].rpartition("lerobot_robot_yam/")
+        if path and code.co_name != "<module>" and not path.startswith("rig/"):
+            found.add(path)
+
+    monitoring.use_tool_id(monitoring.PROFILER_ID, "files")
+    try:
+        monitoring.register_callback(monitoring.PROFILER_ID, monitoring.events.PY_START, note)
+        monitoring.set_events(monitoring.PROFILER_ID, monitoring.events.PY_START)
+        yield found
+    finally:
+        monitoring.set_events(monitoring.PROFILER_ID, monitoring.events.NO_EVENTS)
+        monitoring.free_tool_id(monitoring.PROFILER_ID)
+
+
+def test_a_config_and_an_action_pass_the_files_that_the_page_tells():
+    page = (ROOT / PAGE).read_text()
+    drawn, _ = block(PAGE, "text", "send_action").split("CAN: python-can")
+    way = re.findall(r"^[\w ,*-]{22,}?  +(\S+\.py)", drawn, re.MULTILINE)
+    told, ran, config = (
+        int(re.search(text, page)[1]) for text in (r"the (\d+) files", r"at most (\d+) files", r"passes (\d+) files")
+    )
+    fields = {"type": "yam_follower", "channel": FOLLOWER, "gripper_stops_rad": STOPS, "gravity_factor": [1.0] * 6}
+    with contextlib.closing(LockstepRig(arms=[FOLLOWER])) as rig:
+        fields |= {"interface": "yam_lockstep", "isolation": "lockstep", "can_options": {"rig": rig.name}}
+        draccus.decode(RobotConfig, fields)  # LeRobot's types are registered once
+        with files_that_run() as of_config:
+            parsed = draccus.decode(RobotConfig, fields)
+            for arm in parsed.arms().values():
+                ResolvedArm(arm)
+        robot = make_robot_from_config(parsed)
+        robot.connect()
+        clock, action = robot._arms.clock, robot.get_observation()
+        robot.send_action(action)
+        clock.sleep(0.1)
+        with files_that_run() as of_action:
+            robot.send_action(action | {"joint_1.pos": action["joint_1.pos"] + 0.05})
+            clock.sleep(1.0 / 250)
+        robot.disconnect()
+    assert told == len(way) <= 20 and not {path.removeprefix("lerobot_robot_yam/") for path in way} - of_action
+    assert len(of_action) <= ran and len(of_config) <= config <= 20  # fewer where the profiles are loaded already
 
 
 def test_a_gripper_from_one_file_has_a_model_with_its_weight():
