@@ -1,9 +1,10 @@
 """A recording that ends in the middle of an episode, however it ends: what was saved before stays, the arms land.
 
-In the long tier: every fault of the table that can strike while recording. Signals are in `test_ways_to_end`; the
-default tier has the faults in lock-step.
+In the long tier: every fault of the table that can strike while recording, and every signal in every phase. The default
+tier has a signal while the arms land, and the faults in lock-step.
 """
 
+import os
 import shutil
 import signal
 import time
@@ -233,6 +234,45 @@ def kept(recording):
     said = [line for line in recording.output().splitlines() if "of this session; " in line or "removed the" in line]
     assert said, recording.output()[-4000:]
     return said[-1]
+
+
+# What is printed when the phase begins, and how many episodes are kept when a signal comes in it.
+PHASES = {
+    "connecting": (CONNECTING, 0),
+    "first episode": ("Recording episode 0", 0),
+    "second episode": ("Recording episode 1", 1),
+    "resetting": ("Reset the environment", 1),
+    "landing": ("Reset the environment", 1),
+}
+SHORT = [("landing", signal.SIGTERM)]  # that it was ended by SIGINT shows that the first signal ended it
+WAYS = [
+    pytest.param(phase, number, id=f"{phase}-{number.name}", marks=[] if (phase, number) in SHORT else pytest.mark.long)
+    for phase in PHASES
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+]
+
+
+@pytest.mark.parametrize(("phase", "number"), WAYS)
+def test_a_signal_ends_a_recording_in_any_phase(commands, phase, number):
+    begins, count = PHASES[phase]
+    recording = Recording(commands, reset_s=60, until=begins)
+    with running(recording):
+        begin = time.monotonic()
+        if phase == "landing":
+            os.killpg(recording.process.pid, signal.SIGINT)
+            time.sleep(2.0)
+        os.killpg(recording.process.pid, number)
+        assert commands.finish(recording.process) == -signal.SIGINT, recording.output()[-4000:]
+        assert time.monotonic() - begin < ENDS_S + (2.0 if phase == "landing" else 0.0)
+        commands.assert_landed()
+        if count:
+            assert kept(recording).endswith(f"kept {count} episode of this session; {count} in {recording.root}")
+            assert_episodes(recording.root, count)
+            assert f"\nended by {signal.SIGINT.name if phase == 'landing' else number.name}\n" in recording.output()
+        else:
+            assert kept(recording).endswith(f"removed the empty data set {recording.root}")
+            assert not recording.root.exists()
+        assert "Traceback" not in recording.output()
 
 
 @pytest.mark.long

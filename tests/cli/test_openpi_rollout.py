@@ -12,11 +12,10 @@ import yaml
 
 from tests.cli.conftest import ROOT
 from tests.support.openpi_server import RAISE_RAD, STEPS
+from tests.support.rolling import FPS, Rollout
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
 
-FPS = 15
-ARMS = ("follower_left", "follower_right")
 HOLD_S = 0.6  # an arm that hears nothing holds after 0.5 s
 STILL_RAD = 0.02  # what a held arm may still settle
 
@@ -49,44 +48,22 @@ class Server:
         self.process.wait()
 
 
-class Rollout:
-    """lerobot-rollout on the virtual rig, driven by a server; and the arms as the rig saw them meanwhile."""
+class ServedRollout(Rollout):
+    """lerobot-rollout on the virtual rig, driven by a server, without pictures: they share the CPU with the physics."""
 
-    def __init__(self, commands, server, *arguments):
+    def begin(self, server, *arguments):
         document = yaml.safe_load((ROOT / "configs" / "sim" / "calibrate.yaml").read_text())
-        document["policy"] = {
-            "type": "yam_openpi",
-            "host": "127.0.0.1",
-            "port": server.port,
-            "n_action_steps": STEPS,
-        }
+        document["policy"] = {"type": "yam_openpi", "host": "127.0.0.1", "port": server.port, "n_action_steps": STEPS}
         document |= {"fps": FPS, "task": "wave", "play_sounds": False}
-        config = commands.directory / "rollout.yaml"
+        config = self.commands.directory / "rollout.yaml"
         config.write_text(yaml.safe_dump(document))
-        self.commands, self.seen = commands, []
-        self.process = commands.start("lerobot-rollout", f"--config_path={config}", *arguments)
+        self.start("lerobot-rollout", f"--config_path={config}", *arguments)
 
-    def watch(self, until, timeout_s=200.0):
-        """Look at the arms until a condition holds or the command has ended; false then."""
-        deadline = time.monotonic() + timeout_s
-        while self.process.poll() is None:
-            state = self.commands.rig.state()
-            pose = np.concatenate([state["arms"][arm]["q"] for arm in ARMS])
-            self.seen.append((state["monotonic_s"], pose, set(self.commands.enabled(*ARMS)) == set(ARMS)))
-            if until():
-                return True
-            assert time.monotonic() < deadline, self.commands.output()[-4000:]
-            time.sleep(0.02)
-        return False
-
-    def between(self, begin_s, end_s):
-        """Poses (k, n) of all joints that the rig saw in a span of monotonic time."""
-        return np.array([pose for stamp, pose, _ in self.seen if begin_s <= stamp <= end_s])
-
-    def moved(self):
-        """Range of each joint (n,) while the arms were energised, 0 if they never were."""
-        poses = [pose for _, pose, energised in self.seen if energised]
-        return np.ptp(poses, axis=0) if poses else np.zeros_like(self.seen[0][1])
+    def holds(self, seconds):
+        """Whether both arms stay where they are for so long."""
+        seen, until_s = [], time.monotonic() + seconds
+        self.wait_until(lambda: seen.append([*map(self.joints, self.channels)]) or time.monotonic() > until_s)
+        return np.ptp(seen, axis=0).max() < STILL_RAD
 
 
 @pytest.fixture
@@ -97,23 +74,10 @@ def server(tmp_path, request):
 
 
 @pytest.fixture
-def roll_out(commands, server):
-    """Starts a rollout; a failed test leaves none behind."""
-    started = []
-
-    def start(*arguments):
-        started.append(Rollout(commands, server, *arguments))
-        return started[-1]
-
-    yield start
-    for rollout in started:
-        rollout.process.kill()
-        rollout.process.wait()
-
-
-def waved(rollout):
-    """Whether every arm has been raised about as far as the server says."""
-    return bool((rollout.moved()[[1, 2, 7, 8]] > 0.6 * 2 * RAISE_RAD).all())
+def rollout(commands):
+    rollout = ServedRollout(commands)
+    yield rollout
+    rollout.abandon()
 
 
 def assert_asked(server):
@@ -125,37 +89,31 @@ def assert_asked(server):
 
 
 @pytest.mark.parametrize("engine", ["sync", "rtc"])
-def test_a_killed_server(commands, server, roll_out, engine):
+def test_a_killed_server(rollout, server, engine):
     ahead = [f"--inference.queue_threshold={STEPS // 2}"] if engine == "rtc" else []
-    rollout = roll_out(f"--inference.type={engine}", *ahead)
-    assert rollout.watch(lambda: waved(rollout) and len(server.questions()) > 3), commands.output()[-4000:]
+    rollout.begin(server, f"--inference.type={engine}", *ahead)
+    rollout.wait_moved(0.6 * 2 * RAISE_RAD)
+    rollout.wait_until(lambda: len(server.questions()) > 3)
     server.kill()
-    killed_s = time.monotonic()
     assert_asked(server)
-    rollout.watch(lambda: False)
-    status = commands.finish(rollout.process)
-    named = f"openpi server 127.0.0.1:{server.port}"
+    named, output = f"openpi server 127.0.0.1:{server.port}", rollout.commands.output
     if engine == "sync":  # the error ends the rollout at the next question; LeRobot takes the arms back and lands them
-        assert status == 1
-        assert f"error: the {named} has closed the connection" in commands.output().splitlines()[-1]
+        assert rollout.end() == 1
+        assert f"error: the {named} has closed the connection" in output().splitlines()[-1]
     else:  # LeRobot asks again for 5 s before it gives up: the arms hold, then it ends as usual
-        assert status == 0 and f"the {named} cannot be reached" in commands.output()
-        last_s = killed_s + 2 * STEPS / FPS  # what was queued is still executed
-        held = rollout.between(last_s + HOLD_S, last_s + HOLD_S + 1.5)
-        assert len(held) > 10 and np.ptp(held, axis=0).max() < STILL_RAD
-    commands.assert_landed()
+        rollout.watch(2 * STEPS / FPS + HOLD_S)  # what was queued is still executed
+        assert rollout.holds(1.5)
+        assert rollout.end() == 0 and f"the {named} cannot be reached" in output()
+    rollout.assert_ended_well()
 
 
 @pytest.mark.parametrize("server", [("--silent-after=8",)], indirect=True)
-def test_a_silent_server(commands, server, roll_out):
-    rollout = roll_out("--policy.response_timeout_s=4")
-    rollout.watch(lambda: False)
-    assert commands.finish(rollout.process) == 1
+def test_a_silent_server(rollout, server):
+    rollout.begin(server, "--policy.response_timeout_s=4")
+    rollout.wait_until(lambda: len(server.questions()) == 9, 100.0)  # right after the last command
+    rollout.watch(HOLD_S)
+    assert rollout.holds(3.0)
+    assert rollout.end() == 1
     named = f"openpi server 127.0.0.1:{server.port} has not answered within 4 s"
-    assert named in commands.output().splitlines()[-1], commands.output()[-4000:]
-    last = server.questions()[-1]
-    assert last["number"] == 8
-    asked_s = last["monotonic_s"]  # right after the last command
-    held = rollout.between(asked_s + HOLD_S, asked_s + 3.9)
-    assert len(held) > 30 and np.ptp(held, axis=0).max() < STILL_RAD
-    commands.assert_landed()
+    assert named in rollout.commands.output().splitlines()[-1], rollout.commands.output()[-4000:]
+    rollout.assert_ended_well()

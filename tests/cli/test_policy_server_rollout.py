@@ -6,14 +6,13 @@ import time
 
 import pytest
 
-from tests.cli.test_openpi_rollout import Rollout
+from tests.cli.test_openpi_rollout import ServedRollout
 from tests.policy_plugin.checkpoints import save_act
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
 
 FPS, STEPS, DURATION_S = 30, 10, 10
 AMPLITUDE_RAD, PERIOD_S = 0.4, 3.0
-LIFTED = [1, 2, 7, 8]  # the joints that carry the arms up
 
 
 class Server:
@@ -41,14 +40,17 @@ def test_a_checkpoint_drives_the_arms_from_its_server(commands, engine, record_p
     options = [f"--fps={FPS}", f"--duration={DURATION_S}", f"--policy.n_action_steps={STEPS}"]
     if engine == "rtc":
         options += ["--inference.type=rtc", f"--inference.queue_threshold={STEPS // 2}"]
-    rollout = Rollout(commands, server, *options)
-    rollout.watch(lambda: False)
-    assert commands.finish(rollout.process) == 0, commands.output()[-4000:]
+    rollout = ServedRollout(commands)
+    try:
+        rollout.begin(server, *options)
+        assert rollout.end() == 0, commands.output()[-4000:]
+    finally:
+        rollout.abandon()
     assert server.end() == 0
-    assert (rollout.moved()[LIFTED] > 0.6 * AMPLITUDE_RAD).all(), rollout.moved()
+    rollout.assert_moved(0.6 * AMPLITUDE_RAD)
     answers, seconds = re.search(r"has gone after (\d+) answers in ([\d.]+) s,", commands.output()).groups()
     record_property("answers", int(answers))
     record_property("ticks_too_long", commands.output().count("Record loop is running slower"))
     assert float(seconds) > DURATION_S
     assert int(answers) * STEPS > 0.5 * DURATION_S * FPS  # a machine with busy neighbours does less than the rate
-    commands.assert_landed()
+    rollout.assert_ended_well()

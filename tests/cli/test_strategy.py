@@ -47,12 +47,6 @@ class Shared(Rollout):
         goal = self.joints(leader) + np.array([by_rad] * 3 + [0.0] * 3)
         self.rig.hand(leader, [1.0], [goal.tolist()])
 
-    def way(self, channel, seconds):
-        """How far a follower goes in a while, rad."""
-        seen, until_s = [], time.monotonic() + seconds
-        self.wait_until(lambda: seen.append(self.joints(channel)) or time.monotonic() > until_s)
-        return float(np.ptp(seen, axis=0).max())
-
     def presses_s(self):
         """When buttons went down, as the rig has logged it."""
         return [event["monotonic_s"] for event in self.rig.events() if event["kind"] == "button" and event["down"]]

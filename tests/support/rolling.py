@@ -92,6 +92,12 @@ class Rollout:
         """Look at the arms until each that it drives has been so far from its rest."""
         self.wait_until(lambda: all(self.farthest[channel] > at_least_rad for channel in self.channels))
 
+    def way(self, channel, seconds):
+        """How far a follower goes in a while, rad."""
+        seen, until_s = [], time.monotonic() + seconds
+        self.wait_until(lambda: seen.append(self.joints(channel)) or time.monotonic() > until_s)
+        return float(np.ptp(seen, axis=0).max())
+
     def end(self):
         """Look on until it ends, then close its terminal; returns its exit status."""
         self.wait_until(lambda: self.process.poll() is not None)

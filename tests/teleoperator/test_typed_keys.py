@@ -1,12 +1,12 @@
 """Keys for the driver itself: beside LeRobot's listener, and without one."""
 
 import os
-import time
 
 import pytest
 from lerobot.utils import keyboard_input
 
 from lerobot_teleoperator_yam.yam_hand_guide import listen
+from tests.support.waiting import wait
 
 
 @pytest.fixture
@@ -18,13 +18,6 @@ def typing(monkeypatch):
     with open(slave) as file, open(master, "wb", buffering=0) as typing:
         monkeypatch.setattr("sys.stdin", file)
         yield typing.write
-
-
-def wait(condition):
-    deadline = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
 
 
 def record_loop(pressed, listener):

@@ -21,6 +21,7 @@ from lerobot_teleoperator_yam.config_yam_passive_leader import (
 from lerobot_teleoperator_yam.yam_passive_leader import BiYamPassiveLeader, YamPassiveLeader
 from tests.support.rigged import STOPS
 from tests.support.tiers import spread
+from tests.support.waiting import wait
 
 LEADER, OTHER, FOLLOWER = "leader_left", "leader_right", "follower_left"
 THERE, FALLEN = [0.3, 1.1, 1.0, -0.3, 0.1, 0.2], [0.3, 0.3, 0.4, -0.3, 0.1, 0.2]
@@ -38,13 +39,6 @@ def fields(rig, channel=LEADER):
 
 def leader_on(rig, directory, **more):
     return YamPassiveLeader(YamPassiveLeaderConfig(id="test", calibration_dir=directory, **fields(rig), **more))
-
-
-def wait(condition, timeout_s=10.0):
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 @pytest.mark.long

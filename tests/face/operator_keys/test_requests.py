@@ -1,7 +1,6 @@
 """Who does what a page asks for: a leader's keys before a follower's, a referee, a strategy that takes arms over."""
 
 import threading
-import time
 from types import SimpleNamespace
 
 import pytest
@@ -17,15 +16,7 @@ from lerobot_teleoperator_yam.yam_leader import BiYamLeader
 from tests.face.operator_keys.test_key_plan import recording
 from tests.strategy.test_config import leading
 from tests.support.strategy_here import HereConfig
-
-WAIT_S = 30.0
-
-
-def wait(condition):
-    deadline = time.monotonic() + WAIT_S
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
+from tests.support.waiting import wait
 
 
 @pytest.fixture
@@ -100,7 +91,7 @@ def test_a_referee_is_told_by_the_page(monkeypatch):
     wait(lambda: set(requests.offers(Situation(), 0)) == {"next"})
     requests.ask(Press("a page", Meaning.SUCCESS))  # not yet
     requests.ask(Press("a page", Meaning.NEXT))
-    laid_out.join(WAIT_S)
+    laid_out.join(30.0)
     assert not laid_out.is_alive() and set(requests.offers(Situation(), 0)) == {"success", "failure"}
     assert person.verdict({}) == Verdict(False, False)
     requests.ask(Press("a page", Meaning.FAILURE))
