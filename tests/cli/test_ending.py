@@ -44,7 +44,9 @@ def test_teleoperate_runs_at_60_hz_under_the_operators_hands_and_ends_by_itself(
 @pytest.mark.parametrize(
     "first, second",
     [
-        pytest.param(signal.SIGINT, signal.SIGINT, marks=pytest.mark.long),  # of a recording: test_ways_to_end
+        pytest.param(
+            signal.SIGINT, signal.SIGINT, marks=pytest.mark.long
+        ),  # of a recording: test_interrupted_recording
         pytest.param(signal.SIGTERM, None, marks=pytest.mark.long),  # of a robot alone: tests/system/test_signals.py
         pytest.param(signal.SIGHUP, signal.SIGTERM, marks=pytest.mark.long),
     ],
