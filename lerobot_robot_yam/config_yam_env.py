@@ -22,7 +22,7 @@ AGENT_POS = "agent_pos"
 
 
 def eyes_of(robot: Any) -> dict[str, Any]:
-    """Configs of a robot's cameras that give colour pictures, which a policy of an environment sees."""
+    """Return, by name, the configs of a robot's cameras that give colour: a policy of an environment sees these."""
     return {name: camera for name, camera in robot.all_cameras().items() if getattr(camera, "use_rgb", True)}
 
 
@@ -85,14 +85,14 @@ class YamEnvConfig(EnvConfig):
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
-        """Empty: the environment is not made through gymnasium's registry."""
+        """Empty mapping, since the environment is not made through gymnasium's registry."""
         return {}
 
     def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, gym.vector.VectorEnv]]:
         """Make {"yam": {0: vector environment}}; each robot is connected by its environment's first reset.
 
         Raises:
-            ConfigError: no robot, an impossible one, or several environments with one real robot.
+            ConfigError: there is no robot, its config is impossible, or several environments have one real robot.
         """
         from lerobot_robot_yam.yam_env import YamEnv
 

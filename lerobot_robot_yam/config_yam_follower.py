@@ -1,8 +1,8 @@
 """LeRobot configs of follower arms.
 
 yam_follower, bi_yam_follower    one arm, two arms
-yam_remote, bi_yam_remote        those of another computer
-yam_rig                          those that a rig's file describes (`--robot.type=yam_rig --robot.file=rig.yaml`)
+yam_remote, bi_yam_remote        one arm, two arms of another computer
+yam_rig                          arms that a rig's file describes (`--robot.type=yam_rig --robot.file=rig.yaml`)
 """
 
 from abc import ABC, abstractmethod
@@ -59,14 +59,14 @@ class FollowerOptions(ABC):
 
     @abstractmethod
     def arms(self) -> Mapping[str, ArmConfig]:
-        """Arms by feature prefix, in canonical order."""
+        """Return the config of each arm by its feature prefix, in canonical order."""
 
     def runs(self) -> "Isolation":
-        """Isolation of the control loop, see `ArmSession`."""
+        """Return the isolation of the control loop, see `ArmSession`."""
         return self.isolation
 
     def all_cameras(self) -> dict[str, CameraConfig]:
-        """Every camera by the name of its images in observations.
+        """Return every camera's config by the name of its images in observations.
 
         Raises:
             ConfigError: two cameras have the same name, or one lacks its size or rate.
@@ -74,26 +74,26 @@ class FollowerOptions(ABC):
         return dict(self.cameras)
 
     def image_names(self) -> list[str]:
-        """Names of all images of an observation; depth is `<name>_depth`. Raises ConfigError, see `all_cameras`."""
+        """Return the names of all images; depth is `<name>_depth`. Raises ConfigError, see `all_cameras`."""
         names = []
         for name, camera in self.all_cameras().items():
             names += [name] * getattr(camera, "use_rgb", True) + [f"{name}_depth"] * getattr(camera, "use_depth", False)
         return names
 
     def action_keys(self) -> list[str]:
-        """Keys of an action, in canonical order. Raises ConfigError: unknown arm or gripper."""
+        """Return the keys of an action, in canonical order. Raises ConfigError: an arm or gripper is unknown."""
         from lerobot_robot_yam.face.devices import feature_names  # loads profiles: late, for a quick start
 
         return feature_names.action_keys(self.arms(), self.action_space)
 
     def state_keys(self) -> list[str]:
-        """Keys of all numbers of an observation: the keys of an action, then the optional ones."""
+        """Return the keys of all numbers of an observation: the keys of an action, then the optional keys."""
         from lerobot_robot_yam.face.devices.feature_names import motors_of
 
         return self.action_keys() + self.optional_keys(motors_of(self.arms()))
 
     def optional_keys(self, motors: Sequence[str]) -> list[str]:
-        """Keys of the optional numbers that are switched on, of motors in canonical order."""
+        """Return the keys of the optional numbers that are switched on, for motors in canonical order."""
         kinds = ["vel"] * self.observe_velocity + ["torque"] * self.observe_torque
         kinds += ["temp_mos", "temp_rotor"] * self.observe_temperature
         return [f"{motor}.{kind}" for kind in kinds for motor in motors]
@@ -115,7 +115,7 @@ def refuse_follower(device: str, config: Any) -> None:
 
 @dataclass(kw_only=True)
 class FollowerArmConfig(ArmConfig):
-    """One side of two: every field of `ArmConfig`, and cameras whose names get the side's prefix."""
+    """Config of one arm of two: every field of `ArmConfig`, and cameras whose names get the arm's prefix."""
 
     cameras: dict[str, CameraConfig] = option(
         "LeRobot cameras of any type (opencv, yam_realsense, yam_sim, …); those of one arm get left_ or right_ "
@@ -141,13 +141,13 @@ class YamFollowerConfig(RobotConfig, FollowerOptions, ArmConfig):
 
 @register_as(RobotConfig, "i2rt_yam_follower")
 class I2rtYamFollowerConfig(YamFollowerConfig):
-    """The same by a name that no other plugin claims."""
+    """`YamFollowerConfig` under a type name that no other plugin claims."""
 
 
 @register_as(RobotConfig, "bi_yam_follower", spare="bi_i2rt_yam_follower")
 @dataclass(kw_only=True)
 class BiYamFollowerConfig(RobotConfig, FollowerOptions):
-    """Two follower arms. `cameras` keep their names, those of an arm get `left_` or `right_` in front."""
+    """Two follower arms. Names of `cameras` stay; names of an arm's own cameras get `left_` or `right_` in front."""
 
     left_arm_config: FollowerArmConfig
     right_arm_config: FollowerArmConfig
@@ -173,7 +173,7 @@ class BiYamFollowerConfig(RobotConfig, FollowerOptions):
 
 @register_as(RobotConfig, "bi_i2rt_yam_follower")
 class BiI2rtYamFollowerConfig(BiYamFollowerConfig):
-    """The same by a name that no other plugin claims."""
+    """`BiYamFollowerConfig` under a type name that no other plugin claims."""
 
 
 class _RemoteFollowers(RemoteOptions, FollowerOptions):
@@ -186,7 +186,7 @@ class _RemoteFollowers(RemoteOptions, FollowerOptions):
 @register_as(RobotConfig, "yam_remote")
 @dataclass(kw_only=True)
 class YamRemoteConfig(RobotConfig, _RemoteFollowers):
-    """One follower arm of another computer. `cameras` are this computer's."""
+    """One follower arm of another computer, with cameras of this computer."""
 
     def __post_init__(self) -> None:
         self.ask_host("robot", ("",))
@@ -196,7 +196,7 @@ class YamRemoteConfig(RobotConfig, _RemoteFollowers):
 @register_as(RobotConfig, "bi_yam_remote")
 @dataclass(kw_only=True)
 class BiYamRemoteConfig(RobotConfig, _RemoteFollowers):
-    """Two follower arms of another computer. `cameras` are this computer's."""
+    """Two follower arms of another computer, with cameras of this computer."""
 
     def __post_init__(self) -> None:
         self.ask_host("robot", ("left_", "right_"))
@@ -206,7 +206,7 @@ class BiYamRemoteConfig(RobotConfig, _RemoteFollowers):
 @register_as(RobotConfig, RIG_TYPE)
 @dataclass(kw_only=True)
 class YamRigConfig(RobotConfig):
-    """Making one gives the config that the file describes, of its own type. So LeRobot meets no robot of this type."""
+    """Config that a rig's file describes. The constructor returns a config of the type in the file, not of this one."""
 
     file: str = option("the rig's file, as yam-setup writes it; its `robot` is taken")
     options: dict[str, Any] = option("options laid over the file's, such as {use_degrees: true}", factory=dict)

@@ -15,7 +15,7 @@ from lerobot_robot_yam.system.paths import user_path
 @register_as(CameraConfig, "yam_realsense")
 @dataclass(kw_only=True)
 class YamRealsenseCameraConfig(CameraConfig):
-    """A D405, D435, D455, or another camera with a serial number. The fields are those of `intelrealsense`."""
+    """A D405, D435, D455, or another camera with a serial number. The fields are as in LeRobot's `intelrealsense`."""
 
     serial_number_or_name: str = option("serial number (`yam-cameras list`), or the model if there is one: D405")
     fps: int | None = option("images per second", None)
@@ -39,7 +39,7 @@ class YamRealsenseCameraConfig(CameraConfig):
         """Refuse impossible values and, under a LeRobot command, a missing camera.
 
         Raises:
-            RefusedConfigError: says what to do.
+            RefusedConfigError: a value is impossible or the camera is missing; the message says what to do.
         """
         # imported late, to keep LeRobot's start quick
         from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError

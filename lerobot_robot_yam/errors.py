@@ -8,7 +8,7 @@ class YamError(Exception):
 class ConfigError(YamError):
     """A configuration cannot be used (unknown arm, gripper, channel, wrong value).
 
-    It is no ValueError, since LeRobot's parser replaces those by an error without the reason.
+    This class is no ValueError, since LeRobot's parser replaces a ValueError by an error without the reason.
     """
 
 

@@ -49,7 +49,7 @@ class YamSimCamera(Camera):
 
         Raises:
             ConfigError: there is no such camera, or it cannot have this size and rate.
-            RigError: no rig, no OpenGL.
+            RigError: the rig cannot be started or reached, or has no OpenGL.
         """
         self._camera.connect()
 
@@ -68,7 +68,7 @@ class YamSimCamera(Camera):
         """Return the newest image at once, as a private, writable copy.
 
         Raises:
-            StaleStateError: it is older than max_age_ms; it is a TimeoutError.
+            StaleStateError (a TimeoutError): the newest image is older than max_age_ms.
         """
         return self._camera.latest(max_age_ms / 1e3)[0]
 

@@ -29,9 +29,9 @@ from lerobot_robot_yam.yam_follower import FollowerBase
 logger = logging.getLogger(__name__)
 
 _DEFAULT_TIME_LIMIT_S = 30.0
-_ARRIVED = 0.05  # distance from the reset pose that counts as reached, rad or strokes
+_ARRIVED = 0.05  # distance from the reset pose at which it counts as reached, rad or strokes
 _REACH_TIMEOUT_S = 30.0
-_GRIP_S = 2.0  # wait for grippers once the joints are at the reset pose, s: they may have closed on something
+_GRIP_S = 2.0  # wait for grippers once the joints are at the reset pose, s: a gripper may have closed on something
 _SPECTATOR_SIZE = 320, 240  # width and height of the spectator's image, pixels
 _SETTLE_S = 0.5  # rest at the reset pose before an episode begins, s
 
@@ -43,12 +43,12 @@ class YamEnv(gym.Env):
     action vector in canonical order and its units.
 
     Args:
-        config: the environment.
-        index: number of this environment in a vector; virtual ones have a rig each.
+        config: options of the environment.
+        index: number of this environment in a vector; each virtual environment has a rig of its own.
         count: number of environments in the vector.
 
     Raises:
-        ConfigError: what the task needs is not there, or an option does not fit the robot.
+        ConfigError: the scene lacks the task, there is no such render camera, or the reset pose does not fit the robot.
     """
 
     def __init__(self, config: YamEnvConfig, index: int = 0, count: int = 1):
@@ -79,7 +79,7 @@ class YamEnv(gym.Env):
         if name is not None and name not in there:
             raise ConfigError(f"env.render_camera: there is no camera '{name}'; there are {', '.join(there) or 'none'}")
         self._start_pose: np.ndarray | None = None
-        self.sent = np.zeros(len(self._action_keys))  # last action that the robot was really sent
+        self.sent = np.zeros(len(self._action_keys))  # last action that was really sent to the robot
         self._rig: RigControl | LockstepRig | None = None
         self._robot: FollowerBase | None = None
         self._referee: Referee | None = None
@@ -134,9 +134,9 @@ class YamEnv(gym.Env):
         return observation, float(verdict.success), verdict.over, cut, {"is_success": verdict.success}
 
     def render(self) -> np.ndarray:
-        """Newest image of the render camera, (height, width, 3) uint8: one of the robot's or of the virtual rig.
+        """Return the newest image (height, width, 3) uint8 of the render camera, the robot's or the virtual rig's.
 
-        Black without a camera: `lerobot-eval` always requests an image, even if no video is made.
+        Without a camera the image is black: `lerobot-eval` always requests an image, even if no video is made.
         """
         if self._frame is not None:
             return self._frame
@@ -151,18 +151,18 @@ class YamEnv(gym.Env):
         return self._spectator.latest()[0]
 
     def _scene_cameras(self) -> list[str]:
-        """Names of the virtual rig's own cameras."""
+        """Return the names of the virtual rig's own cameras."""
         if not self._virtual:
             return []
         return [camera.name for camera in load_scene(self._scene, self._rig_options()).cameras]
 
     def _rig_options(self) -> dict[str, Any]:
-        """Options for starting the virtual rig; one in lock-step has only the robot's arms."""
+        """Return the options for starting the virtual rig; a rig in lock-step has only the robot's arms."""
         arms = [arm.channel for arm in self._robot_config.arms().values()]
         return {**({"arms": arms} if self._config.lockstep else {}), **self._config.rig_options}
 
     def _task_row(self) -> Task | None:
-        """Task in the scene of a virtual rig; None without one. Raises ConfigError: the scene has no such task."""
+        """Return the task in a virtual rig's scene; None without a rig. Raises ConfigError: there is no such task."""
         if not self._virtual or self._config.task is None:
             return None
         task = self._config.task
@@ -173,14 +173,14 @@ class YamEnv(gym.Env):
 
     @property
     def sides(self) -> list[str]:
-        """Side of each arm, in canonical order, after the channels' names: `follower_left` → `left`."""
+        """Side of each arm, in canonical order, from the channels' names: `follower_left` → `left`."""
         return [arm.channel.removeprefix("follower_") for arm in self._robot_config.arms().values()]
 
     def lockstep_task(self) -> tuple[LockstepRig, str]:
-        """Rig in lock-step and its task, after a reset; for scripted operators.
+        """Return the rig in lock-step and the name of its task, after a reset; for scripted operators.
 
         Raises:
-            ConfigError: there is no such rig, or it has no task.
+            ConfigError: the environment has no rig in lock-step, or no task.
         """
         if not isinstance(self._rig, LockstepRig) or self._task is None:
             raise ConfigError("a scripted operator needs an environment in lock-step, with a task of its scene")
@@ -203,7 +203,7 @@ class YamEnv(gym.Env):
                 rest.callback(robot.discard if self._config.lockstep else robot.disconnect)
 
     def _connected(self) -> tuple[FollowerBase, Referee]:
-        """Robot and referee, made and connected when they are first needed; the rig comes first."""
+        """Return robot and referee; when first needed, make and connect them, after the rig."""
         if self._referee is None:
             self._referee = self._make_referee()
         if self._robot is None:
@@ -233,7 +233,7 @@ class YamEnv(gym.Env):
         return referee
 
     def _person(self) -> Referee:
-        """Referee for real arms: a person at the keyboard if there is one, who arranges the scene."""
+        """Return the referee that arranges the scene: for real arms a person at the keyboard, if there is one."""
         if not self._virtual:
             try:
                 return OperatorReferee(self._config.task or "")
@@ -309,7 +309,7 @@ class YamEnv(gym.Env):
                 )
 
     def _reset_pose(self) -> np.ndarray | None:
-        """Joints and grippers at which episodes begin; None: anywhere."""
+        """Return joints and grippers at which episodes begin; None if they begin anywhere."""
         if self._config.reset_pose is not None:
             return np.array(self._config.reset_pose, float)
         if self._task is None or self._rig is None:
@@ -326,7 +326,7 @@ class YamEnv(gym.Env):
         return dict(zip(keys, values.tolist(), strict=True))
 
     def _look(self, robot: FollowerBase) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Observe; returns the observation of a policy, and that of the robot."""
+        """Observe; returns the observation for a policy, and the robot's whole observation."""
         seen = robot.get_observation()
         pixels = {name: seen[name] for name in self._cameras}
         self._frame = pixels.get(self._config.render_camera or next(iter(pixels), ""))

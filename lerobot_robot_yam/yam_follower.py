@@ -1,4 +1,4 @@
-"""Follower arms as a LeRobot robot, of this computer or another one; data sets call both by the same names."""
+"""Follower arms of this computer or another one, as a LeRobot robot. In data sets both have the same names."""
 
 import logging
 import math
@@ -34,11 +34,11 @@ from lerobot_robot_yam.system.clock import Clock
 
 logger = logging.getLogger(__name__)
 
-_CAUGHT_UP_RAD = 0.15  # distance that counts as caught up, rad: the lag behind a moving leader
-_CATCH_UP_S = 3.0  # time for catching up beyond that of the way at the speed limit, s
-_CATCH_UP_TICK_S = 0.02  # period of targets while catching up, s
-_PERMITTED_S = 0.1  # time to follow a leader without the caller after its action was passed on, s
-_SAME = 1e-6  # tolerance of equal targets, rad or strokes: the rounding in shared memory
+_CAUGHT_UP_RAD = 0.15  # distance at which arms have caught up with leaders, rad: the usual lag behind a moving leader
+_CATCH_UP_S = 3.0  # extra time for catching up, s, beyond the time of the way at the speed limit
+_CATCH_UP_TICK_S = 0.02  # period of sending targets while the arms catch up, s
+_PERMITTED_S = 0.1  # time for which a follower follows its leader by itself after the caller's last action, s
+_SAME = 1e-6  # largest difference of equal targets, rad or strokes: shared memory rounds them
 
 
 class FollowerBase(ArmDevice, Robot):
@@ -53,7 +53,7 @@ class FollowerBase(ArmDevice, Robot):
         self.config = config
         options: FollowerOptions = config
         arms = options.arms()
-        # Data sets of tool poses do not state the unit of further joints.
+        # With tool poses the option is ignored: such data sets do not state the unit of joint velocities.
         self._use_degrees = options.use_degrees and options.action_space == "joint"
         self.name = recorded_name(self.name, options.use_degrees, options.action_space)
         self.robot_type = self.name
@@ -72,7 +72,7 @@ class FollowerBase(ArmDevice, Robot):
 
     @cached_property
     def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
-        """Positions of all arms, in canonical order; then the optional values; then the images."""
+        """Types or shapes by key: positions of all arms, in canonical order; the optional values; the images."""
         keys = [*self._space.keys, *self._extra_keys]
         return {**dict.fromkeys(keys, float), **self._image_features()}
 
@@ -88,7 +88,7 @@ class FollowerBase(ArmDevice, Robot):
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
-        """Open the cameras, then energise the arms, which hold their pose. All of it or nothing.
+        """Open the cameras, then energise the arms, which hold their pose. An error undoes all of it.
 
         Under a LeRobot command with connected leaders the arms then move to the leaders' pose, so that a recording does
         not begin with the approach.
@@ -198,7 +198,7 @@ class FollowerBase(ArmDevice, Robot):
     @check_if_not_connected
     @saves_finished_episode
     def get_observation(self) -> dict[str, Any]:
-        """Measured positions and the newest images; waits for a late image, see `images`.
+        """Return measured positions and the newest images; wait for a late image, see `images`.
 
         Raises:
             MotorError: a motor has failed.
@@ -237,8 +237,8 @@ class FollowerBase(ArmDevice, Robot):
             action: a number (0-d tensors count) for every key of `action_features`, no others.
 
         Returns:
-            The targets really sent, after the arms' reach, joint limits and max_relative_target; the held targets when
-            LeRobot pauses and repeats its last action.
+            The targets really sent, limited by the arms' reach, joint limits and max_relative_target; while LeRobot
+            pauses and repeats its last action, the held targets.
 
         Raises:
             ActionError: wrong keys or values; nothing was sent to any arm.
@@ -263,7 +263,7 @@ class FollowerBase(ArmDevice, Robot):
         return self._space.action(sent)
 
     def _is_last(self, action: Mapping[str, Any]) -> bool:
-        """Whether `action` repeats LeRobot's last one; compares actions, since inverse kinematics is not repeatable."""
+        """Return whether `action` repeats LeRobot's last action. Targets would not do: inverse kinematics varies."""
         last = self._last_action
         return last.keys() == action.keys() and all(np.array_equal(action[key], last[key]) for key in last)
 
@@ -275,13 +275,13 @@ class FollowerBase(ArmDevice, Robot):
             The target really sent, (n,).
 
         Raises:
-            ActionError: not finite; nothing was sent to the arm concerned.
+            ActionError: the target is not finite; nothing was sent to the arm concerned.
         """
         self._space.begin()
         return self._write_targets(target)
 
     def _write_targets(self, target: np.ndarray, leaders: Sequence[str | None] | None = None) -> np.ndarray:
-        """Write a target (n,) to the arms. leaders: per arm the channel key of the leader that it comes from."""
+        """Write a target (n,) to the arms. leaders: per arm, channel key of the leader that gave its part, or None."""
         sent = target.copy()
         now = self._arms.clock.now()
         permitted_s = _PERMITTED_S + min(max(now - self._coupled_s, 0.0), _PERMITTED_S)  # plus one period of the caller
@@ -344,4 +344,4 @@ class BiYamRemote(RemoteDevice, BiYamFollower):
     config_class = BiYamRemoteConfig
 
 
-I2rtYamFollower, BiI2rtYamFollower = YamFollower, BiYamFollower  # LeRobot's lookup of the spare types' devices
+I2rtYamFollower, BiI2rtYamFollower = YamFollower, BiYamFollower  # LeRobot looks up the devices of the spare types here

@@ -18,7 +18,7 @@ from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
-_READ_S = 10.0  # time-out of read(), s: LeRobot's own
+_READ_S = 10.0  # time-out of read(), s, as in LeRobot's own class
 _SIDEWAYS = (Cv2Rotation.ROTATE_90, Cv2Rotation.ROTATE_270)
 
 
@@ -66,8 +66,8 @@ class YamRealsenseCamera(Camera):
             warmup: whether to wait until exposure and white balance have settled, `warmup_s` of the config.
 
         Raises:
-            CameraError: it is missing, in use, no rights; says what to do.
-            ConfigError: it does not offer what is configured; says what it offers.
+            CameraError: the camera is missing or in use, or may not be opened; the message says what to do.
+            ConfigError: the camera does not offer what is configured; the message says what it offers.
         """
         self._feed.start()
         self._seen = dict.fromkeys(self._seen, 0)
@@ -85,7 +85,7 @@ class YamRealsenseCamera(Camera):
 
     @check_if_not_connected
     def read_depth(self) -> np.ndarray:
-        """Wait for a depth image, as `read`."""
+        """Wait for a depth image, as `read` does for a colour image."""
         return self._of(self._feed.wait_new(self._feed.number, _READ_S)[0], "depth")
 
     @check_if_not_connected
@@ -93,13 +93,13 @@ class YamRealsenseCamera(Camera):
         """Return the newest image, or wait for the next if that was returned already.
 
         Raises:
-            StaleStateError: none within timeout_ms; it is a TimeoutError.
+            StaleStateError (a TimeoutError): no new image comes within timeout_ms.
         """
         return self._unseen("colour", timeout_ms)
 
     @check_if_not_connected
     def async_read_depth(self, timeout_ms: float = 200) -> np.ndarray:
-        """Return a depth image, as `async_read`."""
+        """Return a depth image, as `async_read` does with a colour image."""
         return self._unseen("depth", timeout_ms)
 
     @check_if_not_connected
@@ -107,13 +107,13 @@ class YamRealsenseCamera(Camera):
         """Return the newest image at once.
 
         Raises:
-            StaleStateError: it is older than max_age_ms, with the reason; it is a TimeoutError.
+            StaleStateError (a TimeoutError): the image is older than max_age_ms; the message has the reason.
         """
         return self._of(self._feed.latest(max_age_ms / 1e3), "colour")
 
     @check_if_not_connected
     def read_latest_depth(self, max_age_ms: int = 500) -> np.ndarray:
-        """Return a depth image, as `read_latest`."""
+        """Return a depth image, as `read_latest` does with a colour image."""
         return self._of(self._feed.latest(max_age_ms / 1e3), "depth")
 
     def disconnect(self) -> None:

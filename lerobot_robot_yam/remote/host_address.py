@@ -16,12 +16,12 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 
-PORT = 5570  # default port of commands; states have the next one
+PORT = 5570  # default port of commands; states have the next port
 INTERFACE = "remote"  # interface of an arm on a host, in place of python-can's
 _OF_THE_HOST = ("calibration_path", "identity_path", "tuning")  # options of an arm that name files of the host
 _PORT_MOST = 65534
 _ADDRESS = re.compile(r"([A-Za-z0-9][A-Za-z0-9.-]*)(?::([0-9]{1,5}))?")
-_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # new at each start, while images share /etc/machine-id
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # new at each boot; /etc/machine-id is the same on copies of a disk
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class HostAddress:
 
     Attributes:
         host: name or IPv4 address.
-        port: port of commands; states have the next one.
+        port: port of commands; states have the next port.
     """
 
     host: str
@@ -51,12 +51,12 @@ class HostAddress:
 
     @property
     def commands(self) -> str:
-        """Endpoint of commands."""
+        """ZeroMQ endpoint of commands."""
         return f"tcp://{self.host}:{self.port}"
 
     @property
     def states(self) -> str:
-        """Endpoint of states."""
+        """ZeroMQ endpoint of states."""
         return f"tcp://{self.host}:{self.port + 1}"
 
     @property
@@ -68,15 +68,15 @@ class HostAddress:
             return self.host == "localhost"
 
     def channel(self, channel: str) -> str:
-        """Name here for a channel of that computer, such as `192.168.1.20:5570/can_follower_l`."""
+        """Return this computer's name for a channel of the host, such as `192.168.1.20:5570/can_follower_l`."""
         return f"{self}/{channel}"
 
     def key(self, channel: str) -> str:
-        """Key here for the state of the arm on that channel."""
+        """Return this computer's key for the state of the arm on a channel of the host."""
         return channel_key(INTERFACE, self.channel(channel), None)
 
     def options(self, there: Mapping[str, Any]) -> dict[str, Any]:
-        """Translate an arm's options from the host: name of its channel here, and no files of the host."""
+        """Translate an arm's options from the host: channels get this computer's names, files become None."""
         here = {**there, "interface": INTERFACE, "channel": self.channel(there["channel"]), "can_options": {}}
         here |= dict.fromkeys(name for name in _OF_THE_HOST if name in there)
         if there.get("follower") is not None:
@@ -85,7 +85,7 @@ class HostAddress:
 
 
 def who() -> str:
-    """Name user, computer and process, for refusals to other clients."""
+    """Return user, computer and process as a text, for refusals to other clients."""
     try:
         user = getpass.getuser()
     except (KeyError, OSError):  # a user without a name, in a container
@@ -94,7 +94,7 @@ def who() -> str:
 
 
 def package_version() -> str:
-    """Version of this package; empty in a checkout that is not installed."""
+    """Return the version of this package; empty in a checkout that is not installed."""
     try:
         return importlib.metadata.version("lerobot_robot_yam")
     except importlib.metadata.PackageNotFoundError:
@@ -104,8 +104,8 @@ def package_version() -> str:
 def machine_name() -> str:
     """Identify this computer, user and runtime directory, which share one emergency stop: 8 hex digits for the host.
 
-    The boot id distinguishes computers of one image, which have the same name and users; containers share their
-    computer's.
+    The boot id distinguishes computers of one disk image, which have the same name and users; containers share the
+    boot id of their computer.
 
     Raises:
         ConfigError: /proc is missing, so this computer cannot be distinguished from others.

@@ -1,4 +1,4 @@
-"""Questions to a host, over an open link or without one."""
+"""Questions to a host, over the sockets of a link or over sockets of their own."""
 
 import contextlib
 import itertools
@@ -15,9 +15,9 @@ from lerobot_robot_yam.remote.link_messages import Answer, Question
 from lerobot_robot_yam.remote.link_sockets import ClientSockets
 from lerobot_robot_yam.system.clock import SYSTEM
 
-HELLO_S = 2.0  # wait for an answer, s
+HELLO_S = 2.0  # longest wait for an answer, s
 _AGAIN_S = 0.1  # period of repeating a question until it has a result, s
-_WAIT_S = 0.01  # wait for a message of the host, s
+_WAIT_S = 0.01  # longest wait for one message of the host, s
 _numbers = itertools.count(secrets.randbits(31))
 
 
@@ -27,14 +27,14 @@ class Host:
 
     Attributes:
         address: address and port of the host.
-        key: path of this client's key; None: none.
+        key: path of this client's key file; None if the client has no key.
     """
 
     address: HostAddress
     key: str | None = None
 
     def client_key(self) -> LinkKey | None:
-        """Read the key. Raises ConfigError: it cannot be read."""
+        """Read the key. Raises ConfigError: the file cannot be read."""
         return None if self.key is None else LinkKey.load(self.key)
 
     def ask(self, op: str, within_s: float = HELLO_S, **fields: Any) -> dict[str, Any]:
@@ -47,7 +47,7 @@ class Host:
 
         Raises:
             LinkError: no answer comes.
-            YamError: the host refuses; the class of its error.
+            YamError: the host refuses; the error has the class that it has on the host.
         """
         with contextlib.closing(ClientSockets(self.address, self.client_key(), states=False)) as sockets:
 

@@ -40,7 +40,7 @@ RunTool = Callable[[Hashable, str, str, bool], dict[str, Any] | None]
 _LOOK_S = 0.04  # period of checking emergency stops and silent clients, s
 _REFUSED_S = 10.0  # least time between two log entries about refused messages, s
 _RT_PRIORITY = 15  # real-time priority, below that of control loops
-_LEAST_S = 0.002  # least time between two messages, s: a loop may tick as fast as its wire allows, or not at all
+_LEAST_S = 0.002  # least time between two messages, s: some control loops tick as fast as their wire allows
 _QUIET_S = 0.1  # period of messages while no arm runs, s
 _MOST_TEXT = 400  # most characters of a client's text that are logged
 
@@ -49,9 +49,9 @@ class StateStream:
     """Thread that publishes the newest states of all arms, right after each tick of their control loop.
 
     Args:
-        groups: groups of the host; the ticks of the first that runs set the pace.
+        groups: groups of the host; the ticks of the first running group set the pace.
         stops: knows whether the emergency stop is latched, and by which machine.
-        publish: sends to all clients.
+        publish: sends states to all clients.
     """
 
     def __init__(self, groups: Sequence[HostedGroup], stops: MirroredStops, publish: Callable[[States], None]):
@@ -59,7 +59,7 @@ class StateStream:
         self._arms = [arm for group in groups for arm in group.arms]
         self._leads = [group.arms[-1] for group in groups]
         self._run = secrets.randbits(62) + 1
-        self._sent, self._sent_s = 0, 0.0  # number of the state that led to the last message, and its time
+        self._sent, self._sent_s = 0, 0.0  # number of the state before the last message, and time of the message
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._stream, name="yam-states", daemon=True)
 
@@ -112,7 +112,7 @@ class HostServer:
         self._group_of = {arm.number: group for group in groups for arm in group.arms}
         self._stops = MirroredStops("workstation", machine_name())
         self._stream = StateStream(groups, self._stops, sockets.publish)
-        self._acted: deque[int] = deque(maxlen=100)  # numbers of done estop questions; each client's begin at random
+        self._acted: deque[int] = deque(maxlen=100)  # estop questions done; clients count from random numbers
         self._refused_s = -math.inf  # time of the last log entry about a refused message
 
     def run(self, must_end: Callable[[], bool]) -> None:
@@ -176,7 +176,7 @@ class HostServer:
             return Answer(question.number, None, str(error), type(error).__name__)
 
     def _result(self, client: bytes, asked: Question) -> dict[str, Any] | None:
-        """Result of a question; None: not done yet, the client repeats the question. Raises YamError: refused."""
+        """Return a question's result; None: not done yet, the client repeats the question. Raises YamError: refused."""
         if asked.op == "hello":
             return self._told()
         if asked.op == "tool":

@@ -1,4 +1,4 @@
-"""Watching a host: this computer's programs see its arms like local ones, but cannot command them.
+"""Watching a host: programs of this computer see the host's arms like local arms, but cannot command them.
 
 A watched arm has a key of its own, with a lock and a state. So a program that drives the arm over a link finds its
 channel free, and has its own lock and state. While the arm is driven from here, the watched copy is hidden.
@@ -29,7 +29,7 @@ _AGAIN_S = 5.0  # pause after an error, s
 
 
 def watched_key(key: str) -> str:
-    """Key of the watched copy of the arm with this `key`."""
+    """Return the key of the watched copy of the arm with this `key`."""
     return f"{key}.watched"
 
 
@@ -37,7 +37,7 @@ def watched_key(key: str) -> str:
 def watched(host: Host) -> Iterator[None]:
     """Show the host's running arms in the runtime directory while the block runs.
 
-    Arms that another program of this computer drives over a link, or watches, are there already.
+    Arms that another program of this computer drives over a link, or watches, are shown already.
 
     Raises:
         YamError: the host does not answer.

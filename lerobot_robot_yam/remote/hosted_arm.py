@@ -28,7 +28,7 @@ class HostedArm:
     """Arm of the host.
 
     Args:
-        number: its number among all arms of the host.
+        number: number of the arm among all arms of the host.
         session: session that contains the arm.
         name: the arm's name in the session.
     """
@@ -90,7 +90,7 @@ class HostedArm:
             raise LifeCycleError(f"it is {age_s:.1f} s old")
 
     def _ask(self, client: ArmClient, command: Any, number: int) -> None:
-        self._check_age(command["request_stamp_s"], REQUEST_TIMEOUT_S)  # the client has given it up
+        self._check_age(command["request_stamp_s"], REQUEST_TIMEOUT_S)  # the client no longer waits for it
         try:
             request = Request(command["request"])
         except ValueError as error:
@@ -114,7 +114,7 @@ class HostedArm:
         options = {name: row for name in ("dq", "kp", "kd") if not np.isnan(row := command[name][:joints]).all()}
         coupled = None
         if leader := command["leader"].decode(errors="replace"):
-            permitted_s = float(command["coupled_until_s"]) - given_s  # counts from its arrival
+            permitted_s = float(command["coupled_until_s"]) - given_s  # counts from the target's arrival
             if leader not in leaders or not 0.0 <= permitted_s <= _PERMITTED_MOST_S:
                 raise LifeCycleError(f"it cannot follow {leader} for {permitted_s:g} s")
             coupled = (leader, permitted_s)
@@ -122,7 +122,7 @@ class HostedArm:
         client.write_target(command["q"][:joints].tolist(), gripper, **options, coupled=coupled, given_s=given_s)
 
     def record(self) -> bytes | None:
-        """Newest state record, without the texts at its end if all are empty; None while the arm does not run."""
+        """Return the newest state record, without empty texts at its end; None while the arm does not run."""
         client = self.client
         try:
             record = None if client is None else client.payload()
@@ -132,7 +132,7 @@ class HostedArm:
 
     @property
     def in_a_hand(self) -> bool:
-        """Whether a person seems to hold this leader: it is engaged, and away from its rest pose."""
+        """Whether a person seems to hold this leader: the leader is engaged, and away from its rest pose."""
         try:
             state = self._session[self._name].published()
         except (YamError, ValueError):

@@ -1,4 +1,4 @@
-"""Group of a host's arms as a LeRobot device on this computer: its options, and its `Runner`.
+"""Group of a host's arms as a LeRobot device on this computer: options of the device, and its `Runner`.
 
 The runner starts a link process here; the control loop runs on the host.
 """
@@ -23,14 +23,14 @@ class HostedDevice:
     Attributes:
         host: the host.
         group: "robot" or "teleop".
-        options: options of each arm by prefix, as in LeRobot's local device, with this computer's names of channels.
-        numbers: number of each arm on the host.
-        all_keys: channel key on the host and here of every arm of the host.
+        options: prefix → options of the arm, as for LeRobot's local device, with this computer's names of channels.
+        numbers: number of each of these arms on the host.
+        all_keys: for every arm of the host, its channel key on the host → its channel key on this computer.
         calibrated: whether the host knows the stops of all grippers.
 
     Raises:
         LinkError: the host does not answer.
-        ConfigError: the host has no such group, or one with another number of arms.
+        ConfigError: the host has no such group, or the group has another number of arms.
     """
 
     def __init__(self, host: Host, group: str, prefixes: tuple[str, ...]):
@@ -51,7 +51,7 @@ class HostedDevice:
         self.calibrated = bool(groups[group]["calibrated"])
 
     def runner(self) -> MakeRunner:
-        """Function that makes the `Runner` of a session with these arms."""
+        """Return the function that makes the `Runner` of a session with these arms."""
         return partial(RemoteRunner, self)
 
 
@@ -66,7 +66,7 @@ class RemoteRunner(ProcessRunner):
 
     Args:
         device: the group, as the host describes it.
-        arms, keys: the same arms by their names here.
+        arms, keys: the group's arms and their channel keys, by the names of this computer.
     """
 
     _program = "lerobot_robot_yam.remote.link_process"

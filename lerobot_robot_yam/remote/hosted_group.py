@@ -31,18 +31,18 @@ class HostedGroup:
     Args:
         role: "robot" or "teleop".
         device: LeRobot's type name of the local device.
-        arms: by prefix, in canonical order.
-        options: by prefix, options of LeRobot's device for the client.
-        first: number of the first arm among all arms of the host.
-        isolation: where their control loop runs, see `ArmSession`.
+        arms: prefix → config of the arm, in canonical order.
+        options: prefix → options of the arm for clients, which build LeRobot's device from these options.
+        first: number of this group's first arm, counted through all arms of the host.
+        isolation: where the control loop runs, see `ArmSession`.
 
     Attributes:
         phase: present phase.
         lease: right to drive the group, held by a client's session number.
-        newest: number of the newest command of that client.
-        leaders: keys of the arms that its followers may follow; set by the server.
-        channels: its CAN channels, and the command-line options that name each.
-        dropped: number of commands from others than the holder, too old, or not newer than the last.
+        newest: number of the newest command of the client that holds the lease.
+        leaders: channel keys of the arms that followers of this group may follow; set by the server.
+        channels: CAN channel of the group → command-line options that name it.
+        dropped: number of dropped commands: refused, too old, not newer than the last, or not from the holder.
     """
 
     def __init__(
@@ -66,7 +66,11 @@ class HostedGroup:
         self.dropped = 0
         self._lock = threading.Lock()  # guards phase, lease, _over and _last
         self._over = 0  # session that called `stop` last
-        self._last: tuple[int, bool, YamError | None] = (0, True, None)  # last session, if landed, why it did not start
+        self._last: tuple[int, bool, YamError | None] = (
+            0,
+            True,
+            None,
+        )  # last session, whether it has landed, its error
         self._unwanted = threading.Event()
         self._worker: threading.Thread | None = None
 
@@ -140,9 +144,9 @@ class HostedGroup:
             self.phase = Phase.FREE
 
     def stop(self, session: int) -> bool | None:
-        """Land the arms of this client and release them; None: not down yet, the client repeats the question.
+        """Land the arms of this client and release them; returns whether they are down.
 
-        A repeated question gets the same answer. For a client that never had the arms they are down.
+        Returns None while they land: the client repeats the question. A client that never had the arms gets True.
         """
         with self._lock:
             self._over = session
@@ -166,11 +170,11 @@ class HostedGroup:
             self._unwanted.set()
 
     def heard(self, session: int) -> bool:
-        """Note a sign of life of a session; returns whether it has these arms."""
+        """Note a sign of life of a session; returns whether the session has these arms."""
         return self.lease.renew(session)
 
     def take(self, command: Command) -> None:
-        """Pass a client's command on to its arm. Raises LinkError: not the holder's, or not newer than the last."""
+        """Pass a client's command on to its arm. Raises LinkError: not from the holder, or not newer than the last."""
         if self.phase is not Phase.RUNNING or self.lease.holder != command.session:
             self.dropped += 1
             raise LinkError(f"a command for the {self.role} is not of the client that has it")
@@ -194,7 +198,7 @@ class HostedGroup:
         return any(arm.in_a_hand for arm in self.arms)
 
     def close(self) -> None:
-        """Land, and wait until the arms are down."""
+        """Land the arms, and wait until they are down."""
         self.land("the host ends")
         if self._worker is not None:
             self._worker.join()

@@ -24,13 +24,13 @@ _BEAT_S = 0.1  # period of beats, s
 _FIRST_S = 0.02  # period of beats until the host's clock is known, s
 _STOP_LOOK_S = 0.04  # period of checking the emergency stop, s
 _WAIT_S = 0.02  # wait for messages of the host and commands of our program, s
-_LOST_S = 1.0  # silence of the host that is logged, s; states right after it may be another client's
+_LOST_S = 1.0  # silence after which the host counts as lost, s; the next states may be another client's
 _START_S = 57.0  # wait for arms to be energised, s; less than our program's wait for this process
 _GONE_S = 5.0  # silence of the host that ends a question, s; the host lands the arms by itself
 LAND_S = 75.0  # wait for a landing, s; longer than a landing takes
-_LEAST = 5  # echoes before the clock offset counts as known
-_WINDOW = 50  # echoes that are kept, 5 s: two clocks drift apart by 0.1 ms in that time
-_DRIFT_S = 0.001  # difference between offsets that is no contradiction, s
+_LEAST = 5  # number of echoes from which the clock offset counts as known
+_WINDOW = 50  # number of echoes that are kept, those of 5 s: two clocks drift apart by 0.1 ms in that time
+_DRIFT_S = 0.001  # difference of two offsets that drift of the clocks explains, s
 _LET_GO = "the host has let go of the arms (another client may have them); connect again"
 
 
@@ -46,8 +46,8 @@ class ClockOffset:
 
         offset = ((t1 - t0) + (t2 - t3)) / 2        wrong by at most half of (t3 - t0) - (t2 - t1)
 
-    (RFC 5905, section 8). Of a window of echoes the one with the shortest round trip counts, until an echo contradicts
-    it: the monotonic clock of a computer that sleeps stands still.
+    (RFC 5905, section 8). The echo with the shortest round trip in a window counts, until another echo contradicts its
+    offset: while a computer sleeps, its monotonic clock stands still.
 
     Attributes:
         offset_s: host's clock minus ours; NaN before the first echo.
@@ -86,16 +86,16 @@ class Link:
 
     Args:
         host: the host.
-        arms: arms whose states are wanted, by their number on the host; the owner of the link may change the mapping.
+        arms: number on the host → arm whose states are wanted; the owner of the link may change the mapping.
         drives: whether commands of these arms are passed on, once `start` has energised them.
-        nudged: descriptor that becomes readable when a command was written; None: there is none.
+        nudged: descriptor that becomes readable when a command was written; None without commands.
     """
 
     def __init__(self, host: Host, arms: Mapping[int, MirroredArm], drives: bool = False, nudged: int | None = None):
         self._host, self._arms, self._nudged = host, arms, nudged
         self._sockets = ClientSockets(host.address, host.client_key(), also=nudged)
         self._session = secrets.randbits(62) + 1 if drives else 0
-        self._started_s: float | None = None  # time since which the host takes commands; None: it does not
+        self._started_s: float | None = None  # time since which the host takes commands; None while the host takes none
         self._let_go = False  # the host has released the arms unasked: their states may be another client's
         self._number = 0  # number of the newest command
         self._answer: Answer | None = None
@@ -114,12 +114,12 @@ class Link:
 
         Args:
             group: "robot" or "teleop".
-            search: whether stops of grippers are sought.
+            search: whether to search the stops of grippers.
             unwanted: polled meanwhile; once it returns True the host releases the group.
 
         Raises:
             YamError: the host refuses, or does not answer.
-            LifeCycleError: unwanted.
+            LifeCycleError: `unwanted` has returned True.
         """
         fields = {"group": group, "session": self._session, "who": who(), "search": search}
         try:
@@ -170,7 +170,7 @@ class Link:
         came = sockets.wait(_WAIT_S)
         now = SYSTEM.now()
         if self._nudged is not None and self._nudged in came and not take_nudges(self._nudged):
-            sockets.ignore(self._nudged)  # closed at the other end: always readable
+            sockets.ignore(self._nudged)  # closed at the other end, so it would stay readable
             self._nudged = None
         try:
             if sockets.states in came and (states := sockets.newest_states()) is not None:
@@ -190,7 +190,7 @@ class Link:
 
     def _take_echo(self, echo: Echo) -> None:
         self._clock.add(echo, SYSTEM.now())
-        self._heard_s = max(self._heard_s, echo.sent_s)  # not when it is read: it may have waited
+        self._heard_s = max(self._heard_s, echo.sent_s)  # not the time of reading: an echo may have waited
         if self._started_s is not None and not echo.held and echo.sent_s > self._started_s:
             self._started_s, self._let_go = None, True
             for arm in self._arms.values():
@@ -216,7 +216,7 @@ class Link:
         if not due and now - self._look_s < _STOP_LOOK_S:
             return
         self._look_s = now
-        self._stops.look(now)  # other links of this computer may have changed it
+        self._stops.look(now)  # other links of this computer may have changed the stop
         if due or self._stops.own is not self._told_stopped:
             self._beat_s, self._told_stopped = now, self._stops.own
             self._sockets.send(Beat(self._session, self._machine, now, self._told_stopped))

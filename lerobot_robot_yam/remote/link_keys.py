@@ -17,14 +17,14 @@ from msgspec import Meta
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
-HOST_KEY, CLIENTS = "host.json", "clients"  # names in a host's directory: its own key, the folder of its clients' keys
+HOST_KEY, CLIENTS = "host.json", "clients"  # names of the host's own key file, and of the folder of its clients' keys
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,60}")
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 _Z85 = Annotated[str, Meta(pattern=r"^[0-9A-Za-z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}\Z")]  # rfc.zeromq.org/spec/32
 
 
 class LinkKey(msgspec.Struct, frozen=True):
-    """Pair of keys, and the host's public key. The host's own `LinkKey` makes `yam-host status` a client."""
+    """Pair of keys, and the host's public key. With the host's own `LinkKey`, `yam-host status` can be a client."""
 
     public: _Z85
     secret: _Z85
@@ -32,7 +32,7 @@ class LinkKey(msgspec.Struct, frozen=True):
 
     @classmethod
     def load(cls, path: str | Path) -> "LinkKey":
-        """Read a key file. Raises ConfigError: it cannot be read, others can read it, or it holds no key."""
+        """Read a key file. Raises ConfigError: the file cannot be read, others can read it, or it holds no key."""
         path = user_path(path)
         try:
             mode = path.stat().st_mode
@@ -55,7 +55,7 @@ class LinkKey(msgspec.Struct, frozen=True):
 
 
 def keys_directory() -> Path:
-    """Directory of a host's keys: `yam/host-keys` in the user's configuration directory."""
+    """Return the directory of a host's keys: `yam/host-keys` in the user's configuration directory."""
     return user_path(os.environ.get("XDG_CONFIG_HOME") or "~/.config") / "yam" / "host-keys"
 
 
@@ -70,10 +70,10 @@ def pair(directory: Path, name: str, target: Path) -> None:
     Args:
         directory: the directory of the host's keys.
         name: the client's name.
-        target: the client's file, to be carried to its computer.
+        target: key file to write for the client, which a person carries to the client's computer.
 
     Raises:
-        ConfigError: the name is invalid or taken, the file exists already, or it cannot be written.
+        ConfigError: the name is invalid or taken, the file exists already, or a file cannot be written.
     """
     if not _NAME.fullmatch(name):
         raise ConfigError(f"name {name!r}: letters, digits, - and _, at most 60")

@@ -15,8 +15,8 @@ from msgspec import Meta
 from lerobot_robot_yam.errors import LinkError
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, STATE_DTYPE
 
-MOST_BYTES = 1 << 16  # largest message to the host, and largest states
-MOST_ANSWER_BYTES = 1 << 20  # largest other message to a client: a hello has the options of four arms
+MOST_BYTES = 1 << 16  # size of the largest message to the host, and of the largest `States`, bytes
+MOST_ANSWER_BYTES = 1 << 20  # size of the largest other message to a client, bytes: a hello has options of four arms
 _MAGIC, _VERSION = b"YR", 2
 _LAYOUT = zlib.crc32(repr((STATE_DTYPE.descr, COMMAND_DTYPE.descr)).encode())  # checksum of the records' layout
 HEAD = struct.pack("<2sHI", _MAGIC, _VERSION, _LAYOUT)
@@ -41,10 +41,10 @@ class Question(_Message):
     op: Literal["hello", "start", "stop", "tool", "estop"]
     group: str = ""  # start, stop: the group of arms
     session: Number = 0  # start, stop: the session of the client
-    search: bool = True  # start: whether stops of grippers are sought
+    search: bool = True  # start: whether to search the stops of grippers
     who: str = ""  # start, estop: user, computer and process of the client
-    action: Literal["latch", "release", "status"] = "status"  # estop
-    why: str = ""  # estop
+    action: Literal["latch", "release", "status"] = "status"  # estop: what to do
+    why: str = ""  # estop: reason of a latch
     tool: Literal["doctor", "identify"] = "doctor"
     channel: str = ""  # tool: the channel to identify
     json: bool = False  # tool: whether its output is JSON
@@ -56,7 +56,7 @@ class Answer(_Message):
     number: Number
     result: dict[str, Any] | None = None  # None: not done yet
     error: str = ""  # reason of a refusal
-    kind: str = ""  # class of that error
+    kind: str = ""  # name of the error's class
 
 
 class Command(_Message):
@@ -83,7 +83,7 @@ class Echo(_Message):
     sent_s: Time  # time stamp of the beat, client's clock
     received_s: Time  # the host's clock
     answered_s: Time  # the host's clock
-    held: bool  # whether the beat's session has arms; false after it had some: the host has released them
+    held: bool  # whether the beat's session has arms; once this becomes false, the host has released them
 
 
 class States(_Message):

@@ -18,20 +18,20 @@ from lerobot_robot_yam.remote.link_messages import MOST_ANSWER_BYTES, MOST_BYTES
 
 _OPTIONS = {
     zmq.LINGER: 0,
-    zmq.SNDHWM: 64,  # messages: half a second of commands, at 60 Hz and with two arms
+    zmq.SNDHWM: 64,  # most messages in a queue: half a second of commands, at 60 Hz and with two arms
     zmq.RCVHWM: 64,
     zmq.SNDBUF: 1 << 18,  # bytes in the kernel: 0.3 s of states
     zmq.RCVBUF: 1 << 18,
     # Keepalive ends connections that the network has forgotten, after 3 to 4 s. ZMTP's own heartbeat would, too, but
     # libzmq 4.3.5 aborts (`!_io_error`) when one is due on a full connection whose other end has gone.
     zmq.TCP_KEEPALIVE: 1,
-    zmq.TCP_KEEPALIVE_IDLE: 1,  # s
-    zmq.TCP_KEEPALIVE_INTVL: 1,  # s
+    zmq.TCP_KEEPALIVE_IDLE: 1,  # silence before the first probe, s
+    zmq.TCP_KEEPALIVE_INTVL: 1,  # time between probes, s
     zmq.TCP_KEEPALIVE_CNT: 3,
-    zmq.TCP_MAXRT: 3000,  # ms until unacknowledged data ends a connection
-    zmq.HANDSHAKE_IVL: 5000,  # ms to exchange keys; the default of 30 s keeps dead connections
-    zmq.RECONNECT_IVL: 100,  # ms
-    zmq.RECONNECT_IVL_MAX: 1000,  # ms
+    zmq.TCP_MAXRT: 3000,  # time until unacknowledged data ends a connection, ms
+    zmq.HANDSHAKE_IVL: 5000,  # time to exchange keys, ms; the default of 30 s keeps dead connections
+    zmq.RECONNECT_IVL: 100,  # first pause before connecting again, ms
+    zmq.RECONNECT_IVL_MAX: 1000,  # longest pause before connecting again, ms
 }
 
 Socket = zmq.Socket[bytes]
@@ -51,9 +51,9 @@ class ClientSockets:
 
     Args:
         address: address of the host.
-        key: this client's key; None: none, which only a host on this computer accepts.
-        states: False: without the socket for states.
-        also: further descriptor whose readability ends a wait, not read here; None: none.
+        key: this client's key; only a host on this computer accepts None.
+        states: whether to open the socket for states.
+        also: further descriptor whose readability ends a wait; it is not read here. None without one.
 
     Attributes:
         commands, states: the sockets.
@@ -63,7 +63,7 @@ class ClientSockets:
         self._context: zmq.Context[Socket] = zmq.Context()
         self._poller = zmq.Poller()
         self.commands = _socket(self._context, zmq.DEALER, MOST_ANSWER_BYTES)
-        self.commands.setsockopt(zmq.IMMEDIATE, 1)  # no queue without a connection
+        self.commands.setsockopt(zmq.IMMEDIATE, 1)  # without a connection, messages are refused, not queued
         self._connect(self.commands, address.commands, key)
         self.states: Socket | None = None
         if states:
@@ -81,7 +81,7 @@ class ClientSockets:
         self._poller.register(socket, zmq.POLLIN)
 
     def send(self, message: Message) -> bool:
-        """Send to the host; returns False if it is not connected, and drops the message."""
+        """Send a message to the host; without a connection, drop the message and return False."""
         try:
             self.commands.send(encode(message), zmq.NOBLOCK)
         except zmq.Again:
@@ -89,11 +89,11 @@ class ClientSockets:
         return True
 
     def receive(self) -> Message | None:
-        """Receive the host's next message besides states, None if there is none. Raises LinkError: malformed."""
+        """Receive the host's next message besides states; None without one. Raises LinkError: it is malformed."""
         return self._next(self.commands)
 
     def newest_states(self) -> States | None:
-        """Receive the newest states, None if there are no new ones. Raises LinkError: malformed."""
+        """Receive the newest states; None without new states. Raises LinkError: the message is malformed."""
         assert self.states is not None
         message = self._next(self.states)
         return message if isinstance(message, States) else None
@@ -106,7 +106,7 @@ class ClientSockets:
             return None
 
     def ignore(self, also: int) -> None:
-        """Stop waiting for the further descriptor."""
+        """Stop waiting for the further descriptor `also`."""
         self._poller.unregister(also)
 
     def wait(self, within_s: float) -> set[Any]:
@@ -123,10 +123,10 @@ class HostSockets:
 
     Args:
         address: address to listen on.
-        keys: directory of the host's keys; None: none.
+        keys: directory of the host's keys; None: connections are not encrypted.
 
     Raises:
-        ConfigError: no keys, and the address is reachable from other computers; or the host's key cannot be read.
+        ConfigError: there are no keys and other computers reach the address, or the host's key cannot be read.
         BusError: the ports cannot be bound.
     """
 
@@ -157,19 +157,19 @@ class HostSockets:
             raise BusError(f"cannot listen on {address}: {error}; does another yam-host run?") from error
 
     def receive(self, within_s: float) -> tuple[bytes, bytes] | None:
-        """Receive (client, message), None if nothing comes in that time. A message of several parts becomes empty."""
+        """Receive (client, message); None if nothing comes in that time. A message of several parts becomes empty."""
         if not self.commands.poll(round(within_s * 1e3)):
             return None
         client, *parts = self.commands.recv_multipart()
         return client, parts[0] if len(parts) == 1 else b""
 
     def answer(self, client: bytes, message: Message) -> None:
-        """Send to a client; dropped if the client has gone, or does not read."""
+        """Send a message to a client; it is dropped if the client has gone, or does not read."""
         with contextlib.suppress(zmq.ZMQError):
             self.commands.send_multipart([client, encode(message)], zmq.NOBLOCK)
 
     def publish(self, states: States) -> None:
-        """Send to all clients. Only one thread may call this."""
+        """Send states to all clients. Only one thread may call this."""
         with contextlib.suppress(zmq.Again):
             self.states.send(encode(states), zmq.NOBLOCK)
 

@@ -20,15 +20,15 @@ _COMMAND_TIMES = ("target_stamp_s", "coupled_until_s", "request_stamp_s")
 
 
 class MirroredArm:
-    """Arm of the host. Other programs find its states once there is one.
+    """Arm of the host. Other programs find its states once the first has come.
 
     Args:
-        key: key of its channel here.
-        config: its configuration here.
+        key: key of the arm's channel on this computer.
+        config: config of the arm on this computer.
         lock: lock of the channel, already acquired.
-        states: memory to write.
-        commands: memory to read; None: the arm is only watched.
-        keys: key there and here of every arm of the host.
+        states: shared memory to which the host's states are written.
+        commands: shared memory with the caller's commands; None if the arm is only watched.
+        keys: for every arm of the host, its channel key on the host → its channel key on this computer.
     """
 
     def __init__(
@@ -52,8 +52,8 @@ class MirroredArm:
         return self._last is not None
 
     def write(self, record: bytes, ahead_s: float) -> None:
-        """Write a state of the host. Its time of publication becomes `now` at the latest, or it would stay fresh too
-        long.
+        """Write a state of the host. A time of publication in the future becomes `now`, or the state would count as
+        fresh for too long.
 
         Args:
             record: the first bytes of a record of STATE_DTYPE, by the host's clock; zeros follow.
@@ -67,22 +67,22 @@ class MirroredArm:
         state["owner_pid"] = os.getpid()
         self._states.write(state)
         if self._last is None:
-            with contextlib.suppress(OSError, YamError):  # then no other program can watch it
+            with contextlib.suppress(OSError, YamError):  # then no other program can watch the arm
                 self._states.publish(state_path(self._key))
             tell_about(self._key, self._config)
         self._last = state
 
     def note(self, mode: Mode, message: str = "") -> None:
-        """Write a mode and its reason, unless the arm is off: states of the host may be lost, or another client's."""
+        """Write a mode and its reason, unless the arm is off; used when the host's states are lost, or not ours."""
         if self._last is not None and self._last["mode"] != Mode.OFF:
             self._last["mode"], self._last["message"] = mode, message.encode() or self._last["message"]
             self._states.write(self._last)
 
     def command(self, ahead_s: float) -> bytes | None:
-        """Read the record that the caller has written since the last call; None: none, or a write is under way.
+        """Read the record that the caller has written since the last call; None without one, or during a write.
 
         Args:
-            ahead_s: host's clock minus ours, s. The returned record has times of the host's clock.
+            ahead_s: host's clock minus ours, s. Times in the returned record are of the host's clock.
         """
         if self._commands is None or self._commands.sequence() == self._sent:
             return None

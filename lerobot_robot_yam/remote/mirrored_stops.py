@@ -1,4 +1,4 @@
-"""Mirror of other computers' emergency stops: while one is latched there it is latched here, and released with it.
+"""Mirror of other computers' emergency stops: a stop latched or released there is latched or released here, too.
 
 Each computer reports only its own stop, never one that it mirrors. So a stop ends where it began: a mirrored stop that
 is released here is latched again.
@@ -15,8 +15,8 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 
 logger = logging.getLogger(__name__)
 
-_GONE_S = 2.0  # silence of a computer, s, after which its stop stays, but is not latched again if released here
-_MOST = 64  # most computers that are remembered
+_GONE_S = 2.0  # silence of a computer, s, after which its stop is not latched again if a person releases it here
+_MOST = 64  # largest number of computers that are remembered
 _WHY = "its emergency stop is latched; `yam-estop release` there"
 
 
@@ -24,8 +24,8 @@ _WHY = "its emergency stop is latched; `yam-estop release` there"
 class _Computer:
     heard_s: float = 0.0
     stopped: bool = False
-    said: dict[bytes, tuple[bool, float]] = field(default_factory=dict)  # per link, its last word and its time
-    failed: bool = False  # whether the last change here has failed
+    said: dict[bytes, tuple[bool, float]] = field(default_factory=dict)  # link → its last report, and when (s)
+    failed: bool = False  # whether latching or releasing this computer's stop failed the last time
     unwritten: bool = False  # whether its stop cannot be latched here
 
 
@@ -34,8 +34,8 @@ class MirroredStops:
 
     Args:
         called: role of the other computers, "host" or "workstation"; reasons of their stops begin with it.
-        own: name of this computer for the others. Programs of one computer share a latch: mirroring it would make it
-            last for ever.
+        own: name of this computer for the others. Its reports are ignored: programs of one computer share a latch,
+            which would last for ever if it were mirrored.
 
     Attributes:
         stopped: whether the emergency stop is latched here, or should be and cannot; and the computer whose stop it is.
@@ -53,13 +53,13 @@ class MirroredStops:
         return self.stopped == (True, self._own)
 
     def hear(self, name: str, link: bytes, stopped: bool, now: float) -> None:
-        """Note what a link of a computer reports. When no link of it reports a stop any more, the mirrored stop ends.
+        """Note what a link of a computer reports. Once no link of the computer reports a stop, the mirrored stop ends.
 
         Args:
             name: name of the computer.
-            link: which of its links.
+            link: the computer's link that reports.
             stopped: whether that computer itself has latched its stop.
-            now: s.
+            now: present time, s.
         """
         if name == self._own:
             return
