@@ -17,7 +17,7 @@ TAKES_PLUGINS = hasattr(RolloutStrategyConfig, "dataset_mode")
 @register_as(RolloutStrategyConfig, "yam_dagger")
 @dataclass(kw_only=True)
 class YamDaggerStrategyConfig(RolloutStrategyConfig):
-    """A policy drives; a person takes over any arm, and gives it back, at any moment. All of it is recorded."""
+    """Options of a rollout in which a person takes over any arm from the policy at any moment; all is recorded."""
 
     # Resources that LeRobot provides to the strategy.
     dataset_mode: ClassVar[str] = "required"
@@ -57,9 +57,9 @@ class YamDaggerStrategyConfig(RolloutStrategyConfig):
                 raise RefusedConfigError(f"yam_dagger: {name} takes a time within 0 … 60 s, not {getattr(self, name)}")
 
     def requires_streaming_encoding(self) -> bool:
-        """True: the control loop adds the frames, and must not wait for an encoder."""
+        """Return True: the control loop adds the frames, and must not wait for an encoder."""
         return True
 
     def extra_dataset_features(self) -> dict[str, dict[str, Any]]:
-        """Column for whether a person has taken over an arm, as in LeRobot's own `dagger`."""
+        """Return the column that tells whether a person has taken over an arm, as in LeRobot's own `dagger`."""
         return {"intervention": {"dtype": "bool", "shape": (1,), "names": None}}

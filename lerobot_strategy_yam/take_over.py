@@ -1,4 +1,4 @@
-"""Take-over of arms: requests of a person by handles and keys, and the action made from the policy's and the person's.
+"""Take-over of arms: a person's requests by handles and keys, and the action made of the policy's and the person's.
 
 An arm that is given back blends from the pose in which the person has left it:
 
@@ -24,7 +24,7 @@ from lerobot_teleoperator_yam.yam_leader import LeaderBase
 
 Action = dict[str, float]
 _ARM_KEYS = {"space": ("", "left_", "right_"), "l": ("left_",), "r": ("right_",)}
-_ASKED = {  # requests of a page: the key for each, and what it does
+_ASKED = {  # request of a page → the key in its place, and what that key does
     Meaning.CORRECT: ("space", "takes all arms over, or gives them back"),
     Meaning.NEXT: ("n", "ends the episode, and saves it"),
     Meaning.DISCARD: ("x", "drops the episode"),
@@ -48,8 +48,8 @@ class TakenArms:
         self._prefixes, self._hand_back_s = prefixes, hand_back_s
         self.taken: set[str] = set()
         self._last: Action = {}
-        self._left: dict[str, Action] = {}  # by prefix, action at which the person left the arm
-        self._since_s: dict[str, float] = {}  # by prefix, time of the policy's first action after that
+        self._left: dict[str, Action] = {}  # prefix → action at which the person left the arm
+        self._since_s: dict[str, float] = {}  # prefix → time of the policy's first action since then
 
     @property
     def all_taken(self) -> bool:
@@ -68,10 +68,10 @@ class TakenArms:
         self._since_s.pop(prefix, None)
 
     def action(self, now: float, policy: Mapping[str, float] | None, person: Mapping[str, float] | None) -> Action:
-        """Combine the action of all arms; an arm whose driver has no action stays. Empty before the first action.
+        """Combine the actions of all arms; an arm whose driver has no action stays. Empty before the first action.
 
         Args:
-            now: s.
+            now: present time, s.
             policy: action of the policy, if it has one.
             person: action of the leaders; None: no arm is taken.
         """
@@ -128,7 +128,7 @@ class TakeOverSignals:
 
     Args:
         leaders: LeRobot's teleoperator.
-        config: assigns buttons.
+        config: options of the strategy, which assign buttons.
 
     Attributes:
         prefixes: prefix of each arm.
@@ -174,7 +174,7 @@ class TakeOverSignals:
         return {meaning.value: words for meaning, (_, words) in _ASKED.items()}
 
     def look(self) -> tuple[set[str], set[Wish]]:
-        """Prefixes of the arms that the person wants to drive, and the wishes since the last call."""
+        """Return prefixes of the arms that the person wants to drive, and the person's wishes since the last call."""
         wishes, states = set[Wish](), self._leaders.arm_states()
         pressed = self._edges.pressed(buttons_of(states))
         for prefix in states:

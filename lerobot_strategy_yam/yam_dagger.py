@@ -2,7 +2,7 @@
 
 LeRobot's own `dagger` takes over all arms at once, through a pause that is not recorded. Here each frame is recorded,
 and an arm goes over to its leader, or back to the policy, from one frame to the next. The leaders have to lead their
-followers (option `follower`); with `mirror` they are in the followers' pose when a take-over begins.
+followers (option `follower`); with `mirror` the leaders are in the followers' pose when a take-over begins.
 """
 
 import logging
@@ -100,7 +100,7 @@ class YamDaggerStrategy(RolloutStrategy):
         joints = space_of(ctx.data.ordered_action_keys) == "joint"  # a tool's rotation cannot be blended linearly
         self._arms = TakenArms(self._signals.prefixes, self.config.hand_back_s if joints else 0.0)
         ticks = round(self.config.rewind_s * cfg.fps * self._multiplier)
-        self._way_back: deque[Action] = deque(maxlen=max(ticks, 1))  # actions that were sent
+        self._way_back: deque[Action] = deque(maxlen=max(ticks, 1))  # last actions that were sent
         self._rewinds = self._policy_runs = self._compiled = False
         longest = max(round(cfg.dataset.episode_time_s * cfg.fps), 1)
         task = cfg.dataset.single_task or cfg.task
@@ -111,7 +111,7 @@ class YamDaggerStrategy(RolloutStrategy):
         logger.info("yam_dagger is ready: %s", HELP)
 
     def run(self, ctx: Any) -> None:
-        """Drive until `--dataset.num_episodes` are saved, `--duration` is over, or somebody stops it."""
+        """Drive until `--dataset.num_episodes` are saved, `--duration` is over, or somebody stops the command."""
         period_s = 1.0 / (self._cfg.fps * self._multiplier)
         due_s = begin_s = time.perf_counter()
         ends_s = begin_s + self._cfg.duration if self._cfg.duration > 0 else math.inf
@@ -168,7 +168,7 @@ class YamDaggerStrategy(RolloutStrategy):
             log_say(f"Episode {self._episodes.saved} saved", self._cfg.play_sounds)
 
     def _restart_policy(self) -> None:
-        """Make the policy plan anew from its next observation: its old plan is for another place."""
+        """Make the policy plan anew from its next observation: its old plan is for another pose of the arms."""
         self._interpolator.reset()
         self._engine.reset()
         self._engine.resume()
@@ -192,7 +192,7 @@ class YamDaggerStrategy(RolloutStrategy):
             self._log_telemetry(self._seen, action, self._ctx.runtime)
 
     def _next_action(self, observation: dict[str, Any]) -> Action:
-        """Next action of all arms; empty before the policy's first."""
+        """Return the next action of all arms; empty before the policy's first action."""
         if self._rewinds:
             if self._way_back:
                 back = self._way_back.pop()
@@ -207,7 +207,7 @@ class YamDaggerStrategy(RolloutStrategy):
         return self._arms.action(time.perf_counter(), policy, person)
 
     def _policy_action(self) -> Action | None:
-        """Next action of the policy; None while it has none."""
+        """Return the next action of the policy; None while it has no action."""
         if self._cfg.use_torch_compile and not self._compiled:
             if not self._engine.ready:
                 return None

@@ -12,7 +12,7 @@ from lerobot_robot_yam.face.registration import register_as
 
 @dataclass(kw_only=True)
 class HandGuideOptions:
-    """Options of a hand guide: what the followers of the same command are, and the keys of their grippers."""
+    """Options of a hand guide that describe the followers of the same command."""
 
     arm: str = option("profile of the follower, or of both", "yam")
     gripper: str = option("gripper of the follower, or of both", "linear_4310")
@@ -46,7 +46,7 @@ _FREE = "abdefgijklmotuvwxyz"  # keys without a meaning in LeRobot's recordings 
 @register_as(TeleoperatorConfig, "yam_hand_guide")
 @dataclass(kw_only=True)
 class YamHandGuideConfig(TeleoperatorConfig, HandGuideOptions):
-    """A hand that guides one follower."""
+    """Options of a hand that guides one follower."""
 
     gripper_key: str = option("opens and closes the gripper when it is typed", "g")
 
@@ -54,18 +54,18 @@ class YamHandGuideConfig(TeleoperatorConfig, HandGuideOptions):
         _refuse("yam_hand_guide", self, self.keys())
 
     def keys(self) -> tuple[str, ...]:
-        """Key of each gripper."""
+        """Return the key of each gripper."""
         return (self.gripper_key,)
 
     def prefixes(self) -> tuple[str, ...]:
-        """Feature prefix of each arm."""
+        """Return the feature prefix of each arm."""
         return ("",)
 
 
 @register_as(TeleoperatorConfig, "bi_yam_hand_guide")
 @dataclass(kw_only=True)
 class BiYamHandGuideConfig(TeleoperatorConfig, HandGuideOptions):
-    """Hands that guide two followers."""
+    """Options of hands that guide two followers."""
 
     left_gripper_key: str = option("opens and closes the left gripper when it is typed", "f")
     right_gripper_key: str = option("opens and closes the right gripper when it is typed", "j")
@@ -74,9 +74,9 @@ class BiYamHandGuideConfig(TeleoperatorConfig, HandGuideOptions):
         _refuse("bi_yam_hand_guide", self, self.keys())
 
     def keys(self) -> tuple[str, ...]:
-        """Key of each gripper."""
+        """Return the key of each gripper."""
         return (self.left_gripper_key, self.right_gripper_key)
 
     def prefixes(self) -> tuple[str, ...]:
-        """Feature prefix of each arm."""
+        """Return the feature prefix of each arm."""
         return ("left_", "right_")

@@ -1,8 +1,8 @@
 """LeRobot configs of leader arms.
 
 yam_leader, bi_yam_leader                  one arm, two arms
-yam_remote_leader, bi_yam_remote_leader    those of another computer
-yam_rig                                    those that a rig's file describes
+yam_remote_leader, bi_yam_remote_leader    one arm, two arms of another computer
+yam_rig                                    arms that a rig's file describes
 """
 
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ class YamLeaderConfig(TeleoperatorConfig, LeaderOptions, LeaderArmConfig):
 
 @register_as(TeleoperatorConfig, "i2rt_yam_leader")
 class I2rtYamLeaderConfig(YamLeaderConfig):
-    """The same by a name that no other plugin claims."""
+    """`YamLeaderConfig` under a type name that no other plugin claims."""
 
 
 @register_as(TeleoperatorConfig, "bi_yam_leader", spare="bi_i2rt_yam_leader")
@@ -52,7 +52,7 @@ class BiYamLeaderConfig(TeleoperatorConfig, LeaderOptions):
 
 @register_as(TeleoperatorConfig, "bi_i2rt_yam_leader")
 class BiI2rtYamLeaderConfig(BiYamLeaderConfig):
-    """The same by a name that no other plugin claims."""
+    """`BiYamLeaderConfig` under a type name that no other plugin claims."""
 
 
 class _RemoteLeaders(RemoteOptions, LeaderOptions):
@@ -85,7 +85,7 @@ class BiYamRemoteLeaderConfig(TeleoperatorConfig, _RemoteLeaders):
 @register_as(TeleoperatorConfig, RIG_TYPE)
 @dataclass(kw_only=True)
 class YamRigLeadersConfig(TeleoperatorConfig):
-    """Making one gives the config that the file describes, of its own type."""
+    """Config that a rig's file describes. The constructor returns a config of the type in the file, not of this one."""
 
     file: str = option("the rig's file, as yam-setup writes it; its `teleop` is taken")
     options: dict[str, Any] = option("options laid over the file's, such as {buttons: record}", factory=dict)

@@ -1,4 +1,4 @@
-"""LeRobot configs of one leader without motors (`--teleop.type=yam_passive_leader`), and of two."""
+"""LeRobot configs of one leader without motors (`--teleop.type=yam_passive_leader`), and of two such leaders."""
 
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Literal
@@ -96,7 +96,7 @@ def _refuse(device: str, config: Any) -> None:
 @register_as(TeleoperatorConfig, "yam_passive_leader")
 @dataclass(kw_only=True)
 class YamPassiveLeaderConfig(TeleoperatorConfig, LeaderOptions, PassiveLeaderArmConfig):
-    """One leader without motors: LeRobot's fields, `LeaderOptions`, and those of `PassiveLeaderArmConfig`."""
+    """One leader without motors: LeRobot's fields, `LeaderOptions`, and every field of `PassiveLeaderArmConfig`."""
 
     def __post_init__(self) -> None:
         _refuse("yam_passive_leader", self)

@@ -51,7 +51,7 @@ class GateOptions:
 
 @dataclass(kw_only=True)
 class LeaderArmConfig(ArmConfig, GateOptions, LeadOptions):
-    """Every field of `ArmConfig`, with a leader's defaults."""
+    """Options of one leader arm: every field of `ArmConfig`, with a leader's defaults, and a leader's own fields."""
 
     gripper: str = option(
         "end effector, as of a follower; the handle's trigger becomes the gripper's action", "yam_teaching_handle"
@@ -127,10 +127,10 @@ class LeaderOptions(ABC):
 
     @abstractmethod
     def arms(self) -> Mapping[str, LeaderArmConfig]:
-        """Arms by feature prefix, in canonical order."""
+        """Return the config of each arm by its feature prefix, in canonical order."""
 
     def runs(self) -> "Isolation":
-        """Isolation of the control loop, see `ArmSession`."""
+        """Return the isolation of the control loop, see `ArmSession`."""
         return self.isolation
 
 
@@ -138,10 +138,10 @@ BUTTON_OPTIONS = ("estop_button", "gate_button", "fine_button")
 
 
 def meanings_of(options: LeaderOptions) -> dict[str, Meaning]:
-    """Meaning of each handle's button that has one, such as left_bottom.
+    """Return the meaning of each handle's button that has a meaning, by name, such as left_bottom.
 
     Raises:
-        ConfigError: a mistake in `buttons`, or `auto_episodes` without a gate.
+        ConfigError: `buttons` has a mistake, or `auto_episodes` is set without a gate.
     """
     from lerobot_robot_yam.arm.profile_files import load_gripper
 

@@ -1,4 +1,4 @@
-"""Hand as a LeRobot teleoperator: it guides a floating follower, without a leader."""
+"""Hand as a LeRobot teleoperator: the hand guides a floating follower, without a leader."""
 
 import logging
 from collections.abc import Callable, Mapping
@@ -22,15 +22,15 @@ _HALF = 0.5
 
 
 def listen(pressed: Callable[[str], None]) -> Callable[[], None]:
-    """Listen to keys for the driver itself, through LeRobot's key listener and in its thread.
+    """Listen to keys for the driver itself, through LeRobot's key listener and in the listener's thread.
 
-    A terminal has only one reader: if LeRobot's listener reads it, keys are passed on from there.
+    A terminal has only one reader: if LeRobot's own listener reads the terminal, it passes keys on to the driver.
 
     Args:
         pressed: called with LeRobot's name of the key: a character, or a word such as "left".
 
     Returns:
-        The function that ends it.
+        The function that ends listening.
     """
 
     def tell(key: str) -> None:
@@ -86,22 +86,22 @@ class HandGuideBase(Uncopied, Teleoperator):
 
     @property
     def feedback_features(self) -> dict[str, type]:
-        """Empty: a hand cannot be led."""
+        """Empty mapping, since a hand cannot be led."""
         return {}
 
     @property
     def is_connected(self) -> bool:
-        """True between connect and disconnect."""
+        """Whether the guide is between connect and disconnect."""
         return self._connected
 
     @property
     def is_calibrated(self) -> bool:
-        """True: there is nothing to calibrate."""
+        """Whether the guide is calibrated; always True, since there is nothing to calibrate."""
         return True
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
-        """Announce the guide, without energising, to the next follower. Raises ConfigError: there is another guide."""
+        """Announce the guide to the next follower; energise nothing. Raises ConfigError: there is another guide."""
         self._guidance.announce()
         self._openings = [None] * len(self._openings)
         self._connected = True
@@ -118,20 +118,20 @@ class HandGuideBase(Uncopied, Teleoperator):
                 end()
 
     def calibrate(self) -> None:
-        """Nothing to do."""
+        """Do nothing: there is nothing to calibrate."""
 
     def configure(self) -> None:
-        """Nothing to do."""
+        """Do nothing: there is nothing to configure."""
 
     @check_if_not_connected
     @saves_finished_episode
     def get_action(self) -> dict[str, float]:
-        """Action at the pose to which the hand has led the follower, which floats from the first call on.
+        """Return the action at the pose to which the hand has led the follower, which floats from the first call on.
 
-        A gripper's part is the opening that its key has set last; before that, the present opening.
+        The value of a gripper is the opening that its key has set last, or the present opening if none was typed yet.
 
         Raises:
-            LifeCycleError: there is no follower yet, or it would run away if it floated.
+            LifeCycleError: there is no follower yet, or the follower would run away if it floated.
             MotorError, StaleStateError: see `YamFollower.get_observation`.
         """
         if self._end_keys is None:  # LeRobot's own listener runs by now
@@ -139,7 +139,7 @@ class HandGuideBase(Uncopied, Teleoperator):
         return self._guidance.action(self._openings)
 
     def send_feedback(self, feedback: Mapping[str, Any]) -> None:
-        """Nothing to do: a hand cannot be led."""
+        """Do nothing: a hand cannot be led."""
 
     def _typed(self, key: str) -> None:
         for index, own in enumerate(self.config.keys()):

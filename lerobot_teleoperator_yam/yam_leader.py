@@ -1,4 +1,4 @@
-"""Leader arms as a LeRobot teleoperator, of this computer or another one."""
+"""Leader arms of this computer or another one, as a LeRobot teleoperator."""
 
 import logging
 import math
@@ -44,7 +44,7 @@ _GATE_WORDS = {
 
 
 class GateVoice:
-    """Announcements of gates by LeRobot's voice, if the command's option `play_sounds` is on. together: one for all."""
+    """LeRobot's voice that announces gates, if the command's `play_sounds` is on; `together`: once for all leaders."""
 
     def __init__(self, together: bool):
         self._together = together
@@ -52,7 +52,7 @@ class GateVoice:
         self._before: dict[str, Gate] = {}
 
     def begin(self) -> None:
-        """Begin a session. The present command tells whether it speaks."""
+        """Begin a session. The voice speaks if the present command plays sounds."""
         self._say, self._before = None, {}
         command = command_above()
         if command is not None and getattr(command[1], "play_sounds", False):
@@ -61,7 +61,7 @@ class GateVoice:
             self._say = say
 
     def tell(self, gates: Mapping[str, Gate]) -> None:
-        """Announce gates, by prefix, that have changed since the last call, without waiting."""
+        """Announce the gates (by prefix) that have changed since the last call, without waiting."""
         if self._say is None:
             return
         if self._together:
@@ -104,7 +104,7 @@ class LeaderBase(ArmDevice, Teleoperator):
         self._restart()
 
     def _restart(self) -> None:
-        """Reset what a session has left."""
+        """Reset the state that a session has left."""
         self._action: dict[str, float] | None = None
         self._given = False  # whether an action was returned since one was recognised last
         self._target: np.ndarray = np.zeros(len(self._arms.keys))  # joints of _action
@@ -113,12 +113,12 @@ class LeaderBase(ArmDevice, Teleoperator):
 
     @cached_property
     def action_features(self) -> dict[str, Any]:
-        """Features of `ArmDevice`; with `action_space: delta` those of LeRobot's RL stack."""
+        """Features of an action, as in `ArmDevice`; with `action_space: delta` as LeRobot's RL stack has them."""
         return super().action_features if self._steps is None else self._steps.features
 
     @cached_property
     def feedback_features(self) -> dict[str, Any]:
-        """Joints, or poses if the actions are poses: a leader can be moved to its follower's pose."""
+        """Types of feedback values: joints, or tool poses if the actions are poses. Feedback moves the leader there."""
         return dict.fromkeys(self._space.keys, float)
 
     @check_if_already_connected
@@ -143,7 +143,7 @@ class LeaderBase(ArmDevice, Teleoperator):
         logger.info("%s connected", self)
 
     def arm_states(self) -> dict[str, ArmState]:
-        """Last published state of each leader, by feature prefix ("", or "left_" and "right_")."""
+        """Return the last published state of each leader, by feature prefix ("", or "left_" and "right_")."""
         return {side.prefix: self._arms[side].published() for side in self._arms.sides}
 
     def disconnect(self) -> None:
@@ -158,14 +158,14 @@ class LeaderBase(ArmDevice, Teleoperator):
     @check_if_not_connected
     @saves_finished_episode
     def get_action(self) -> dict[str, float]:
-        """Action at the leaders' pose, within the follower's limits, so that recorded and sent actions agree.
+        """Return the action at the leaders' pose, within the follower's limits, so that recorded and sent ones agree.
 
-        With `action_space: ee` it is the pose of the follower's tool at the leader's joints.
+        With `action_space: ee` the action is the pose of the follower's tool at the leader's joints.
 
-        The gripper is open (1) with the trigger released and closed (0) with it squeezed. While a handle is silent its
-        last opening stays (open before the first report). A trigger cannot be moved: the opening from feedback stays
-        until the trigger has reached it, so that a person who takes over does not drop the object in the follower's
-        gripper. During an emergency stop the last action stays, because the followers hold.
+        The gripper is open (1) while the trigger is released, and closed (0) while it is squeezed. While a handle is
+        silent, its last opening stays (open before the first report). No motor moves a trigger, so an opening from
+        feedback stays until the trigger has reached it: a person who takes over does not drop the object in the
+        follower's gripper. During an emergency stop the last action stays, because the followers hold.
 
         Raises:
             MotorError: a motor has failed.
@@ -199,13 +199,13 @@ class LeaderBase(ArmDevice, Teleoperator):
 
     @check_if_not_connected
     def get_teleop_events(self) -> dict[TeleopEvents, bool]:
-        """Events for LeRobot's RL stack: who drives, how the episode ends. Raises StaleStateError: an arm is silent."""
+        """Return events for LeRobot's RL stack: who drives, how it ends. Raises StaleStateError: an arm is silent."""
         return self._events.take()
 
     def _led(self, key: str, follower_key: str, state: ArmState) -> tuple[float, ...] | None:
-        """Target of an arm's follower: the executed one if the follower is coupled, else the gate's; None: no follower.
+        """Return the target of an arm's follower: the executed target if coupled, else the gate's; None: no follower.
 
-        A follower that its leader's loop has not seen yet stays where it is.
+        A follower that the leader's loop has not seen yet stays where it is.
         """
         follower = self._arms.follower_state(follower_key)
         if follower is not None and follower.coupled_to == coupling_number(key):
@@ -213,11 +213,10 @@ class LeaderBase(ArmDevice, Teleoperator):
         return state.action or (None if follower is None else follower.setpoints)
 
     def _recognise(self, action: Mapping[str, Any]) -> tuple[np.ndarray, list[bool]] | None:
-        """Joints of the last action, and per arm whether `action` repeats them; None: no arm's part does. Once per
-        action.
+        """Return joints of the last action, and per arm whether `action` repeats its part; None if no part is repeated.
 
-        A caller that repeats an action later wants that old pose, not the leader's present one. One arm's part may come
-        from the leader and the other from a policy.
+        Each action is recognised once: a caller that repeats an action later wants that old pose, not the leader's
+        present pose. One arm's part may come from the leader and the other from a policy.
         """
         given = self._action
         if given is None or not self._given or given.keys() != action.keys():
@@ -261,17 +260,17 @@ class LeaderBase(ArmDevice, Teleoperator):
 
     @check_if_not_connected
     def disable_torque(self) -> None:
-        """Float, supported against gravity; never limp. Feedback is ignored."""
+        """Let the arms float, supported against gravity, never limp. Feedback is ignored from now on."""
         self._follows_feedback = False
         self._arms.resume_followers()
         for side in self._arms.sides:
             self._arms[side].float()
         for index, state in enumerate(self._arms.observe()):
             opening = _asked(self._pickups[index])
-            if not self._was_held:  # an earlier handover is long past
+            if not self._was_held:  # the arms already floated: there was no handover
                 self._pickups[index] = TriggerPickup()
                 self._pickups[index].opening = opening
-            elif state.trigger is not None:  # from here on the trigger can meet or pass the gripper
+            elif state.trigger is not None:  # the trigger counts once it has reached the opening
                 self._pickups[index].leave(opening, state.trigger)
         self._was_held = False
 
@@ -281,7 +280,7 @@ def _trigger(state: ArmState) -> float:
 
 
 def _asked(pickup: TriggerPickup) -> float:
-    """Opening that a trigger requests; open before its first report."""
+    """Return the opening that a trigger requests; open before the trigger's first report."""
     return _OPEN if pickup.opening is None else pickup.opening
 
 
@@ -311,4 +310,4 @@ class BiYamRemoteLeader(RemoteDevice, BiYamLeader):
     config_class = BiYamRemoteLeaderConfig
 
 
-I2rtYamLeader, BiI2rtYamLeader = YamLeader, BiYamLeader  # LeRobot's lookup of the spare types' devices
+I2rtYamLeader, BiI2rtYamLeader = YamLeader, BiYamLeader  # LeRobot looks up the devices of the spare types here

@@ -29,7 +29,7 @@ _LOOK_S = 0.1
 
 
 class PassiveLeaderBase(LeaderBase):
-    """Teleoperator with one leader without motors, or two. Nothing is energised: it cannot float, be led or held.
+    """Teleoperator with one or two leaders without motors. Nothing is energised: leaders cannot float, be led or held.
 
     Args:
         config: `YamPassiveLeaderConfig` or `BiYamPassiveLeaderConfig`.
@@ -53,16 +53,16 @@ class PassiveLeaderBase(LeaderBase):
 
     @property
     def feedback_features(self) -> dict[str, type]:
-        """Empty: there are no motors, so a take-over begins with the follower's approach."""
+        """Empty mapping: without motors, a take-over begins with the follower's approach."""
         return {}
 
     @property
     def is_calibrated(self) -> bool:
-        """Whether zeros and ranges are stored. Without them the encoders' own zeros are used."""
+        """Whether zeros and ranges are stored. Without stored zeros the encoders' own zeros are used."""
         return all(Path(arm.passive_calibration_path).is_file() for arm in self.config.arms().values())
 
     def _no_motors(self, *_: Any) -> NoReturn:
-        """Raises LifeCycleError."""
+        """Refuse. Raises LifeCycleError: there are no motors."""
         raise LifeCycleError(f"{self}: a passive leader has no motors; it can be neither led nor held")
 
     send_feedback = enable_torque = disable_torque = rearm = _no_motors
@@ -70,7 +70,7 @@ class PassiveLeaderBase(LeaderBase):
     @check_if_not_connected
     @saves_finished_episode
     def get_action(self) -> dict[str, float]:
-        """Action as of a leader with motors; while the leaders are stopped, the followers hold.
+        """Return the action as a leader with motors does; while the leaders are stopped, the followers hold.
 
         The leaders stay stopped after an emergency stop, see `PassiveStop`: a leader may have fallen meanwhile.
 
@@ -101,7 +101,7 @@ class PassiveLeaderBase(LeaderBase):
 
         Raises:
             ConfigError: a leader was not still at home, or a joint was not moved; nothing was stored.
-            YamError: its encoders are silent.
+            YamError: the encoders of a leader are silent.
         """
         arms = [self._arms[side].config for side in self._arms.sides]
         self._arms.stop()  # frees the channels
@@ -123,7 +123,7 @@ class PassiveLeaderBase(LeaderBase):
                 joint = int((high - low)[:-1].argmax()) + 1
                 raise ConfigError(f"{config.name}: joint_{joint} moved while it should lie at home; calibrate again")
             home = np.zeros(encoders.joints) if passive.home_rad is None else np.array(passive.home_rad)
-            zero = 0.5 * (low + high) - np.append(home, 0.0)  # at this angle the joint is at home
+            zero = 0.5 * (low + high) - np.append(home, 0.0)  # encoder angle at joint angle 0; the mean is at home
             logger.info("%s: move each joint through its range, squeeze the trigger: %.0f s", config.name, MOVE_S)
             low, high = _extremes(port, encoders, sign, MOVE_S)
         trigger = float(max(abs(low[-1]), abs(high[-1])))
@@ -138,7 +138,7 @@ class PassiveLeaderBase(LeaderBase):
 def _extremes(
     port: BusPort, encoders: PassiveEncoders, sign: np.ndarray, seconds: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest angle of each joint and of the trigger, (n + 1,) rad each, within `seconds`."""
+    """Return lowest and highest angle of each joint and of the trigger, (n + 1,) rad each, within `seconds`."""
     until_s = port.clock.now() + seconds
     low, high = np.full(len(sign), np.inf), np.full(len(sign), -np.inf)
     while (now := port.clock.now()) < until_s:

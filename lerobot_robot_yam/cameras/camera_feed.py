@@ -18,7 +18,7 @@ class CameraFeed:
     """Feed that reads a camera from `start` to `stop`.
 
     Args:
-        name: for messages.
+        name: name of the camera in messages.
         open_source: finds and opens the camera; raises a YamError if it cannot.
         finish: converts each picture for the caller, in the reading thread.
 
@@ -50,7 +50,7 @@ class CameraFeed:
         """Return the newest picture at once.
 
         Raises:
-            StaleStateError: it is older than max_age_s; says what is wrong with the camera.
+            StaleStateError: the picture is older than max_age_s; the message says what is wrong with the camera.
         """
         picture = self._picture
         assert picture is not None, "start() has published one"
@@ -63,7 +63,7 @@ class CameraFeed:
         """Wait for a picture after number `after`; returns the newest one and its number.
 
         Raises:
-            StaleStateError: none within timeout_s.
+            StaleStateError: no picture comes within timeout_s.
         """
         with self._news:
             if not self._news.wait_for(lambda: self.number > after, timeout_s):
@@ -82,7 +82,7 @@ class CameraFeed:
             logger.warning("%s: is still waiting for a picture; it is released when one comes", self._name)
 
     def _run(self, source: PictureSource) -> None:
-        """Read the camera until the feed is stopped; one that is gone is opened again and again."""
+        """Read the camera until the feed is stopped; a camera that is gone is opened again until that works."""
         while True:
             try:
                 while not self._ended.is_set():

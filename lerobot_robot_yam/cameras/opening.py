@@ -1,4 +1,4 @@
-"""Finds a camera by its serial number, and opens it: with librealsense if that sees it, else as UVC."""
+"""Search for a camera by its serial number. librealsense opens it if it sees the camera, else UVC does."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,14 +36,14 @@ class Plugged:
         return label or (self.seen.serial if self.seen else None)
 
     def is_called(self, name: str) -> bool:
-        """Whether `name` is its serial number (of label or USB device) or its model."""
+        """Return whether `name` is the camera's serial number (of label or USB device) or its model."""
         names = {self.model, *([self.seen.serial] if self.seen else [])}
         if self.device is not None:
             names |= {*serials(self.device), info(self.device, "name")}
         return name in names
 
     def modes(self) -> list[str]:
-        """List its colour formats; empty if they are unknown. Raises CameraError: it cannot be opened."""
+        """List the camera's colour formats; empty if unknown. Raises CameraError: the camera cannot be opened."""
         if self.device is not None:
             sizes = modes_of(self.device, library().stream.color)
             return [f"{width}x{height} at {fps} fps" for width, height, fps in sizes]
@@ -54,8 +54,8 @@ class Plugged:
         """Open the camera.
 
         Raises:
-            CameraError: no rights, in use; says what to do.
-            ConfigError: it does not offer what is wanted; says what it offers.
+            CameraError: the camera is in use, or may not be opened; the message says what to do.
+            ConfigError: the camera does not offer what is wanted; the message says what it offers.
         """
         if self.device is not None:
             return RealSenseSource(self.device, wanted, self.seen)
@@ -84,7 +84,7 @@ def find_camera(name: str, root: Path = ROOT) -> Plugged:
     """Find the camera with this serial number, or the only one of this model.
 
     Raises:
-        CameraError: there is none (lists the cameras), or there are two.
+        CameraError: no camera has this name, or several have; the message lists the cameras.
     """
     cameras = plugged_cameras(root)
     found = [camera for camera in cameras if camera.is_called(name)]
@@ -109,10 +109,10 @@ def open_camera(wanted: Wanted, root: Path = ROOT) -> PictureSource:
 
 
 def config_of(camera: Plugged, root: Path = ROOT) -> dict[str, Any]:
-    """Make the config fields that find a camera again; a webcam without a unique serial number goes by its USB port.
+    """Return the config fields that find a camera again; a webcam without a unique serial number is found by USB port.
 
     Raises:
-        CameraError: nothing distinguishes it from another camera.
+        CameraError: nothing distinguishes the camera from another one.
     """
     same = [other for other in plugged_cameras(root) if other.serial == camera.serial]
     if camera.serial and len(same) == 1:
@@ -130,7 +130,7 @@ def listed(cameras: Sequence[Plugged]) -> str:
 
 
 def _why_no_label() -> str:
-    """Say why the number on a RealSense's label is unknown; only librealsense reads it."""
+    """Say why the number on a RealSense's label is unknown; only librealsense reads this number."""
     try:
         library()
     except CameraError as error:

@@ -17,9 +17,9 @@ class Wanted:
         serial: serial number, or the model if there is only one of it.
         width, height: size of the pictures in the camera, pixels.
         fps: pictures per second.
-        exposure: manual; in µs where the colour comes from the stereo module (D405), else in 100 µs.
-        gain: manual, in the camera's own unit.
-        white_balance: manual, K.
+        exposure: manual exposure, in µs where the colour comes from the stereo module (D405), else in 100 µs.
+        gain: manual gain, in the camera's own unit.
+        white_balance: manual white balance, K.
     """
 
     serial: str
@@ -43,7 +43,7 @@ class Picture:
     """Picture of one moment.
 
     Attributes:
-        stamp_s: monotonic time.
+        stamp_s: monotonic time of the picture, s.
         colour: (height, width, 3) uint8 RGB.
         depth: (height, width, 1) uint16, mm.
     """
@@ -54,7 +54,7 @@ class Picture:
 
 
 def no_depth(camera: str) -> ConfigError:
-    """Error for depth from a camera that librealsense does not read."""
+    """Return the error for depth from a camera that librealsense does not read."""
     return ConfigError(f"{camera}: depth takes librealsense: set use_depth to false, or {install_extra('realsense')}")
 
 
@@ -62,10 +62,10 @@ class PictureSource(Protocol):
     """Open camera."""
 
     def read(self) -> Picture:
-        """Wait for the next picture. Raises CameraError: the camera is gone, or gives none; close it then."""
+        """Wait for the next picture. Raises CameraError: the camera is gone, or gives no picture; close it then."""
 
     def exposure_range(self) -> tuple[int, int]:
-        """Least and greatest exposure, in the unit of `Wanted.exposure`. Raises CameraError: no exposure can be set."""
+        """Return least and greatest exposure, in `Wanted.exposure`'s unit. Raises CameraError: it cannot be set."""
 
     def set_control(self, name: str, value: int) -> None:
         """Set exposure, gain or white_balance, each in the unit of `Wanted`, by hand.

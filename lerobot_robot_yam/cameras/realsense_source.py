@@ -14,7 +14,7 @@ from lerobot_robot_yam.system.own_commands import install_extra
 _POLL_MS = 200  # wait for a picture before checking that the camera is still there, ms
 _SILENT_S = 1.0  # time without a picture after which a camera counts as stalled and is opened again, s
 _MM = 1e-3  # millimetre, m
-# librealsense's option that sets each control of `Wanted` automatically.
+# Control of `Wanted` → librealsense's option that lets the camera set it.
 _AUTOMATIC = {
     "exposure": "enable_auto_exposure",
     "gain": "enable_auto_exposure",
@@ -24,7 +24,7 @@ _BUSY = ("busy", "power state", "errno=16")  # words in librealsense's error whe
 
 
 def library() -> ModuleType:
-    """Import the module pyrealsense2. Raises CameraError: it is not installed, or lacks a library of the system."""
+    """Import pyrealsense2. Raises CameraError: this module is not installed, or lacks a library of the system."""
     try:
         import pyrealsense2
     except ModuleNotFoundError as error:
@@ -49,13 +49,13 @@ def plugged_in() -> list[Any]:
 
 
 def info(device: Any, name: str) -> str | None:
-    """Read a text of a device, such as "serial_number"; None if it has none."""
+    """Read a text of a device, such as "serial_number"; None if the device does not have this text."""
     key = getattr(library().camera_info, name)
     return device.get_info(key) if device.supports(key) else None
 
 
 def serials(device: Any) -> tuple[str | None, str | None]:
-    """Serial number on the label, and that of the USB device."""
+    """Return the serial number on the label, and the serial number of the USB device."""
     return info(device, "serial_number"), info(device, "asic_serial_number")
 
 
@@ -72,11 +72,11 @@ class RealSenseSource:
     Args:
         device: a device of `plugged_in`.
         wanted: streams, size, rate and controls.
-        seen: the same camera in sysfs, None if it is not there.
+        seen: the same camera in sysfs; None if sysfs does not have it.
 
     Raises:
-        ConfigError: a size, rate or value that the camera does not offer; says which it does.
-        CameraError: no rights, in use.
+        ConfigError: the camera does not offer a size, rate or value; the message says what it offers.
+        CameraError: the camera is in use, or may not be opened.
     """
 
     def __init__(self, device: Any, wanted: Wanted, seen: VideoDevice | None = None):
@@ -140,7 +140,7 @@ class RealSenseSource:
         return Picture(stamp_s, colour, depth)
 
     def _sensor(self, name: str) -> Any:
-        """Find the module that gives colour. Raises CameraError: it does not have this option."""
+        """Find the module that gives colour. Raises CameraError: the module does not have this option."""
         colour = self._rs.stream.color
         for sensor in self._device.query_sensors():
             if any(p.stream_type() == colour for p in sensor.get_stream_profiles()) and sensor.supports(

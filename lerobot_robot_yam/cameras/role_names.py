@@ -15,11 +15,11 @@ from ruamel.yaml.util import load_yaml_guess_indent
 from lerobot_robot_yam.errors import ConfigError, SetupError
 
 ROLES = ("top", "wrist_left", "wrist_right")
-_NO_LIMIT = 10**6  # longest line, characters
+_NO_LIMIT = 10**6  # longest line that is written without a break, characters
 
 
 def read_config(path: Path) -> str:
-    """Read the text of a file, empty when there is none. Raises SetupError: it cannot be read."""
+    """Read the text of a file, empty without a file. Raises SetupError: the file cannot be read."""
     try:
         return path.read_text()
     except FileNotFoundError:
@@ -29,7 +29,7 @@ def read_config(path: Path) -> str:
 
 
 def named_cameras(text: str) -> dict[str, Mapping[str, Any]]:
-    """Read the cameras of a run config, by role. Raises ConfigError: the text is no YAML."""
+    """Read the options of each camera of a run config, by role. Raises ConfigError: the text is no YAML."""
     cameras: Any = _loaded(text)
     for key in _place(cameras):
         cameras = cameras.get(key) if isinstance(cameras, Mapping) else None
@@ -53,12 +53,12 @@ def with_cameras(text: str, cameras: Mapping[str, Mapping[str, Any]]) -> str:
     try:
         _, indent, offset = load_yaml_guess_indent(text)
         document = editor.load(text)
-    except YAMLError as error:  # such as a key that is there twice
+    except YAMLError as error:  # such as a key that a group has twice
         raise ConfigError(f"the file is no YAML: {error}") from error
     editor.indent(mapping=indent or 2, sequence=indent or 2, offset=offset or 0)
     place = _place(wanted)
     group = _group(document, place)
-    for role, fields in reversed(list(cameras.items())):  # each new one is put before the existing ones
+    for role, fields in reversed(list(cameras.items())):  # each new role is put before the existing ones
         same = before.get(role, {}).get("type") == fields.get("type")
         wanted = _put(wanted, [*place, role], {**(before[role] if same else {}), **fields})
         if not same:
@@ -79,7 +79,7 @@ def _group(document: Any, place: list[str]) -> CommentedMap:
     group = document
     for depth, key in enumerate(["the file", *place]):
         if depth and group.get(key) is None:
-            _made(group, key, at=len(group) if depth == 1 else 0)  # a comment at a group's end is about the next
+            _made(group, key, at=len(group) if depth == 1 else 0)  # a comment at a group's end is about the next group
         group = group[key] if depth else document
         if not isinstance(group, CommentedMap):
             raise ConfigError(f"{'.'.join(place[:depth]) or key} is no group of keys: correct it first")
@@ -98,7 +98,7 @@ def _made(group: CommentedMap, key: str, at: int = 0, flow: bool = False) -> Non
 
 
 def _put(group: Any, path: list[str], value: Any) -> dict[str, Any]:
-    """Copy a group with a value at this path; values that share an anchor with it stay."""
+    """Return a copy of a group with a value at this path; other values with the same anchor stay."""
     key, *rest = path
     group = group or {}
     return {**group, key: _put(group.get(key), rest, value) if rest else value}

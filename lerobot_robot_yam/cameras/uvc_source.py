@@ -12,10 +12,10 @@ from lerobot_robot_yam.cameras.video_devices import VideoDevice, check_rights, i
 from lerobot_robot_yam.errors import CameraError, ConfigError
 from lerobot_robot_yam.system.own_commands import install_extra
 
-# OpenCV's wait for a picture of V4L2, s (10 by default). OpenCV reads this once, when it is loaded.
+# OpenCV's longest wait for a picture of V4L2, s (10 by default). OpenCV reads this variable once, when it is loaded.
 os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 
-# V4L2's ids for each control of `Wanted`: its own, that of its automatic, and the value that switches the latter off.
+# Control of `Wanted` → V4L2's ids of the control and of its automatic mode, and the value that ends that mode.
 _CONTROLS = {
     "exposure": (v4l2.EXPOSURE, v4l2.AUTO_EXPOSURE, v4l2.MANUAL),
     "gain": (v4l2.GAIN, v4l2.AUTO_EXPOSURE, v4l2.MANUAL),
@@ -35,8 +35,8 @@ class UvcSource:
         wanted: size, rate and controls.
 
     Raises:
-        ConfigError: a size, rate, depth or value that the camera does not offer; says which it does.
-        CameraError: no rights, in use, no colour node.
+        ConfigError: the camera does not offer a size, rate, depth or value; the message says what it offers.
+        CameraError: the camera is in use, may not be opened, or has no colour node.
     """
 
     def __init__(self, device: VideoDevice, wanted: Wanted):
@@ -99,7 +99,7 @@ class UvcSource:
     def _control(self, name: str) -> tuple[Path, int, int, int]:
         """Find the node that has a control, the unit of its steps, and the least and greatest step.
 
-        A D405 has its exposure on the node of depth, so all nodes are tried, the colour's first.
+        A D405 has its exposure on the node of depth, so all nodes are tried, the node of colour first.
         """
         unit = _UNITS_PER_STEP if name == "exposure" and self._device.stereo_colour else 1
         for node in dict.fromkeys((self._node, *self._device.nodes)):
@@ -113,10 +113,10 @@ class UvcSource:
 
 
 def _colour_node(device: VideoDevice) -> tuple[Path, list[v4l2.Mode]]:
-    """Find the node that gives colour, and list its formats; none for a plain file in a test's tree.
+    """Find the node that gives colour, and list its formats; a plain file in a test's tree has no formats.
 
     Raises:
-        CameraError: there is none, or no right to open it.
+        CameraError: no node gives colour, or this user has no right to open a node.
     """
     if not device.nodes:
         raise CameraError(

@@ -1,6 +1,6 @@
 """Formats, sizes, rates and controls of a V4L2 node, read with the ioctls of linux/videodev2.h.
 
-OpenCV reads pictures, but neither formats nor the ranges of controls. (linuxpy does, under the GPL.)
+OpenCV reads pictures, but neither formats nor the ranges of controls. (linuxpy reads these, but is under the GPL.)
 """
 
 import errno
@@ -73,7 +73,7 @@ def control_range(node: Path, number: int) -> tuple[int, int] | None:
 
 
 def set_control(node: Path, number: int, value: int) -> None:
-    """Set a control to a value. Raises CameraError: the camera does not accept it."""
+    """Set a control to a value. Raises CameraError: the camera does not accept the value."""
     with _opened(node) as device:
         if _ask(device, S_CTRL, CONTROL, number, value) is None:
             raise CameraError(f"{node} does not take {value} for its control {number:#x}")

@@ -1,7 +1,7 @@
 """Cameras that are plugged in, and rights and users of their device files. No camera is opened.
 
-Serial numbers are those of the USB device. A RealSense has another one on its label, librealsense's `serial_number`;
-its USB device has the `asic_serial_number` (librealsense's issue 4369).
+Serial numbers here are those of the USB device, which librealsense calls `asic_serial_number`. The label of a RealSense
+has another number, librealsense's `serial_number` (librealsense's issue 4369).
 """
 
 import grp
@@ -27,8 +27,8 @@ class VideoDevice:
     """Camera in sysfs.
 
     Attributes:
-        name: the kernel's name, None if sysfs has none.
-        usb: its USB device, None when it is not USB.
+        name: the kernel's name; None if sysfs has no name.
+        usb: USB device of the camera; None for other buses.
         nodes: /dev/video0, …; several per camera are usual.
         links: stable paths of the nodes below /dev/v4l, by-id first.
         usb_node: /dev/bus/usb/001/004, which librealsense opens; None if sysfs has no numbers.
@@ -66,22 +66,22 @@ class VideoDevice:
 
     @property
     def speed_mbit(self) -> float | None:
-        """Negotiated speed of its USB link, Mbit/s; None if sysfs has none."""
+        """Negotiated speed of the camera's USB link, Mbit/s; None if sysfs has no speed."""
         return self.usb.speed_mbit if self.usb else None
 
     @property
     def slow(self) -> bool:
-        """Whether its USB link is known to be slower than USB 3."""
+        """Whether the camera's USB link is known to be slower than USB 3."""
         return self.speed_mbit is not None and self.speed_mbit < USB3_MBIT
 
     @property
     def realsense(self) -> bool:
-        """Whether it is an Intel RealSense."""
+        """Whether the camera is an Intel RealSense."""
         return "realsense" in f"{self.name} {self.usb.product if self.usb else ''}".lower()
 
     @property
     def stereo_colour(self) -> bool:
-        """Whether its colour comes from the stereo module: a D405 has no other."""
+        """Whether the camera's colour comes from the stereo module: a D405 has no module for colour."""
         return self.realsense and self.model == "D405"
 
 
@@ -126,7 +126,7 @@ def model_of(name: str) -> str:
 
 
 def holders(paths: Sequence[Path]) -> list[tuple[int, str]]:
-    """List number and name of other processes that have one of these files open; other users' only for root."""
+    """List number and name of other processes that have one of these files open; only root sees other users' ones."""
     wanted = {os.path.realpath(path) for path in paths}
     found = []
     for process in Path("/proc").glob("[0-9]*"):
@@ -135,7 +135,7 @@ def holders(paths: Sequence[Path]) -> list[tuple[int, str]]:
             if int(process.name) != os.getpid() and files & wanted:
                 found.append((int(process.name), (process / "comm").read_text().strip()))
         except OSError:
-            continue  # it has ended, or belongs to another user
+            continue  # the process has ended, or belongs to another user
     return sorted(found)
 
 
@@ -151,7 +151,7 @@ def check_rights(path: Path) -> None:
     """Refuse a device file that this user may not read and write.
 
     Raises:
-        CameraError: names the group that may, or says that the file is missing.
+        CameraError: the file is missing, or this user has no right to it; the message names the group that has.
     """
     try:
         status = path.stat()
