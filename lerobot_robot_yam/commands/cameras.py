@@ -30,7 +30,7 @@ _NONE = "there is no camera; plug one in (`lsusb` lists what is plugged in)"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-cameras`; returns the exit status."""
+    """Run `yam-cameras`; return its exit status."""
     parser = command_parser("yam-cameras", __doc__)
     actions = parser.add_subparsers(dest="work", required=True)
     shows = actions.add_parser("list", help="show what is plugged in")
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _plugged(args: argparse.Namespace) -> list[Plugged]:
-    """Return what is plugged in. Raises CameraError: nothing is."""
+    """Return the cameras that are plugged in. Raises CameraError: there are none."""
     cameras = plugged_cameras(args.root)
     if not cameras:
         raise CameraError(_NONE)
@@ -125,7 +125,7 @@ def _tune(args: argparse.Namespace) -> int:
 
 
 def _chosen(args: argparse.Namespace) -> Plugged:
-    """Return the camera to tune. Raises CameraError: it is not there, or there are several and none was named."""
+    """Return the camera to tune. Raises CameraError: the camera is missing, or none of several was named."""
     if args.camera is not None:
         roles = named_cameras(read_config(args.config)) if args.config else {}
         return find_camera(str(roles.get(args.camera, {}).get("serial_number_or_name", args.camera)), args.root)
@@ -148,7 +148,7 @@ def _name(args: argparse.Namespace) -> int:
 
 
 def _asked(args: argparse.Namespace) -> dict[str, Plugged]:
-    """The camera of each role, as the person says."""
+    """Ask the person for the role of each camera; return role -> camera."""
     cameras = _plugged(args)
     need_terminal(False)
     found: dict[str, Plugged] = {}
@@ -162,13 +162,13 @@ def _asked(args: argparse.Namespace) -> dict[str, Plugged]:
 
 
 def _roles(config: Path | None) -> dict[str, str]:
-    """Role of each serial number in a config."""
+    """Read the cameras of a config; return serial number -> role."""
     cameras = named_cameras(read_config(config)) if config else {}
     return {str(fields.get("serial_number_or_name")): role for role, fields in cameras.items()}
 
 
 def _write(args: argparse.Namespace, cameras: Mapping[str, Mapping[str, Any]]) -> None:
-    """Show what changes in the config, ask, and change it."""
+    """Show how the config would change, ask, and change the config."""
     before = read_config(args.config)
     after = with_cameras(before, cameras)
     if after == before:

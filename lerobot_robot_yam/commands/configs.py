@@ -16,10 +16,10 @@ from lerobot_robot_yam.system.paths import user_path
 
 
 def configs_dir() -> Path:
-    """Directory of the run configs: inside an installed package, beside an editable one.
+    """Return the directory of the run configs: inside an installed package, beside an editable one.
 
     Raises:
-        ConfigError: the installation lacks them.
+        ConfigError: the installation lacks the run configs.
     """
     package = Path(__file__).parents[1]
     for candidate in (package / "configs", package.parent / "configs"):
@@ -29,10 +29,10 @@ def configs_dir() -> Path:
 
 
 def config_path(name: str) -> Path:
-    """Path of the config called `name`, such as "sim/record".
+    """Return the path of the config called `name`, such as "sim/record".
 
     Raises:
-        ConfigError: there is no such config; lists the names.
+        ConfigError: there is no such config; the message lists the names.
     """
     path = configs_dir() / f"{name.removesuffix('.yaml')}.yaml"
     if not path.is_file():
@@ -41,16 +41,16 @@ def config_path(name: str) -> Path:
 
 
 def config_names() -> list[str]:
-    """Names of all packaged configs, such as "sim/record"."""
+    """Return the names of all packaged configs, such as "sim/record"."""
     root = configs_dir()
     return sorted(str(path.relative_to(root).with_suffix("")) for path in root.glob("*/*.yaml"))
 
 
 def copy_configs(target: Path) -> list[Path]:
-    """Copy all configs below `target`.
+    """Copy all configs below `target`; return the paths of the copies.
 
     Raises:
-        ConfigError: a file of that name is there already; nothing was copied.
+        ConfigError: a file of the same name exists already; nothing was copied.
     """
     copies = {config_path(name): target / f"{name}.yaml" for name in config_names()}
     present = [str(path) for path in copies.values() if path.exists()]
@@ -63,7 +63,7 @@ def copy_configs(target: Path) -> list[Path]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-configs`; returns the exit status."""
+    """Run `yam-configs`; return its exit status."""
     parser = argparse.ArgumentParser(prog="yam-configs", description="Run configs for LeRobot's commands.")
     actions = parser.add_subparsers(dest="action")
     actions.add_parser("list", help="list the configs with their paths (the default)")

@@ -36,7 +36,7 @@ _SAMPLES = 200
 
 
 def examine(plan: Plan, samples: int = _SAMPLES, sysfs: Path = SYSFS) -> Report:
-    """Look at everything in the plan; with no target in it, at all CAN interfaces of this computer."""
+    """Examine everything in the plan; if the plan has no target, examine all CAN interfaces of this computer."""
     targets, report = list(plan.targets), empty_report()
     links: dict[str, Link] | None = None
     if plan.real:
@@ -50,7 +50,7 @@ def examine(plan: Plan, samples: int = _SAMPLES, sysfs: Path = SYSFS) -> Report:
         check_cameras(video_devices(sysfs=sysfs), plan.cameras, DEV, report["cameras"])
     for target in targets:
         link = links.get(target.channel) if links is not None and target.real else None
-        if link is not None or links is None or not target.real:  # else it is not there
+        if link is not None or links is None or not target.real:  # else the interface does not exist
             examine_channel(target, link, samples, report, lambda text: tell(f"yam-doctor: {text} …"))
     check_calibrations(targets, calibration_root(), report["gripper_calibration"])
     check_host(sysfs, report["host"])
@@ -58,9 +58,9 @@ def examine(plan: Plan, samples: int = _SAMPLES, sysfs: Path = SYSFS) -> Report:
 
 
 def _read_links(wanted: Sequence[str], sysfs: Path, section: Section) -> dict[str, Link] | None:
-    """Links that the system's tools show, None when these fail; the section takes what is wrong about the wanted ones.
+    """Return name -> link as the system's tools show it, or None when the tools fail.
 
-    With none wanted, all are.
+    The section gets the findings about the wanted links; if `wanted` is empty, about all links.
     """
     text, reason = tool_output(IP_COMMAND)
     try:
@@ -87,7 +87,7 @@ def _read_links(wanted: Sequence[str], sysfs: Path, section: Section) -> dict[st
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-doctor`; returns the exit status."""
+    """Run `yam-doctor`; return its exit status."""
     parser = command_parser("yam-doctor", __doc__)
     parser.add_argument(
         "--channel",
@@ -116,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     report = examine(plan, args.samples, args.sysfs)
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # a terminal that cannot show a character
+        sys.stdout.reconfigure(errors="replace")  # the terminal may lack a character, such as "…"
     sys.stdout.write((as_json(report) if args.json else as_text(report, args.verbose)) + "\n")
     return exit_status(report)
 
@@ -127,7 +127,7 @@ def _plan(args: argparse.Namespace) -> Plan:
     if args.config_path is not None:
         if args.channel:
             raise ConfigError("give --channel or --config_path, not both")
-        # imports LeRobot, which takes seconds
+        # imported late: this module imports LeRobot, which takes seconds
         from lerobot_robot_yam.face.lerobot_command.config_refusal import check_options
 
         return from_config(args.config_path, args.rig, check_options)

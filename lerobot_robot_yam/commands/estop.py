@@ -38,7 +38,7 @@ _NOT = {"latch": "NOT STOPPED", "release": "NOT RELEASED", "status": "NOT KNOWN"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-estop`; returns the exit status."""
+    """Run `yam-estop`; return its exit status."""
     parser = command_parser("yam-estop", __doc__)
     parser.add_argument("action", nargs="?", choices=("latch", "release", "status"), default="latch")
     parser.add_argument("--why", default="yam-estop", help="the reason, for others to read")
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _here(options: argparse.Namespace) -> int:
-    """Do it in the runtime directories of this computer."""
+    """Do the action in the runtime directories of this computer; return the exit status."""
     action = options.action
     stops = [EmergencyStop(directory) for directory in _directories(action)]
     before = {stop.directory: stop.reason() for stop in stops if stop.latched and action == "release"}
@@ -81,23 +81,23 @@ def _here(options: argparse.Namespace) -> int:
             )
     if action == "status":
         return int(bool(latched))
-    # To stop is to stop the arms of all users; to release, only one's own.
+    # A stop must reach the arms of all users to succeed; a release only those of the calling user.
     return int(bool(missed) if action == "latch" else stops[0].directory in missed)
 
 
 def _directories(action: str) -> list[Path]:
-    """Return where to act; to stop what this user may start later, the user's own directory is made."""
+    """Return the directories to act in. "latch" creates the user's own, so that sessions started later see the stop."""
     found = runtime_dirs()
     if os.getuid() == 0 and len(found) > 1 and not found[0].exists():
-        return found[1:]  # root drives nothing; others could not read what it leaves here when they stop
+        return found[1:]  # root drives no arm, and other users could not read files in root's directory
     if action == "latch":
-        with contextlib.suppress(ConfigError):  # what is wrong with it comes out when it is written to
+        with contextlib.suppress(ConfigError):  # a faulty directory is reported when the stop is written to it
             runtime_dir()
     return found
 
 
 def _act(stops: Sequence[EmergencyStop], action: str, why: str) -> dict[Path, OSError]:
-    """Latch or release all; return those that could not be, or cannot even be looked at."""
+    """Latch or release all stops; return directory -> error where a stop could not be changed or a directory read."""
     missed = {}
     for stop in stops:
         try:
@@ -113,7 +113,7 @@ def _act(stops: Sequence[EmergencyStop], action: str, why: str) -> dict[Path, OS
 
 
 def _say(reached: Sequence[EmergencyStop], released: Mapping[Path, str]) -> None:
-    """Say of each directory whether its stop is latched, and which sessions a release lets go on."""
+    """Print for each directory whether its stop is latched, and which sessions a release lets go on."""
     for stop in reached:
         where = f" in {stop.directory}" if len(reached) > 1 else ""
         what = f"latched{where}: {stop.reason()}" if stop.latched else f"not latched{where}"
@@ -129,7 +129,7 @@ def _named(sessions: Iterable[tuple[str, str]]) -> str:
 
 
 def _on_host(options: argparse.Namespace) -> int:
-    """Do it on the computer that has the arms."""
+    """Do the action on the computer that has the arms; return the exit status."""
     try:
         answer = ask_host(options, "estop", action=options.action, why=options.why, who=f"{getpass.getuser()}@{node()}")
     except YamError as error:

@@ -28,13 +28,13 @@ from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _HEAD = ("joint", "moved rad", "lag ms", "tracking mrad", "jerk ratio", "feedback Nm", "largest", "backdrive Nm")
-_LOOK_S = 0.0005  # between two looks at the published states: an eighth of a tick
-_SILENT_S = 0.5  # age of the last state, at most
-_LEAST_FRAMES = 30  # of an episode
+_LOOK_S = 0.0005  # period of polling the published states, s: an eighth of a tick
+_SILENT_S = 0.5  # largest age of the last state at the end, s
+_LEAST_FRAMES = 30  # shortest episode that is measured, frames
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-feel`; returns the exit status."""
+    """Run `yam-feel`; return its exit status."""
     parser = command_parser("yam-feel", __doc__)
     parser.add_argument("path", type=user_path, nargs="?", help="directory of a data set, in place of a session")
     parser.add_argument("--episode", type=int, default=0, help="of the data set (default 0)")
@@ -54,10 +54,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _watch(args: argparse.Namespace) -> int:
-    """Report on a session that runs; returns the exit status.
+    """Report on a session that runs; return the exit status.
 
     Raises:
-        YamError: no session drives one of the arms, it ends, or the profile is not the leader's.
+        YamError: an arm is driven by no session, the session ends, or the profile is not the leader's.
     """
     arm, gripper = resolve_profiles(args.arm, args.gripper)
     place = place_of(args.interface, args.rig)
@@ -78,16 +78,16 @@ def _watch(args: argparse.Namespace) -> int:
 
 
 def _record_states(keys: Mapping[str, str], seconds: float, begins: Callable[[], None]) -> list[np.ndarray]:
-    """Record the states of some arms while `seconds` pass, from outside their session: `STATE_DTYPE` (k,) each.
+    """Record the states of some arms for a time, from outside their session; return `STATE_DTYPE` (k,) of each arm.
 
     Args:
-        keys: of each arm what messages call it, and its channel's key.
-        seconds: to record.
-        begins: called when all arms are there.
+        keys: name of the arm in messages -> key of its channel.
+        seconds: duration of the recording, s.
+        begins: called when the states of all arms have been found.
 
     Raises:
         ConfigError: no session drives an arm.
-        BusError: a session ended meanwhile.
+        BusError: a session ended during the recording.
     """
     blocks: list[SharedBlock] = []
     try:
@@ -119,10 +119,10 @@ def _record_states(keys: Mapping[str, str], seconds: float, begins: Callable[[],
 
 
 def _look_back(args: argparse.Namespace) -> int:
-    """Report on an episode of a data set: actions are the leader's, states the follower's. Returns the exit status.
+    """Report on an episode of a data set, with actions as leader, states as follower; return the exit status.
 
     Raises:
-        ConfigError: no data set, no such episode, or not of joints; says which.
+        ConfigError: the data set or episode is missing, or its actions are not joints; the message says which.
     """
     from lerobot_robot_yam.face.datasets.check.motion_checks import arms_of
     from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, open_dataset
@@ -180,7 +180,7 @@ def _shown(value: float, places: int) -> str:
 
 
 def _save_plot(path: Path, motion: Motion, effort: Effort | None, periods: Mapping[str, np.ndarray]) -> None:
-    """Draw both arms and their difference, feedback, periods. Raises ConfigError, see `plot_file`."""
+    """Draw both arms, their difference, feedback and loop periods. Raises ConfigError: see `plot_file`."""
     n = len(motion.names)
     rows = 2 + (effort is not None) + bool(periods)
     with plot_file(path, (3.2 * n, 3.2 * rows), dpi=100) as figure:

@@ -39,7 +39,7 @@ _ENTER, _ESCAPE, _DELETE = ("\r", "\n"), "\x1b", ("\x7f", "\b")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-float`; returns the exit status."""
+    """Run `yam-float`; return its exit status."""
     parser = command_parser("yam-float", __doc__)
     add_arm_arguments(parser, several=True)
     parser.add_argument(
@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _float(args: argparse.Namespace) -> int:
-    """Energise the arms, do as the keys say, and land them however that ends; return the exit status."""
+    """Energise the arms, obey the keys, and land the arms in any case; return the exit status."""
     if not sys.stdin.isatty():
         raise ConfigError("it is driven by keys, and there is no terminal to type them; nothing was energised")
     loaded = None if args.load is None else load_trajectory(args.load)
@@ -75,7 +75,7 @@ def _float(args: argparse.Namespace) -> int:
 
 
 def _hazard(configs: Sequence[ArmConfig]) -> str:
-    """Say what will happen, for the person who has to confirm it."""
+    """Return a text about what will happen, for the person who has to confirm."""
     channels = " and ".join(config.channel for config in configs)
     text = (
         f"HAZARD: this energises the arm on {channels}. It floats: it weighs nothing to your hand, and stays where you "
@@ -88,14 +88,14 @@ def _hazard(configs: Sequence[ArmConfig]) -> str:
 
 
 class FloatConsole:
-    """Runs arms by keys until somebody quits. Whoever has started the session stops it.
+    """Console that drives arms by keys until somebody quits. The caller stops the session.
 
     Args:
-        session: under way; its arms hold.
-        names: of its arms.
-        terminal: gives single keys.
+        session: started session, whose arms hold.
+        names: names of the session's arms.
+        terminal: source of single keys.
         output: file to save to.
-        trajectory: that has been loaded already.
+        trajectory: trajectory that was loaded before, if any.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class FloatConsole:
         self._trajectory = trajectory
         self._recorder: StateRecorder | None = None
         self._playback: Playback | None = None
-        self._typed: str | None = None  # of a file's name
+        self._typed: str | None = None  # typed part of a file's name; None: no name is being typed
         self._said = ""
         self._keys: dict[str, Callable[[], None]] = {
             "f": self._float,
@@ -123,7 +123,7 @@ class FloatConsole:
         self._tables = [_Table(client) for client in self._clients]
 
     def run(self) -> None:
-        """Let the arms float, and do as the keys say until `q` is typed or the terminal is closed.
+        """Let the arms float, and obey the keys until `q` is typed or the terminal is closed.
 
         Raises:
             StaleStateError: a control loop is silent.
@@ -150,7 +150,7 @@ class FloatConsole:
                 self._show(states)
 
     def _state(self, client: ArmClient) -> ArmState:
-        """Return its state, also if it has failed: a person is there. Raises StaleStateError: its loop is silent."""
+        """Return an arm's state, also of a failed arm, since a person watches. Raises StaleStateError: silent loop."""
         state = client.published()
         age_s = self._session.clock.now() - state.published_s
         if state.mode is not Mode.OFF and age_s > client.config.max_state_age_s:
@@ -167,7 +167,7 @@ class FloatConsole:
             self._said = str(error)
 
     def _wake(self) -> None:
-        """Bring up arms that have landed, and enable again those that have failed."""
+        """Start the session again if all arms have landed; enable arms again that have failed."""
         self._playback = None
         modes = [client.mode() for client in self._clients]
         if all(mode is Mode.OFF for mode in modes):
@@ -230,12 +230,12 @@ class FloatConsole:
         self._said = f"saved to {self._output}"
 
     def _ask_for_file(self) -> None:
-        if self._playback is not None:  # from now on keys spell a name, and could not end the replay
+        if self._playback is not None:  # hold first: the next keys spell a name, so no key could end the replay
             self._hold()
         self._typed = ""
 
     def _type(self, key: str) -> None:
-        """Take one key of a file's name."""
+        """Process one key of a file's name."""
         assert self._typed is not None
         if key in _ENTER:
             name, self._typed = self._typed, None
@@ -267,7 +267,7 @@ class FloatConsole:
 
 
 class _Table:
-    """What each joint of an arm does, what carries it, how warm its motor is; and the mean period since last shown."""
+    """Table of an arm's joints: angle, speed, torque, gravity, temperatures; below a headline with the loop period."""
 
     def __init__(self, client: ArmClient):
         self._client, self._gravity = client, gravity_model(client.hardware)

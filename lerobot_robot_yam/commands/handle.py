@@ -24,13 +24,13 @@ from lerobot_robot_yam.system.paths import user_path
 
 HANDLE = "yam_teaching_handle"
 _LIVE_S = 0.05
-_LEARN_S = 8.0  # as in lerobot-calibrate
+_LEARN_S = 8.0  # default time for squeezing and releasing the trigger, s: as in lerobot-calibrate
 _BAR = 20
 _Work = Callable[[argparse.Namespace, HandleAccess], None]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-handle`; returns the exit status."""
+    """Run `yam-handle`; return its exit status."""
     parser = command_parser("yam-handle", __doc__)
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
 
@@ -127,14 +127,14 @@ def _range(args: argparse.Namespace, handle: HandleAccess) -> None:
 
 
 def _share(args: argparse.Namespace, report: HandleReport) -> float:
-    """Return 0 released … 1 squeezed, over its own range if a file says so."""
+    """Return the trigger, 0 released … 1 squeezed, over the range in the calibration file if one was given."""
     if args.calibration is None:
         return report.trigger
     return load_range(args.channel, args.calibration, args.gripper or HANDLE).share(report.trigger)
 
 
 def _reports(handle: HandleAccess, seconds: float | None) -> Iterator[HandleReport]:
-    """Ask for reports until the time has passed, or Enter is pressed."""
+    """Request reports until the time has passed, or Enter is pressed."""
     end_s, terminal = math.inf if seconds is None else handle.clock.now() + seconds, sys.stdin.isatty()
     while True:
         yield handle.report()

@@ -37,7 +37,7 @@ _QUESTION = "Which arm moved? Its name, or just Enter to see it again:"
 
 
 def describe(channel: str, found: Fingerprint, role: str) -> str:
-    """The fingerprint as a table."""
+    """Return the fingerprint as a table."""
 
     def shown(value: object) -> str:
         return "?" if value is None else str(value)
@@ -57,7 +57,7 @@ def describe(channel: str, found: Fingerprint, role: str) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-identify`; returns the exit status."""
+    """Run `yam-identify`; return its exit status."""
     parser = command_parser("yam-identify", "Which arm is on this CAN channel? Reads only, except with --wiggle.")
     add_arm_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print the fingerprint as JSON")
@@ -110,7 +110,7 @@ def _identify(args: argparse.Namespace) -> int:
 
 
 def _watch_it_move(args: argparse.Namespace, config: ArmConfig, found: Fingerprint, arm: ArmProfile) -> str:
-    """Wiggle, and the name of the arm that moved, as the user says."""
+    """Wiggle the arm; return the name that the user gives to the arm that moved."""
     if not arm.joint_count:
         raise ConfigError(f"{config.name}: arm {config.arm!r} has no joint to turn")
     gripper = args.gripper
@@ -134,7 +134,7 @@ def _watch_it_move(args: argparse.Namespace, config: ArmConfig, found: Fingerpri
 
 
 def hazard(config: ArmConfig) -> str:
-    """What will happen, for the person who has to confirm it."""
+    """Return a text about what will happen, for the person who has to confirm."""
     text = (
         f"HAZARD: this energises the arm on channel {config.channel}, which then holds its pose, turns its last joint "
         f"by ±{WIGGLE_RAD} rad at up to {SPEED_RAD_S} rad/s, lands and goes limp. Keep hands off all arms and the "
@@ -148,12 +148,12 @@ def hazard(config: ArmConfig) -> str:
 
 
 def _wiggle(config: ArmConfig, question: str | None) -> str:
-    """Energise, hold, wiggle until the question gets an answer, which is returned, and land.
+    """Energise the arm, hold, wiggle until the question is answered, and land; return the answer.
 
     Without a question the arm wiggles once, and the answer is empty.
 
     Raises:
-        YamError: what failed; the arm has landed, or was never energised.
+        YamError: something failed; the arm has landed, or was never energised.
     """
     with YamArm(config, start="hold") as arm:
         home = arm.observe().setpoint_q

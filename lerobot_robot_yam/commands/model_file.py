@@ -20,10 +20,10 @@ FORMATS = ("mjcf", "urdf")
 
 
 def write(path: Path | None, arm: str, gripper: str, form: str) -> int:
-    """Write the file, or to standard output; returns the exit status.
+    """Write the model to a file, or to standard output if `path` is None; return the exit status.
 
     Raises:
-        ConfigError: no such arm or gripper, or the file cannot be written.
+        ConfigError: there is no such arm or gripper, or the file cannot be written.
     """
     from lerobot_robot_yam.arm.export.model_export import mjcf, urdf
     from lerobot_robot_yam.arm.mounting import resolve_profiles
@@ -41,7 +41,7 @@ def write(path: Path | None, arm: str, gripper: str, form: str) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-model`; returns the exit status."""
+    """Run `yam-model`; return its exit status."""
     parser = command_parser("yam-model", __doc__)
     parser.add_argument("path", type=user_path, nargs="?", metavar="FILE", help="file to write")
     parser.add_argument("--format", choices=FORMATS, required=True, help="of the file")

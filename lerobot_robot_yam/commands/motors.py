@@ -43,7 +43,7 @@ _Work = Callable[[argparse.Namespace, MotorBench], int]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-motors`; returns the exit status."""
+    """Run `yam-motors`; return its exit status."""
     parser = command_parser("yam-motors", __doc__)
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
 

@@ -33,14 +33,14 @@ from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
-FILE = "rig.yaml"  # which the run configs of configs/rig name
+FILE = "rig.yaml"  # default name of the rig's file: the run configs in configs/rig refer to this name
 _REPAIRS = {"yam-motors timeout": "motors", "yam-handle zero": "handle", "yam-handle report": "handle"}
 _COMMAND = re.compile(rf"(?:{'|'.join(_REPAIRS)})[^(;]*")
 _ONE_MOTOR = re.compile(r" --motor \d+")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-setup`; returns the exit status."""
+    """Run `yam-setup`; return its exit status."""
     parser = command_parser("yam-setup", __doc__)
     parser.add_argument("file", nargs="?", type=user_path, default=Path(FILE), help=f"the rig's file (default {FILE})")
     parser.add_argument("--check", action="store_true", help="look for mistakes in the file, and change nothing")
@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _check(args: argparse.Namespace) -> int:
-    from lerobot_robot_yam.commands.lib.new_rig.rig_check import check_rig  # imports LeRobot, which takes seconds
+    from lerobot_robot_yam.commands.lib.new_rig.rig_check import check_rig  # late: imports LeRobot, takes seconds
 
     try:
         lines = check_rig(args.file)
@@ -97,7 +97,7 @@ def _set_up(args: argparse.Namespace) -> int:
 
 
 def _agreed(args: argparse.Namespace, changes: str) -> bool:
-    """Whether an earlier file may be replaced; a new one may be written without a question."""
+    """Return whether the file may be written: an earlier file is replaced only with --yes or after a question."""
     if not args.file.exists() or args.yes:
         return True
     tell(changes)
@@ -105,7 +105,7 @@ def _agreed(args: argparse.Namespace, changes: str) -> bool:
 
 
 def _repair(plan: RigPlan, args: argparse.Namespace) -> None:
-    """Say what yam-doctor finds wrong with the arms, and run the commands of ours that repair it."""
+    """Print yam-doctor's findings about the arms, and run our commands that repair them."""
     findings = _inspected(plan)
     commands = _repairs_of(findings)
     repaired = [finding for some in commands.values() for finding in some]
@@ -120,7 +120,7 @@ def _repair(plan: RigPlan, args: argparse.Namespace) -> None:
 
 
 def _inspected(plan: RigPlan) -> list[Finding]:
-    """Problems and warnings of the arms with motors. Asks only; energises nothing."""
+    """Return the problems and warnings of the arms with motors. Reads only; energises nothing."""
     report = empty_report()
     for arm in [*plan.followers.values(), *plan.leaders.values()]:
         options = {key: value for key, value in arm.options.items() if key in ArmConfig.__dataclass_fields__}
@@ -132,7 +132,7 @@ def _inspected(plan: RigPlan) -> list[Finding]:
 
 
 def _repairs_of(findings: list[Finding]) -> dict[str, list[Finding]]:
-    """Commands of ours that repair findings, each with these; of several motors of an arm, one command for all."""
+    """Return command -> findings that it repairs; one command covers all motors of an arm."""
     commands: dict[str, list[Finding]] = {}
     for finding in findings:
         if (match := _COMMAND.search(finding.remedy)) is not None:
@@ -141,7 +141,7 @@ def _repairs_of(findings: list[Finding]) -> dict[str, list[Finding]]:
 
 
 def _run_repair(command: str, sure: bool) -> bool:
-    """Run a command at this terminal, where it asks for itself; returns whether it succeeded."""
+    """Run a command, which asks its own questions at this terminal; return whether the command succeeded."""
     words = shlex.split(command)
     program = [sys.executable, "-m", f"lerobot_robot_yam.commands.{_REPAIRS[' '.join(words[:2])]}"]
     yes = ["--yes"] if sure and words[1] != "report" else []

@@ -41,13 +41,13 @@ from lerobot_robot_yam.system.own_commands import as_root
 from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.sysfs import CanAdapter, read_adapters
 
-NAMES = ("can_follower_l", "can_follower_r", "can_leader_l", "can_leader_r")  # of the shipped run configs
+NAMES = ("can_follower_l", "can_follower_r", "can_leader_l", "can_leader_r")  # names in the shipped run configs
 _PLUG = "plug in its adapter; if it is plugged in, pull it out and plug it in again"
 _WRIST = "turn its wrist by hand, a hand's width to and fro"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-setup-can`; returns the exit status."""
+    """Run `yam-setup-can`; return its exit status."""
     epilog = f"All but --dry-run and --list takes root. Where `which` finds nothing: {as_root('yam-setup-can')}"
     parser = command_parser("yam-setup-can", __doc__, epilog=epilog)
     parser.add_argument(
@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 class Naming:
-    """Names adapters of the computer that the arguments say, with the person at the terminal."""
+    """Dialogue that names the CAN adapters of the computer whose files are below `args.root`."""
 
     def __init__(self, args: argparse.Namespace):
         self.files, self.dry, self.sure = SystemFiles(args.root), args.dry_run, args.yes
@@ -86,7 +86,7 @@ class Naming:
         return read_adapters(self.files.root / "sys")
 
     def adapter(self, interface: str) -> CanAdapter:
-        """Return the adapter that has this name now. Raises SetupError: there is none."""
+        """Return the adapter that has this name now. Raises SetupError: no adapter has this name."""
         adapters = {adapter.name: adapter for adapter in self.adapters}
         if interface not in adapters:
             there = ", ".join(adapters) or "none; plug one in (`lsusb` lists what is plugged in)"
@@ -94,11 +94,11 @@ class Naming:
         return adapters[interface]
 
     def assign(self, wanted: Mapping[str, str]) -> bool:
-        """Give names to interfaces, after a question; returns whether the person agreed.
+        """Give names to interfaces, after a question; return whether the person agreed.
 
         Raises:
-            SetupError: no such adapter, a name that is taken, adapters that cannot be told apart; nothing was changed.
-            ChannelInUseError: a session drives one of them.
+            SetupError: an adapter is missing, a name is taken, or adapters look the same; nothing was changed.
+            ChannelInUseError: a session drives an arm through one of the adapters.
         """
         named, adapters = self.named, self.adapters
         for name, interface in wanted.items():
@@ -121,7 +121,7 @@ class Naming:
         return True
 
     def make(self, changes: Sequence[Change], undo: bool = False) -> bool:
-        """Show changes, or those that undo all; ask, and make them; return whether the person agreed.
+        """Show changes, ask, and make the changes; return whether the person agreed. `undo`: they undo the set-up.
 
         Raises:
             SetupError: a file cannot be written.
@@ -139,14 +139,14 @@ class Naming:
         return True
 
     def guide(self, names: Sequence[str], place: Mapping[str, Any] | None) -> None:
-        """Ask for the adapter of each name, one after another. Each is done before the next is asked for.
+        """Ask for the adapter of each name, one after another, and name each adapter before the next question.
 
         Args:
-            names: to be given.
-            place: where the arms are, to find them by their wrists; None: adapters are plugged in.
+            names: names to give.
+            place: where the arms are, to find each arm by a turn of its wrist; None: by plugging its adapter in.
 
         Raises:
-            YamError: the terminal has gone, or no arm answers. The names that were given stay.
+            YamError: the terminal has gone, or no arm answers. The names given so far stay.
         """
         for name in names:
             while True:
@@ -160,7 +160,7 @@ class Naming:
                     tell(f"{error}")
 
     def _found(self, name: str, place: Mapping[str, Any] | None) -> str:
-        """Return the interface that the person shows or types, or "q"; empty to skip this name."""
+        """Return the interface that the person shows or types; "q" to quit, "" to skip this name."""
         there = ", ".join(adapter.name for adapter in self.adapters)
         question = f"\n{name}: {{}}.\nOr type its present name{f' ({there})' if there else ''}; Enter skips it, q ends."
         if place is not None:
@@ -183,7 +183,7 @@ class Naming:
         return ask(f"This adapter has {len(plugged)} channels. Which one is for {name}?")
 
     def table(self) -> str:
-        """Return all names and adapters, with what ties them."""
+        """Return a table of all names and adapters, with the property by which each name finds its adapter."""
         adapters = self.adapters
         rows = []
         for adapter in adapters:

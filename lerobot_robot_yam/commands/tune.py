@@ -44,16 +44,16 @@ from lerobot_robot_yam.session.arm_session import Isolation
 from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.system.paths import user_path
 
-LEGS = 12  # of an automatic run: 80 s
+LEGS = 12  # number of legs of an automatic run, which takes 80 s
 _WORD = "tune"
-_HOLD_POSES = 4  # at which the tuning is tried
+_HOLD_POSES = 4  # number of poses at which the new tuning is tried
 _REMEDY_LEGS = 2
 _GUIDED_MOST = 20
-_LEAST_MOVED_RAD = 0.15  # of a joint, for its friction to show
+_LEAST_MOVED_RAD = 0.15  # least travel of a joint that reveals its friction, rad
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-tune`; returns the exit status."""
+    """Run `yam-tune`; return its exit status."""
     parser = command_parser("yam-tune", __doc__)
     add_arm_arguments(parser)
     parser.add_argument("--out", type=user_path, required=True, metavar="PATH", help="the tuning to write")
@@ -101,7 +101,7 @@ def _tune(args: argparse.Namespace) -> int:
 
 
 def tune(config: ArmConfig, args: argparse.Namespace, isolation: Isolation = "process", legs: int = LEGS) -> int:
-    """Measure, fit, try and write; returns the exit status.
+    """Measure an arm, fit its tuning, try it and write it; return the exit status.
 
     Args:
         config: the arm, without a tuning.
@@ -109,7 +109,7 @@ def tune(config: ArmConfig, args: argparse.Namespace, isolation: Isolation = "pr
         isolation, legs: see `Tuner`.
 
     Raises:
-        YamError: what failed; the arm has landed or was never energised, and nothing was written.
+        YamError: something failed; the arm has landed or was never energised, and nothing was written.
     """
     require_engine()
     if args.plot is not None:
@@ -130,17 +130,17 @@ def tune(config: ArmConfig, args: argparse.Namespace, isolation: Isolation = "pr
 
 
 class Tuner:
-    """Drives one arm: to measure, and once more to see how it holds with the tuning.
+    """Driver of one arm: measures its weight and friction, then how well it holds with the tuning.
 
     Args:
         config: the arm, without a tuning.
         isolation: where its control loop runs.
-        workspace: what its ways keep clear of.
-        bare: its tuning without a payload, if a payload is sought.
-        legs: ways of an automatic run, each gone there and back.
+        workspace: obstacles that the arm's motions keep clear of.
+        bare: the arm's tuning without a payload, if a payload is to be found.
+        legs: number of legs of an automatic run; each is travelled in both directions.
 
     Raises:
-        ConfigError: it cannot be tuned so.
+        ConfigError: the arm cannot be tuned with these arguments.
     """
 
     def __init__(
@@ -152,15 +152,15 @@ class Tuner:
             raise ConfigError(f"{config.name}: arm {config.arm!r} has no joints to tune")
         profiles = hardware.arm, hardware.gripper
         if bare is not None:
-            bare.tuned(*profiles)  # it may be another arm's
+            bare.tuned(*profiles)  # raises if the tuning is of another arm
         self._terms = GravityTerms(*profiles, tilt_rad=hardware.tilt_rad)
         self._route = Route(hardware, self._terms, workspace)
 
     def measure(self, guided: bool) -> tuple[Fit, np.ndarray, np.ndarray]:
-        """Move the arm; return what it weighs and how it rubs, how it held, and its poses (k, n) rad.
+        """Move the arm; return the fit, the hold errors (m, n) rad, and the poses (k, n) rad.
 
         Raises:
-            ConfigError: a pose would hit something, or the poses do not tell all; says which.
+            ConfigError: a pose would hit something, or the poses leave a parameter unknown; the message says which.
             YamError: the arm stops, is stopped or is silent.
         """
         with YamArm(self._config, isolation=self._isolation, start="hold") as arm:
@@ -176,7 +176,7 @@ class Tuner:
         return self._fit(samples, poses), holds, poses
 
     def hold(self, tuning: Tuning, poses: np.ndarray) -> np.ndarray:
-        """Return (m, n) rad: how far the arm, with a tuning, hangs off its set-point at some of those poses."""
+        """Return how far the arm with a tuning hangs off its set-point at some of the poses, (m, n) rad."""
         few = poses[:_HOLD_POSES]
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "tuning.yaml"
@@ -187,7 +187,7 @@ class Tuner:
                 return sweep(arm, few, partial(_progress, "trying"))[1]
 
     def _fit(self, samples: Samples, poses: np.ndarray) -> Fit:
-        """Fit. Raises ConfigError: the samples do not tell all; says which poses would."""
+        """Fit the samples. Raises ConfigError: they leave a parameter unknown; the message lists poses to add."""
         try:
             return fit(self.hardware, samples, self._bare)
         except NotToldError as error:
@@ -205,7 +205,7 @@ def _progress(doing: str, share: float) -> None:
 
 
 def _led_poses(arm: YamArm) -> list[np.ndarray]:
-    """Return the poses to which a person has led the floating arm; it holds afterwards."""
+    """Return the poses to which a person leads the floating arm; the arm holds afterwards."""
     tell("The arm floats. Lead it to poses that are clear of everything; the ways between them will be straight.")
     arm.float()
     poses: list[np.ndarray] = []

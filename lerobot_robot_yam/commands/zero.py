@@ -32,16 +32,16 @@ from lerobot_robot_yam.damiao.tables import Fault, fault_text
 from lerobot_robot_yam.errors import ConfigError, MotorError
 
 _WORD = "zero"
-_LIVE_S = 0.2  # between two looks at the angles
+_LIVE_S = 0.2  # period of showing the angles, s
 _UNSAID = "where its model has it at 0 (the profile says nothing more)"
-_CHANGE_RAD = 0.05  # what a careful hand may be off by
-_READ_BACK_RAD = 0.01  # a zeroed motor reads within this of 0, another one within this of its reading before
-_READ_BACK_S = 0.5  # a motor that writes its flash may be silent for a moment
+_CHANGE_RAD = 0.05  # largest change of a zero that is expected, rad: a careful hand may be off by this
+_READ_BACK_RAD = 0.01  # tolerance of a reading after zeroing, rad: from 0, or from before for other motors
+_READ_BACK_S = 0.5  # wait for the readings after zeroing, s: a motor that writes its flash may be silent
 _STILL_RAD, _STILL_S, _SAMPLE_S = 0.005, 0.5, 0.02
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-zero`; returns the exit status."""
+    """Run `yam-zero`; return its exit status."""
     parser = command_parser("yam-zero", __doc__)
     add_arm_arguments(parser)
     parser.add_argument(
@@ -72,7 +72,7 @@ def _zero(args: argparse.Namespace) -> int:
             _wait_until_placed(zeroing)
         present = zeroing.read().joint_rad
         far = [f"{zeroing.names[i]} by {-present[i]:+.2f}" for i in zeroing.chosen if abs(present[i]) > _CHANGE_RAD]
-        if far:  # wanted after a repair, otherwise a mistake
+        if far:  # a large change is wanted after a repair, and a mistake otherwise
             tell(f"WARNING: this changes where these joints are taken to be, in rad: {', '.join(far)}")
         question = f"Type {_WORD} to make the present pose the zero of these joints:"
         confirm_word(args.yes, _WORD, question, "nothing was zeroed")
@@ -91,7 +91,7 @@ def _zero(args: argparse.Namespace) -> int:
 
 
 def _wait_until_placed(zeroing: "Zeroing") -> None:
-    """Show the angles of the chosen joints live until Enter."""
+    """Show the angles of the chosen joints live until the person presses Enter."""
     tell("Press Enter when they are in place.")
     while not select.select([sys.stdin], [], [], _LIVE_S)[0]:
         motor = zeroing.read().motor_rad
@@ -115,9 +115,9 @@ class Reading(NamedTuple):
     """Angles of all motors of an arm, (n,): the joints, then the gripper's motor if there is one.
 
     Attributes:
-        motor_rad: as the motors say.
-        joint_rad: joint angles, on the turn of their range; NaN where no turn is clear, and for the gripper.
-        problems: what `resolve_turn` says of those, by joint name.
+        motor_rad: angles that the motors report.
+        joint_rad: joint angles, on the turn within their range; NaN where the turn is unclear, and for the gripper.
+        problems: name of a joint whose turn is unclear -> reason from `resolve_turn`.
     """
 
     motor_rad: np.ndarray
@@ -126,17 +126,17 @@ class Reading(NamedTuple):
 
 
 class Zeroing:
-    """Makes limp motors take their angle as zero, and proves that this, and nothing else, happened.
+    """Procedure that makes limp motors store their angle as zero, and verifies that nothing else changed.
 
-    A ZERO command moves the origin of a motor that obeys no other command while it is limp.
+    A ZERO command moves the origin of a limp motor; a limp motor obeys no other command.
 
     Args:
-        config: the arm; its gripper must be the one that is fitted.
-        bus: open bus; nobody else drives it.
+        config: the arm, with the gripper that is fitted.
+        bus: open bus that nobody else uses.
         joints: names of the joints to zero, such as "joint_2".
 
     Raises:
-        ConfigError: no such joint, or one whose range does not hold 0.
+        ConfigError: there is no such joint, or its range does not contain 0.
     """
 
     def __init__(self, config: ArmConfig, bus: can.BusABC, joints: Sequence[str]):
@@ -158,7 +158,7 @@ class Zeroing:
         self._clock = self._chain.clock
 
     def guidance(self) -> str:
-        """Say where to put the chosen joints, with their ranges."""
+        """Return a text that says where to put the chosen joints, with their ranges."""
         lines = ["Put these joints by hand where the profile says zero is, and support the arm so that it stays there:"]
         for index in self.chosen:
             name, (low, high) = self.names[index], self._arm.arm.joint_limits_rad[index]
@@ -176,9 +176,9 @@ class Zeroing:
         return table(["motor", "motor rad", "joint rad", ""], rows)
 
     def inspect(self) -> None:
-        """Refuse unless every motor is there, the right one, and limp. Raises MotorError: names the motor."""
+        """Check that every motor answers, has the right type and is limp. Raises MotorError: one is not."""
         self._chain.refresh()
-        self._check_limp()  # of those that answer: an energised arm is the first thing to say
+        self._check_limp()  # checks the motors that answer: an energised arm is reported before other problems
         verify(self._chain)
         self._refresh()
         self._check_limp()
@@ -202,7 +202,7 @@ class Zeroing:
         """Watch the chosen joints for `_STILL_S`.
 
         Raises:
-            MotorError: one moved by more than `_STILL_RAD`, or a motor was silent; nothing was zeroed.
+            MotorError: a joint moved by more than `_STILL_RAD`, or a motor was silent; nothing was zeroed.
         """
         seen = []
         deadline = self._clock.now() + _STILL_S
@@ -218,7 +218,7 @@ class Zeroing:
                 )
 
     def set_zero(self) -> tuple[Reading, Reading]:
-        """Zero the chosen joints and verify; returns the readings before and after. Call `require_still` right before.
+        """Zero the chosen joints and verify; return the readings before and after. Call `require_still` right before.
 
         Raises:
             MotorError: a motor is energised, did not take the zero, or another motor's angle changed with it.
@@ -228,7 +228,7 @@ class Zeroing:
         self._chain.special(SpecialCommand.ZERO, motors=self.chosen)
         deadline = self._clock.now() + _READ_BACK_S
         while True:
-            self._chain.feedback.restart()  # the origin has moved: not a motion that could be followed over turns
+            self._chain.feedback.restart()  # the origin jumped: without this, it would be counted as motion
             try:
                 after = self.read()
             except MotorError as error:
@@ -267,9 +267,9 @@ class Zeroing:
         self._check_limp()
 
     def _refresh(self) -> None:
-        """Have a fresh answer of every motor; one lost frame is not a silent motor."""
+        """Read every motor anew; several attempts, since one lost frame does not make a motor silent."""
         asked = self._clock.now()
-        self._chain.feedback.believe(range(len(self._chain)))  # hands move limp joints as far as they like
+        self._chain.feedback.believe(range(len(self._chain)))  # accept jumps: hands move limp joints freely
         for _ in range(5):
             self._chain.refresh()
             if (self._chain.stamp_s >= asked).all():

@@ -45,10 +45,10 @@ def _show(report: "DatasetReport") -> None:
 
 
 def check(root: Path, pictures: str, arm: str | None, as_json: bool) -> int:
-    """Check a data set; returns the exit status.
+    """Check a data set; return the exit status.
 
     Raises:
-        ConfigError: it is no data set of format v3, or there is no such arm.
+        ConfigError: `root` is not a data set of format v3, or there is no such arm.
     """
     from lerobot_robot_yam.face.datasets.check.dataset_report import check_dataset
 
@@ -62,7 +62,7 @@ def check(root: Path, pictures: str, arm: str | None, as_json: bool) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-dataset-check`; returns the exit status."""
+    """Run `yam-dataset-check`; return its exit status."""
     parser = command_parser("yam-dataset-check", __doc__)
     parser.add_argument("path", type=user_path, help="directory of the data set (--dataset.root of the recording)")
     parser.add_argument("--pictures", choices=_EVERY_S, default="sampled", help="how many to look at")

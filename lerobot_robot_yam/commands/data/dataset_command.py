@@ -10,15 +10,15 @@ from lerobot_robot_yam.system.paths import user_path
 
 
 def add_paths(parser: argparse.ArgumentParser, suffix: str) -> None:
-    """Where the data set is, and where the copy goes: beside it, with `suffix` added to its name."""
+    """Add the paths of the data set and of the copy; by default the copy is beside it, named with `suffix`."""
     parser.add_argument("path", type=user_path, help="directory of the data set (--dataset.root of the recording)")
     parser.add_argument("--output", type=user_path, help=f"directory of the copy (default: PATH{suffix})")
 
 
 def paths(parser: argparse.ArgumentParser, args: argparse.Namespace, suffix: str, writes: bool) -> tuple[Path, Path]:
-    """The data set and the copy; ends the command when there is no data set, or a copy may not be written there.
+    """Return the paths of the data set and its copy; end the command with an error if one of them cannot be used.
 
-    From here on LeRobot does not look on the Hub for what is missing on disk.
+    Afterwards LeRobot does not search the Hub for files that are missing on disk.
     """
     root = args.path.resolve()
     target = (args.output or root.with_name(f"{root.name}{suffix}")).resolve()
@@ -33,7 +33,7 @@ def paths(parser: argparse.ArgumentParser, args: argparse.Namespace, suffix: str
 
 
 def bar(items: Iterable[Any], what: str) -> Iterable[Any]:
-    """Items with a progress bar, shown on a terminal once it takes longer than a second."""
+    """Return the items with a progress bar, shown on a terminal if the work takes longer than a second."""
     from tqdm import tqdm
 
     return tqdm(items, what, delay=1.0, leave=False, disable=None)

@@ -13,11 +13,11 @@ from lerobot_robot_yam.commands.lib.command_line import command_parser
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.system.paths import user_path
 
-FIRST_SEED = 100_000  # far from those of evaluations, which LeRobot begins at 1000
+FIRST_SEED = 100_000  # first seed of gathering: far from the seeds of evaluations, which LeRobot begins at 1000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-gather`."""
+    """Run `yam-gather`; return its exit status."""
     parser = command_parser("yam-gather", __doc__)
     parser.add_argument("eval_config", type=user_path, help="a config of lerobot-eval")
     parser.add_argument("--root", type=user_path, required=True, help="folder of the data set")
@@ -26,14 +26,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="of a new data set (default %(default)s)")
     options = parser.parse_args(arguments)
 
-    import av  # these load LeRobot with torch, for which a help must not wait
+    import av  # imported late: these imports load LeRobot with torch, and --help must not wait for that
     import datasets
     from lerobot.utils.utils import init_logging
 
     from lerobot_robot_yam.commands.data.gathering import environment, gather
 
     init_logging()
-    av.logging.set_libav_level(av.logging.ERROR)  # messages about every episode would tear our progress bar apart
+    av.logging.set_libav_level(av.logging.ERROR)  # libav's messages about every episode would break our progress bar
     datasets.disable_progress_bars()
     try:
         config = environment(options.eval_config)

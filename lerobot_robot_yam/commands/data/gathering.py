@@ -30,13 +30,13 @@ from lerobot_robot_yam.yam_env import YamEnv
 
 logger = logging.getLogger(__name__)
 
-_SEEDS = "seeds.json"  # beside the data: which seeds were tried, and with what outcome
-_GIVE_UP = 20  # failures in a row
+_SEEDS = "seeds.json"  # name of the file beside the data: seed -> whether its attempt succeeded
+_GIVE_UP = 20  # number of failures in a row after which gathering ends
 _ENCODER = {"vcodec": "h264", "preset": "ultrafast", "crf": 18}
 
 
 class Frame(NamedTuple):
-    """One step: the observation before it, the action (m,) really sent, and whether it brought success."""
+    """One step: the observation before the step, the action (m,) really sent, and whether the step brought success."""
 
     observation: dict[str, Any]
     action: np.ndarray
@@ -44,7 +44,7 @@ class Frame(NamedTuple):
 
 
 def demonstrate(env: YamEnv, seed: int) -> Iterator[Frame]:
-    """The operator's attempt at the environment's task, laid out by `seed`, until it is over.
+    """Yield the steps of the operator's attempt at the environment's task, which is laid out by `seed`.
 
     Raises:
         ConfigError: the environment is not in lock-step, or its task has no operator.
@@ -67,7 +67,7 @@ def demonstrate(env: YamEnv, seed: int) -> Iterator[Frame]:
 
 
 def features_of(config: YamEnvConfig) -> dict[str, dict[str, Any]]:
-    """The data set's features: as `lerobot-record` writes them for the environment's robot."""
+    """Return the data set's features as `lerobot-record` writes them for the environment's robot."""
     robot = cast(Any, config.robot)
     features: dict[str, dict[str, Any]] = {}
     for key, names in ((ACTION, robot.action_keys()), (OBS_STATE, robot.state_keys())):
@@ -79,11 +79,11 @@ def features_of(config: YamEnvConfig) -> dict[str, dict[str, Any]]:
 
 
 def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_seed: int) -> dict[int, bool]:
-    """Gather until the data set in `root` has enough episodes; returns which seeds succeeded, of all that were tried.
+    """Gather until the data set in `root` has enough episodes; return seed -> success for all seeds tried.
 
     Raises:
         RigError: the operator fails again and again.
-        YamError: what the environment raises.
+        YamError: the environment fails.
     """
     seeds_path = root / _SEEDS
     tried = {int(seed): won for seed, won in json.loads(seeds_path.read_text()).items()} if seeds_path.exists() else {}
@@ -91,7 +91,7 @@ def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_
     dataset: LeRobotDataset | None = None
     failures = 0
     try:
-        env.reset(seed=first_seed)  # an environment that cannot be leaves no data set behind
+        env.reset(seed=first_seed)  # first, so that an environment that cannot start leaves no data set behind
         dataset = _open(config, root, repo_id, env._max_episode_steps)
         with tqdm(total=episodes, initial=dataset.num_episodes, unit="episode") as bar:
             while dataset.num_episodes < episodes:
@@ -99,7 +99,7 @@ def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_
                 won = _attempt(env, seed, dataset)
                 tried[seed] = won
                 with finished_first("saving the episode"):
-                    write_whole(seeds_path, json.dumps(tried))  # first: the next run must not do the same seed again
+                    write_whole(seeds_path, json.dumps(tried))  # first, so that no later run repeats the seed
                     if won:
                         dataset.save_episode()
                         bar.update()
@@ -150,7 +150,7 @@ def _open(config: YamEnvConfig, root: Path, repo_id: str, steps: int) -> LeRobot
 
 
 def damage(root: Path) -> str:
-    """The first defect that a kill has left in the data set in `root`; empty when it is whole."""
+    """Return the first defect that a kill has left in the data set in `root`; empty when the data set is whole."""
     if not any((root / "data").glob("*/*.parquet")):
         return ""
     findings = inspect(root, lambda episodes: ())  # without decoding the videos
@@ -164,14 +164,14 @@ def _refuse_another(what: str, held: object, wanted: object, root: Path) -> None
 
 
 def environment(path: Path) -> YamEnvConfig:
-    """The environment of a `lerobot-eval` config.
+    """Return the environment of a `lerobot-eval` config.
 
     Raises:
-        ConfigError: it cannot be read, is not ours, or not in lock-step.
+        ConfigError: the config cannot be read, or its environment is not ours or not in lock-step.
     """
     try:
         config = draccus.parse(EvalPipelineConfig, path, args=[]).env
-    except (OSError, DecodingError, ParsingError, AttributeError) as error:  # the last: no mapping
+    except (OSError, DecodingError, ParsingError, AttributeError) as error:  # AttributeError: not a mapping
         raise ConfigError(f"{path} is no config of lerobot-eval: {error.__cause__ or error}") from error
     if not isinstance(config, YamEnvConfig) or not config.lockstep:
         raise ConfigError(f"{path}: yam-gather needs an environment of type yam with lockstep: true")

@@ -31,7 +31,7 @@ _BY = "yam-label"
 
 
 def _edit(text: str) -> tuple[range, str | None]:
-    """Episodes and their outcome, from a text such as 5-7=discard."""
+    """Parse a text such as 5-7=discard; return the episodes and their outcome, None to remove it."""
     match = _EDIT.fullmatch(text)
     if match is None or match[3] not in (*KINDS, _NONE):
         raise argparse.ArgumentTypeError(
@@ -46,10 +46,10 @@ def _edit(text: str) -> tuple[range, str | None]:
 def _edited(
     count: int, labels: Mapping[int, Outcome], edits: Sequence[tuple[range, str | None]], rest: str | None
 ) -> list[Outcome]:
-    """The outcomes to write.
+    """Return the outcomes to write.
 
     Raises:
-        ConfigError: an episode that the data set does not have.
+        ConfigError: the data set does not have one of the episodes.
     """
     wanted: dict[int, str | None] = {}
     for episodes, outcome in edits:
@@ -63,7 +63,7 @@ def _edited(
 
 
 def _show(root: Path, count: int, labels: Mapping[int, Outcome]) -> None:
-    from lerobot_robot_yam.face.datasets.check.opened_dataset import open_dataset  # pyarrow: --help does without
+    from lerobot_robot_yam.face.datasets.check.opened_dataset import open_dataset  # late: loads pyarrow
 
     lengths = {episode.number: episode.metadata.get("length", "–") for episode in open_dataset(root).episodes}
     rows = []
@@ -83,7 +83,7 @@ def label(
     rest: str | None,
     target: Path | None,
 ) -> int:
-    """Edit, show, and apply outcomes if there is a `target`; returns the exit status.
+    """Edit and show outcomes, and apply them if there is a `target`; return the exit status.
 
     Raises:
         YamError: the data set or its outcomes cannot be read, an episode does not exist, or nothing would be left.
@@ -113,7 +113,7 @@ def label(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-label`; returns the exit status."""
+    """Run `yam-label`; return its exit status."""
     parser = command_parser("yam-label", __doc__)
     add_paths(parser, _SUFFIX)
     parser.add_argument("--set", type=_edit, nargs="+", default=[], metavar="EPISODES=LABEL", help="label episodes")

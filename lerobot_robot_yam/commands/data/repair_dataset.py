@@ -20,7 +20,7 @@ _SUFFIX = "_repaired"
 
 
 def _ranges(numbers: list[int]) -> str:
-    """Whole numbers in short: "0–4, 7"."""
+    """Return whole numbers as ranges, such as "0–4, 7"."""
     spans: list[list[int]] = []
     for number in numbers:
         if spans and number == spans[-1][1] + 1:
@@ -31,10 +31,10 @@ def _ranges(numbers: list[int]) -> str:
 
 
 def repair(root: Path, target: Path, dry_run: bool = False) -> int:
-    """Repair a data set into a new directory; returns the exit status.
+    """Repair a data set into a new directory; return the exit status.
 
     Raises:
-        YamError: it cannot be read, or what was written does not load.
+        YamError: the data set cannot be read, or its repaired copy does not load.
     """
     from lerobot_robot_yam.face.datasets.repair.inspection import inspect
     from lerobot_robot_yam.face.datasets.repair.rebuild import rebuild, verify
@@ -69,7 +69,7 @@ def repair(root: Path, target: Path, dry_run: bool = False) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-repair-dataset`; returns the exit status."""
+    """Run `yam-repair-dataset`; return its exit status."""
     parser = argparse.ArgumentParser(
         prog="yam-repair-dataset",
         description="Make a LeRobot data set load again whose recording was killed. The original is not changed.",

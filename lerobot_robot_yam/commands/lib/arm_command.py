@@ -1,4 +1,4 @@
-"""Shared by the commands about one arm: its options, its config, its channel for itself alone."""
+"""Functions shared by the commands about one arm: the arm's options, its config, exclusive use of its channel."""
 
 import argparse
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ _PER_ARM = ("channel", "arm", "gripper", "name", "calibration")
 
 
 def add_arm_arguments(parser: argparse.ArgumentParser, several: bool = False, required: bool = True) -> None:
-    """Add which arm: channel, interface, hardware. `several`: one or two; `each_arm` tells them apart."""
+    """Add the options that name an arm: channel, interface, hardware. `several`: one or two arms, see `each_arm`."""
     more: dict[str, Any] = {"nargs": "+"} if several else {}
     parser.add_argument("--channel", required=required, **more, help="CAN channel, such as can_follower_l")
     add_place_arguments(parser)
@@ -35,7 +35,7 @@ def add_arm_arguments(parser: argparse.ArgumentParser, several: bool = False, re
 
 
 def add_place_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add where channels are: interface and virtual rig, for `place_of`."""
+    """Add the options that say where channels are: interface and virtual rig, for `place_of`."""
     parser.add_argument("--interface", help=f"python-can interface (default {SOCKETCAN}, with --rig {VIRTUAL})")
     parser.add_argument("--rig", help="name of a virtual rig")
 
@@ -47,10 +47,10 @@ def place_of(interface: str | None, rig: str | None) -> dict[str, Any]:
 
 
 def each_arm(args: argparse.Namespace) -> list[argparse.Namespace]:
-    """Return the arguments of each arm, of a command that takes several; one profile may stand for all.
+    """Split the arguments of a command for several arms by arm; one value for several arms holds for all of them.
 
     Raises:
-        ConfigError: more than two arms, or a number of values that fits neither.
+        ConfigError: there are more than two arms, or an option has neither one value nor one per arm.
     """
     count = len(args.channel)
     if count > 2:
@@ -74,7 +74,7 @@ def arm_config(args: argparse.Namespace, **fields: Any) -> ArmConfig:
 
 
 def with_answering_gripper(args: argparse.Namespace, bus: can.BusABC, **fields: Any) -> ArmConfig:
-    """As `arm_config`, with the gripper that answers on the open bus, unless one was given.
+    """Return the config as `arm_config` does; a gripper that was not given is the one that answers on the open bus.
 
     Raises:
         BusError: the channel is gone.
@@ -85,7 +85,7 @@ def with_answering_gripper(args: argparse.Namespace, bus: can.BusABC, **fields: 
 
 
 def with_likely_gripper(args: argparse.Namespace, **fields: Any) -> ArmConfig:
-    """As `arm_config`, with the gripper that answers, unless one was given; say which. Energises nothing.
+    """Return the config as `arm_config` does; find out and print a gripper that was not given. Energises nothing.
 
     Raises:
         BusError: the channel cannot be opened, or another program drives the arm.
@@ -100,11 +100,11 @@ def with_likely_gripper(args: argparse.Namespace, **fields: Any) -> ArmConfig:
 
 @contextmanager
 def own_bus(config: ArmConfig) -> Iterator[can.BusABC]:
-    """Open the arm's channel, while nobody else drives it.
+    """Open the arm's channel for exclusive use.
 
     Raises:
-        ChannelInUseError: another process of ours, or another driver on the wire, does.
-        BusError: it cannot be opened.
+        ChannelInUseError: another process of ours, or another driver on the wire, uses the channel.
+        BusError: the channel cannot be opened.
     """
     key = channel_key(config.interface, config.channel, config.can_options.get("rig"))
     lock = FileLock(lock_path(key), f"CAN channel {config.channel}")
@@ -119,6 +119,6 @@ def own_bus(config: ArmConfig) -> Iterator[can.BusABC]:
 
 @contextmanager
 def open_buses(arms: Sequence[ArmConfig]) -> Iterator[dict[str, can.BusABC]]:
-    """Open channels of arms that nobody else drives, by name. Raises as `own_bus`."""
+    """Open the channels of several arms for exclusive use; yield channel -> bus. Raises the errors of `own_bus`."""
     with ExitStack() as stack:
         yield {config.channel: stack.enter_context(own_bus(config)) for config in arms}

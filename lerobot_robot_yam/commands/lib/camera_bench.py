@@ -14,9 +14,9 @@ from lerobot_robot_yam.cameras.picture_source import PictureSource, Wanted
 from lerobot_robot_yam.errors import SetupError
 from lerobot_robot_yam.system.paths import write_whole
 
-_SETTLE = 20  # pictures until a camera's own exposure has settled
-_TAKES = 5  # pictures until an exposure that was set shows
-_WIDTH, _HEIGHT, _WORDS = 480, 360, 44  # pixels of a field of the sheet, and of the words below it
+_SETTLE = 20  # number of pictures until a camera's automatic exposure has settled
+_TAKES = 5  # number of pictures until a new exposure takes effect
+_WIDTH, _HEIGHT, _WORDS = 480, 360, 44  # width and height of a picture on the sheet, height of the words below, pixels
 _GREY, _WHITE = 40, (255, 255, 255)
 CLIPPED_AT = 250  # least value of a colour, 0 to 255, at which a pixel counts as clipped
 MOST_CLIPPED = 0.02  # largest accepted share of clipped pixels
@@ -36,7 +36,7 @@ class Brightness:
         return f"brightness {self.mean:.2f}, {self.clipped:.1%} clipped"
 
     def bad(self, target: float) -> float:
-        """Distance from the wanted brightness, 0 when met. 1 % too many clipped pixels count as 0.1 of brightness."""
+        """Return the distance from the wanted brightness, ≥ 0; 1 % too many clipped pixels add 0.1."""
         return abs(self.mean - target) + 10.0 * max(0.0, self.clipped - MOST_CLIPPED)
 
 
@@ -46,7 +46,7 @@ def brightness_of(colour: np.ndarray) -> Brightness:
 
 
 class Bench:
-    """Opens cameras one at a time, in one size and rate, and collects what they saw.
+    """Collector of pictures from cameras, which are opened one at a time, in one size and rate.
 
     Args:
         width, height: pixels.
@@ -58,10 +58,10 @@ class Bench:
         self._pictures: list[tuple[str, np.ndarray | None]] = []
 
     def look(self, camera: Plugged, title: str) -> Brightness:
-        """Take a settled picture for the sheet; returns how bright it is.
+        """Take a settled picture for the sheet; return its brightness.
 
         Raises:
-            CameraError, ConfigError: as the camera says.
+            CameraError, ConfigError: the camera fails or cannot be configured so.
         """
         with closing(self._opened(camera)) as source:
             return self._take(source, _SETTLE, title)
@@ -71,10 +71,10 @@ class Bench:
         self._pictures.append((f"{title}\nno picture", None))
 
     def tune(self, camera: Plugged, target: float, tell: Callable[[str], None]) -> tuple[Brightness, int, Brightness]:
-        """Find an exposure; returns how bright it was before, the exposure, and how bright it is with it.
+        """Find an exposure; return the brightness before, the exposure, and the brightness with that exposure.
 
         Raises:
-            CameraError, ConfigError: as the camera says; also where no exposure can be set.
+            CameraError, ConfigError: the camera fails, or its exposure cannot be set.
         """
         with closing(self._opened(camera)) as source:
             limits = source.exposure_range()
@@ -114,12 +114,12 @@ class Bench:
 def find_exposure(
     measure: Callable[[int], Brightness], limits: tuple[int, int], target: float = TARGET
 ) -> list[tuple[int, Brightness]]:
-    """Halve the range of exposures, on a logarithmic scale, until the picture is right or nothing is left to halve.
+    """Halve the range of exposures, on a logarithmic scale, until the brightness is right or the range is one value.
 
     Args:
-        measure: sets an exposure and measures the picture.
+        measure: function that sets an exposure and measures the picture.
         limits: least and greatest exposure of the camera.
-        target: mean brightness, 0 to 1. A window or a lamp in the picture makes it darker than that, at most by half.
+        target: mean brightness, 0 to 1; with a window or lamp in the picture, the result is up to half as dark.
 
     Returns:
         Each exposure that was tried, at most `MOST_TRIES`, the best last.
@@ -139,7 +139,7 @@ def find_exposure(
 
 
 def _settled(source: PictureSource, count: int) -> tuple[np.ndarray, Brightness]:
-    """The last of so many pictures, and its brightness."""
+    """Read `count` pictures; return the last one and its brightness."""
     for _ in range(count):
         colour = source.read().colour
     assert colour is not None, "colour was asked for"
@@ -147,10 +147,10 @@ def _settled(source: PictureSource, count: int) -> tuple[np.ndarray, Brightness]
 
 
 def _sheet(pictures: Sequence[tuple[str, np.ndarray | None]]) -> np.ndarray:
-    """(rows · 404, columns · 480, 3) uint8 RGB: a field for each picture (height, width, 3), grey where there is none.
+    """Draw the sheet, (rows · 404, columns · 480, 3) uint8 RGB: a field per picture, grey where a picture is missing.
 
     Args:
-        pictures: words, of which a newline begins a second line, and picture of each field.
+        pictures: words of each field (a newline begins a second line), and its picture (height, width, 3).
     """
     columns = math.ceil(math.sqrt(len(pictures)))
     rows = math.ceil(len(pictures) / columns)

@@ -9,7 +9,7 @@ from typing import Any
 from lerobot_robot_yam.commands.lib.dialogue import tell
 from lerobot_robot_yam.errors import YamError
 
-_INTERRUPTED = 130  # the shell's own status after Ctrl-C
+_INTERRUPTED = 130  # exit status after Ctrl-C, as in the shell
 
 
 def command_parser(program: str, text: str | None, **more: Any) -> argparse.ArgumentParser:
@@ -19,15 +19,15 @@ def command_parser(program: str, text: str | None, **more: Any) -> argparse.Argu
 
 
 def seconds(text: str) -> float:
-    """Parse a time on the command line. Raises argparse.ArgumentTypeError: none that passes."""
+    """Parse a duration on the command line, s. Raises argparse.ArgumentTypeError: not finite or not above 0."""
     found = float(text)
-    if not 0.0 < found < math.inf:  # not a number, too
+    if not 0.0 < found < math.inf:  # refuses NaN, too
         raise argparse.ArgumentTypeError(f"give a number of seconds above 0, not {text}")
     return found
 
 
 def run_command(program: str, work: Callable[[], int]) -> int:
-    """Do the work of a command; errors of ours become one line and status 1."""
+    """Do the work of a command and return its exit status; our own errors become one line and status 1."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     try:
         return work()

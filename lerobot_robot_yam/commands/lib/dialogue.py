@@ -1,4 +1,4 @@
-"""Words for the person at the terminal, tables, questions and their answers."""
+"""Dialogue with the person at the terminal: output, tables, questions and their answers."""
 
 import os
 import select
@@ -11,7 +11,7 @@ CLEAR_SCREEN = "\x1b[H\x1b[J"
 
 
 def need_terminal(yes: bool) -> None:
-    """Refuse, before anything was done, to go on without anybody to ask.
+    """Require a terminal or --yes, before anything is done.
 
     Raises:
         ConfigError: standard input is no terminal, and --yes was not given.
@@ -34,12 +34,12 @@ def ask(question: str) -> str:
 
 
 def agreed(question: str) -> bool:
-    """Whether the person at the terminal says yes, or just Enter. Raises ConfigError: the terminal has gone."""
+    """Ask; return whether the person answers yes, or just Enter. Raises ConfigError: the terminal has gone."""
     return ask(f"{question} [Y/n]").lower() in ("", "y", "yes")
 
 
 def typed_line(timeout_s: float) -> str | None:
-    """Return a line that is typed within a time, None without one. Raises ConfigError: the terminal has gone."""
+    """Return a line that is typed within a time, or None. Raises ConfigError: the terminal has gone."""
     if not select.select([sys.stdin], [], [], timeout_s)[0]:
         return None
     line = os.read(sys.stdin.fileno(), 4096)
@@ -49,10 +49,10 @@ def typed_line(timeout_s: float) -> str | None:
 
 
 def confirm_word(yes: bool, word: str, question: str, left: str = "nothing was energised") -> None:
-    """Go on only with --yes, or if the person types the word.
+    """Require --yes, or that the person types the word.
 
     Raises:
-        ConfigError: another word was typed; the message says what was left.
+        ConfigError: another word was typed; `left` is the end of the message.
     """
     if not yes and ask(question) != word:
         raise ConfigError(f"not confirmed; {left}")
@@ -71,15 +71,15 @@ def say(text: str) -> None:
 
 
 def tell_landed(landed: bool) -> int:
-    """Say whether the arms are down, which `ArmSession.stop` returns; returns the exit status."""
-    from lerobot_robot_yam.session.arm_session import still_in_the_air  # loaded already by whoever has landed
+    """Print whether the arms are down, as returned by `ArmSession.stop`; return the exit status."""
+    from lerobot_robot_yam.session.arm_session import still_in_the_air  # loaded by the caller already
 
     tell("the arms have landed" if landed else still_in_the_air("THE ARMS ARE"))
     return 0 if landed else 1
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return columns, right-aligned except the first."""
+    """Return a text table, with its columns right-aligned except the first."""
     lines = [head, *rows]
     widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
     return "\n".join(

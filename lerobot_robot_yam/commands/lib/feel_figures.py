@@ -10,23 +10,23 @@ from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.modes import Mode
 
-SPEED_RAD_S = 0.5  # at which the drag of the motors is given
-_STEP_S = 0.002  # between common times of two loops
-_LEAST_S = 1.0  # of time in common
-_MOVED_RAD = 0.1  # a joint that a hand has moved less tells no drag
+SPEED_RAD_S = 0.5  # joint speed at which the drag of the motors is reported, rad/s
+_STEP_S = 0.002  # step of the time grid to which the samples of leader and follower are interpolated, s
+_LEAST_S = 1.0  # least overlap of the two records in time, s
+_MOVED_RAD = 0.1  # least motion of a joint for which drag is fitted, rad
 _MOVES_RAD_S = 0.05
-_SMOOTH_S = 0.04  # a mean over this, twice, is differentiated for the jerk: what a hand feels, and a camera sees
+_SMOOTH_S = 0.04  # window of the mean, applied twice before the jerk, s: keeps what a hand feels and a camera sees
 _LAG_MOST_S = 0.15
-_FOLLOWED_RAD = 0.05  # a joint that moves less tells no lag
+_FOLLOWED_RAD = 0.05  # least motion of a joint for which lag is computed, rad
 
 
 class Motion(NamedTuple):
     """Joints of leader and follower at the same times.
 
     Attributes:
-        names: (n,) of the joints.
-        times_s: (k,) equally spaced.
-        leader, follower: (k, n) rad.
+        names: (n,) names of the joints.
+        times_s: (k,) equally spaced times, s.
+        leader, follower: (k, n) joint angles, rad.
     """
 
     names: Sequence[str]
@@ -36,10 +36,10 @@ class Motion(NamedTuple):
 
 
 def motion(leader: np.ndarray, follower: np.ndarray) -> Motion:
-    """Bring records of the states of two arms to common times.
+    """Interpolate records of the states of two arms to common times.
 
     Raises:
-        ConfigError: they have different joints, or have hardly any time in common.
+        ConfigError: the arms have different numbers of joints, or the records hardly overlap in time.
     """
     counts = [int(states["joints"][-1]) for states in (leader, follower)]
     if counts[0] != counts[1] or not counts[0]:
@@ -61,10 +61,10 @@ class Effort(NamedTuple):
     """Torques of a leader's motors while it floats. NaN where a joint was not moved.
 
     Attributes:
-        dq: (k, n) rad/s.
-        feedback_nm: (k, n) r.
-        drag_nm: (n,) a + b |dq| at `SPEED_RAD_S`; negative: the motors help.
-        friction_nm: (n,) dry friction as the profile has it.
+        dq: (k, n) joint speeds, rad/s.
+        feedback_nm: (k, n) the feedback r of `effort`, Nm.
+        drag_nm: (n,) drag of the motors, a + b |dq| at `SPEED_RAD_S`, Nm; negative: the motors help.
+        friction_nm: (n,) dry friction from the profile, Nm.
     """
 
     dq: np.ndarray
@@ -74,19 +74,19 @@ class Effort(NamedTuple):
 
     @property
     def backdrive_nm(self) -> np.ndarray:
-        """(n,) what a hand needs to move each joint at `SPEED_RAD_S`, beside the inertia."""
+        """Torque (n,) that a hand needs to move each joint at `SPEED_RAD_S`, without the inertia, Nm."""
         return self.drag_nm + self.friction_nm
 
 
 def effort(leader: np.ndarray, arm: ArmProfile, gripper: GripperProfile) -> Effort:
-    """Fit what the motors of a floating leader do, from records of its states.
+    """Fit the torques of a floating leader's motors to records of its states.
 
-    Its motors drive it with τ = k g(q) − a sign(dq) − b dq + r. Fitting k, a and b for each joint by least squares
-    tells the drag of the motors, a + b |dq|, which a hand has to add to the friction that no motor feels; and the
-    feedback r: what is left, by which the follower pulls at the leader.
+    The leader's motors apply τ = k g(q) − a sign(dq) − b dq + r. k, a and b are fitted for each joint by least squares.
+    The drag of the motors, a + b |dq|, has to be overcome by the hand in addition to friction, which motors do not
+    measure. The feedback r, with which the follower pulls at the leader, is the remainder.
 
     Raises:
-        ConfigError: the profile has other joints.
+        ConfigError: the profile has another number of joints.
     """
     n = int(leader["joints"][-1])
     if n != arm.joint_count:
@@ -94,7 +94,7 @@ def effort(leader: np.ndarray, arm: ArmProfile, gripper: GripperProfile) -> Effo
     floats = leader[leader["mode"] == Mode.FLOAT]
     q, dq, tau = (floats[field][:, :n] for field in ("q", "dq", "tau"))
     feedback, drag = np.full(q.shape, np.nan), np.full(n, np.nan)
-    if len(q) and tau.any():  # a leader without motors has none
+    if len(q) and tau.any():  # a leader without motors has no torques
         gravity = GravityModel(arm, gripper)
         weights = np.array([gravity.torque(row) for row in q])
         for joint in np.flatnonzero(np.ptp(q, axis=0) > _MOVED_RAD):
@@ -108,19 +108,19 @@ def effort(leader: np.ndarray, arm: ArmProfile, gripper: GripperProfile) -> Effo
 
 
 def periods_s(states: np.ndarray) -> np.ndarray:
-    """Return the times between ticks of a control loop that follow each other, from records of its states."""
+    """Return the times between successive ticks of a control loop, s, from records of its states."""
     following = np.diff(states["tick"]) == 1
     return np.diff(states["stamp_s"])[following]
 
 
 class Likeness(NamedTuple):
-    """How n joints of a follower follow a leader's. NaN where a joint has not moved.
+    """Comparison of n joints of a follower with its leader's. NaN where a joint has not moved.
 
     Attributes:
-        lag_s: (n,) of the best fit.
-        error_rad: (n,) RMS of the difference, lag taken out.
-        jerk_ratio: RMS jerk of the follower over all joints, a share of the leader's.
-        joint_jerk_ratio: (n,) the same of each.
+        lag_s: (n,) delay that makes the follower fit the leader best, s.
+        error_rad: (n,) RMS of the difference at that delay, rad.
+        jerk_ratio: RMS jerk of the follower over all joints, divided by the leader's.
+        joint_jerk_ratio: (n,) the same ratio of each joint.
     """
 
     lag_s: np.ndarray
@@ -130,7 +130,7 @@ class Likeness(NamedTuple):
 
 
 def likeness(stamps_s: np.ndarray, leader: np.ndarray, follower: np.ndarray) -> Likeness:
-    """Compare q of leader and follower (k, n) at the same times (k,), equally spaced, rad."""
+    """Compare joint angles of leader and follower (k, n), rad, at equally spaced times (k,), s."""
     step_s = float(np.median(np.diff(stamps_s)))
     lags, errors = np.array([_lag(step_s, *pair) for pair in zip(leader.T, follower.T, strict=True)]).T
     led, follows = (np.array([_rms(_jerk(q, step_s)) for q in side.T]) for side in (leader, follower))
@@ -145,7 +145,7 @@ def _lag(step_s: float, leader: np.ndarray, follower: np.ndarray) -> tuple[float
     errors = np.array([_rms(follower[shift:] - leader[: len(leader) - shift]) for shift in range(most)])
     best = int(errors.argmin())
     lag = float(best)
-    if 0 < best < most - 1:  # the vertex of a parabola
+    if 0 < best < most - 1:  # refine by the vertex of a parabola through three errors
         before, here, after = errors[best - 1 : best + 2] ** 2
         lag += 0.5 * (before - after) / (before - 2.0 * here + after)
     return lag * step_s, float(errors[best])

@@ -5,11 +5,11 @@ import sys
 
 from lerobot_robot_yam.errors import YamError
 
-_TOOL_S = 150.0  # wait for a tool on the host; it is ended there after 120 s
+_TOOL_S = 150.0  # wait for a tool on the host, s: the host ends its tools after 120 s
 
 
 def add_host_arguments(parser: argparse.ArgumentParser, name: str = "--host") -> None:
-    """Add the options; `name` is for a command whose --host means something else."""
+    """Add the options; `name` replaces --host in a command where --host means something else."""
     parser.add_argument(
         name, dest="arms_host", metavar="ADDRESS", help="the arms are of the computer where this yam-host runs"
     )
@@ -17,10 +17,10 @@ def add_host_arguments(parser: argparse.ArgumentParser, name: str = "--host") ->
 
 
 def ask_host(args: argparse.Namespace, op: str, within_s: float = 2.0, **fields: object) -> dict:
-    """Ask the host that the arguments name.
+    """Send a question to the host that the arguments name; return the answer.
 
     Raises:
-        YamError: it does not answer, or refuses.
+        YamError: the host does not answer, or refuses.
     """
     from lerobot_robot_yam.remote.host_address import HostAddress
     from lerobot_robot_yam.remote.host_question import Host  # needs pyzmq
@@ -29,9 +29,9 @@ def ask_host(args: argparse.Namespace, op: str, within_s: float = 2.0, **fields:
 
 
 def run_tool(program: str, args: argparse.Namespace, **fields: object) -> int:
-    """Have the host run a command of the same name there, print what it says, and return its exit status.
+    """Have the host run the same command, print the output, and return its exit status.
 
-    2: the host does not answer, or refuses.
+    The exit status is 2 if the host does not answer, or refuses.
     """
     try:
         done = ask_host(args, "tool", _TOOL_S, json=args.json, **fields)

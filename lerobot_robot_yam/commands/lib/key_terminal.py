@@ -13,23 +13,23 @@ from contextlib import contextmanager
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.signals import end_session_on_signals
 
-QUIT = ("q", "\x04", "\x1a")  # Ctrl-D and Ctrl-Z, too
+QUIT = ("q", "\x04", "\x1a")  # keys that end a command: q, Ctrl-D, Ctrl-Z
 UP, DOWN, RIGHT, LEFT = "\x1b[A", "\x1b[B", "\x1b[C", "\x1b[D"
-_CC = 6  # the characters, among what tcgetattr returns
-_KEY = re.compile(r"\x1b\[[A-D]|[\s\S]")  # an arrow, or one character, Escape too
-_CHUNK = 1024  # bytes
+_CC = 6  # index of the control characters in the list that tcgetattr returns
+_KEY = re.compile(r"\x1b\[[A-D]|[\s\S]")  # an arrow key, or one character (also Escape)
+_CHUNK = 1024  # most bytes of one read
 _SPLIT_S = 0.02  # wait for the rest of an arrow key, s: a slow line splits it
 _SPLIT = (b"\x1b", b"\x1b[", b"\x1bO")
 
 
 class KeyTerminal:
-    """Reads a terminal key by key.
+    """Reader of a terminal, key by key.
 
     Args:
-        descriptor: of the terminal, which the caller keeps open.
+        descriptor: file descriptor of the terminal; the caller keeps it open.
 
     Attributes:
-        gone: it was closed.
+        gone: whether the terminal was closed.
     """
 
     def __init__(self, descriptor: int):
@@ -37,7 +37,7 @@ class KeyTerminal:
         self.gone = False
 
     def keys(self, within_s: float) -> list[str]:
-        """Return the keys that are typed next, none after `within_s`. An arrow is one key, such as `\\x1b[A`."""
+        """Return the keys typed next, or [] after `within_s`. An arrow is one key, such as `\\x1b[A`."""
         typed = self._read(within_s)
         while typed.endswith(_SPLIT) and (rest := self._read(_SPLIT_S)):
             typed += rest
@@ -49,13 +49,13 @@ class KeyTerminal:
         with contextlib.suppress(OSError):
             if typed := os.read(self._descriptor, _CHUNK):
                 return typed
-        self.gone = True  # a terminal that has hung up tells the end of its input, or an error, for ever
+        self.gone = True  # from now on, every read of a terminal that has hung up is empty or fails
         return b""
 
 
 @contextmanager
 def key_terminal() -> Iterator[KeyTerminal]:
-    """Set the terminal to give each key at once. Its mode is given back when the block ends.
+    """Set the terminal to deliver each key at once. Its mode is restored when the block ends.
 
     SIGTERM and SIGHUP end the block like Ctrl-C.
 
@@ -63,7 +63,7 @@ def key_terminal() -> Iterator[KeyTerminal]:
         ConfigError: the command runs in the background of a shell, which would stop it at the first key.
     """
     descriptor = sys.stdin.fileno()
-    with contextlib.suppress(OSError):  # it is no shell's that has started us: nobody minds
+    with contextlib.suppress(OSError):  # fails if no shell controls the terminal; then nothing can stop us
         if os.tcgetpgrp(descriptor) != os.getpgrp():
             raise ConfigError("this command is driven by keys: run it in the foreground, without &")
     undo = end_session_on_signals()
@@ -71,10 +71,10 @@ def key_terminal() -> Iterator[KeyTerminal]:
     try:
         mode = termios.tcgetattr(descriptor)
         tty.cfmakecbreak(mode)
-        mode[_CC][termios.VSUSP] = b"\0"  # a program that is stopped by Ctrl-Z lets the arm fall
+        mode[_CC][termios.VSUSP] = b"\0"  # disables Ctrl-Z: a program that is stopped lets the arm fall
         termios.tcsetattr(descriptor, termios.TCSANOW, mode)
         yield KeyTerminal(descriptor)
     finally:
-        with contextlib.suppress(termios.error):  # it is gone
+        with contextlib.suppress(termios.error):  # the terminal may be gone
             termios.tcsetattr(descriptor, termios.TCSANOW, before)
         undo()

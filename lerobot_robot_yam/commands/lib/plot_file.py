@@ -10,7 +10,7 @@ from lerobot_robot_yam.system.own_commands import install_extra
 
 
 def require_plot() -> Any:
-    """matplotlib's pyplot, drawing into files. Raises ConfigError: it is missing."""
+    """Return matplotlib's pyplot, set to draw into files. Raises ConfigError: matplotlib is missing."""
     try:
         import matplotlib
     except ImportError as error:
@@ -23,7 +23,7 @@ def require_plot() -> Any:
 
 @contextmanager
 def plot_file(path: Path, size: tuple[float, float], dpi: int) -> Iterator[Any]:
-    """A figure of `size` inches to draw in; it is saved afterwards, as the ending of `path` says.
+    """Yield a figure of `size` inches to draw in; save it afterwards in the format of `path`'s ending.
 
     Raises:
         ConfigError: matplotlib is missing, or the file cannot be written.

@@ -33,11 +33,11 @@ if TYPE_CHECKING:
     from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
     from lerobot_robot_yam.viewer.serving.page import Page, Part
 
-_WORD = "drive"  # is typed before the arms of a window are energised
+_WORD = "drive"  # word that the person types before `--desktop` energises arms
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-view`; returns the exit status."""
+    """Run `yam-view`; return its exit status."""
     parser = command_parser("yam-view", __doc__)
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default 127.0.0.1: this computer)")
     parser.add_argument("--port", type=int, default=8080, help="port, or the next free one (default 8080)")
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _view(args: argparse.Namespace) -> int:
     try:
-        import viser  # noqa: F401  --help does without
+        import viser  # noqa: F401  imported late, so that --help works without
     except ImportError as error:
         raise ConfigError(f"yam-view needs viser ({error}); {install_extra('view')}") from error
     if args.config_path is not None and args.channel is not None:
@@ -84,7 +84,7 @@ def _view(args: argparse.Namespace) -> int:
             driver = moving.driver
             parts.append(moving)
         if args.dataset is not None:
-            # Parts are closed from the last one on: a video or a camera must not delay the landing of the arms.
+            # Parts are closed in reverse order: a video or a camera must not delay the landing of the arms.
             parts.insert(0, _data(page, args, driver))
         if driver is not None:
             driver.start()
@@ -95,13 +95,13 @@ def _view(args: argparse.Namespace) -> int:
 
 
 def _desktop(args: argparse.Namespace) -> int:
-    """Show the window of `--desktop`; returns the exit status.
+    """Show the window of `--desktop`; return the exit status.
 
     Raises:
         ConfigError: there is no screen, or nobody confirmed.
         YamError: the arms cannot be driven.
     """
-    from lerobot_robot_yam.session.arm_session import ArmSession  # MuJoCo and its viewer: --help does without
+    from lerobot_robot_yam.session.arm_session import ArmSession  # late: loads MuJoCo and its viewer
     from lerobot_robot_yam.viewer.desktop_window import DragControl, need_display, run_desktop
 
     need_display()
@@ -129,7 +129,7 @@ def _desktop(args: argparse.Namespace) -> int:
 
 
 def driving_plan(args: argparse.Namespace) -> "DrivingPlan | None":
-    """The arms that the arguments name: one by its channel, or those of a config; None: none.
+    """Return the plan for the arms that the arguments name, by channel or config; None if they name no arm.
 
     Raises:
         ConfigError: the config cannot be used.
@@ -145,7 +145,7 @@ def driving_plan(args: argparse.Namespace) -> "DrivingPlan | None":
 
 
 def _watched(args: argparse.Namespace) -> contextlib.AbstractContextManager[None]:
-    """While it is entered the arms of `--remote` are seen here."""
+    """Return a context that shows the arms of `--remote` on this computer."""
     if args.arms_host is None:
         return contextlib.nullcontext()
     from lerobot_robot_yam.remote.host_address import HostAddress

@@ -33,7 +33,7 @@ _EVERYBODY = ("0.0.0.0", "::")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-waldo`; returns the exit status."""
+    """Run `yam-waldo`; return its exit status."""
     parser = command_parser("yam-waldo", __doc__)
     acts = {"serve": _serve, "arm": _arm, "land": _land}
     parser.add_argument("act", nargs="?", default="serve", choices=acts, help="what to do (default: serve)")
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _serve(args: argparse.Namespace) -> int:
-    from lerobot_robot_yam.waldo.controller.controller_process import serve  # which the other acts do not need
+    from lerobot_robot_yam.waldo.controller.controller_process import serve  # late: other acts do not need it
 
     config = _real(args) if args.hardware else None
     choice = ArmChoice(args.arm, args.gripper or ArmChoice().gripper)
@@ -79,7 +79,7 @@ def _real(args: argparse.Namespace) -> ArmConfig:
 
 
 def _page(args: argparse.Namespace) -> list[subprocess.Popen[bytes]]:
-    """Commander, attached to this controller; none if it is not installed or not wanted."""
+    """Start Commander for this controller; return its process, or [] if Commander is not installed or not wanted."""
     beside = Path(sys.executable).parent / _PAGE
     program = str(beside) if beside.exists() else shutil.which(_PAGE)
     if args.no_page or program is None:
@@ -105,11 +105,11 @@ def _land(args: argparse.Namespace) -> int:
 
 
 def hazard(channel: str, seeks: bool) -> str:
-    """What arming will do, for the person who has to confirm it.
+    """Return a text about what arming will do, for the person who has to confirm.
 
     Args:
-        channel: of the arm.
-        seeks: its gripper seeks its stops.
+        channel: channel of the arm.
+        seeks: whether the gripper searches for its stops.
     """
     text = (
         f"HAZARD: this energises the arm on {channel}. It holds where it is. From then on whoever reaches Commander's "

@@ -32,16 +32,16 @@ if TYPE_CHECKING:
 
 _LAND_AFTER_S = 30.0
 _LOCAL = "127.0.0.1"
-_RT_PRIORITY = 15  # below that of control loops: a flood of messages cannot delay them
-_SWITCH_S = 0.0005  # between the threads that send states and take commands
+_RT_PRIORITY = 15  # real-time priority, below the control loops', which a flood of messages thus cannot delay
+_SWITCH_S = 0.0005  # Python's switch interval, s: threads that send states and receive commands alternate quickly
 _TOOL_TIMEOUT_S = 120.0
-_MOST_BYTES = 200_000  # of a tool's output that travels
+_MOST_BYTES = 200_000  # most bytes of a tool's output that are sent to the client; the rest is cut off
 
 logger = logging.getLogger(__name__)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-host`; returns the exit status."""
+    """Run `yam-host`; return its exit status."""
     parser = command_parser("yam-host", __doc__)
     parser.add_argument("action", nargs="?", choices=("serve", "pair", "status"), default="serve")
     parser.add_argument("name", nargs="?", help="pair: what the other computer is called here")
@@ -75,7 +75,7 @@ def _serve(args: argparse.Namespace) -> int:
     groups = groups_of(args.config_path)
     address = HostAddress.of(args.listen or _LOCAL)
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # whoever reaches the port can have many connections
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # anybody can open many connections to the port
     keys = args.keys or keys_directory()
     keys = keys if paired(keys) else None
     channels = {channel: words for group in groups for channel, words in group.channels.items()}
@@ -95,7 +95,7 @@ def _serve(args: argparse.Namespace) -> int:
 
 
 def _note() -> Path:
-    """Where a host notes its address and its key, for `yam-host status`."""
+    """Return the path where a host writes its address and key for `yam-host status`."""
     from lerobot_robot_yam.system.runtime_files import runtime_dir
 
     return runtime_dir() / "host-address"
@@ -105,7 +105,7 @@ def _note() -> Path:
 def _noted(address: "HostAddress", keys: Path | None) -> Iterator[None]:
     from lerobot_robot_yam.remote.link_keys import HOST_KEY
 
-    with contextlib.suppress(OSError):  # then it has to be told where that is
+    with contextlib.suppress(OSError):  # without the file, `yam-host status` needs the address as an option
         key = None if keys is None else str((keys / HOST_KEY).absolute())
         _note().write_text(json.dumps({"address": str(address), "key": key}))
     try:
@@ -122,10 +122,10 @@ def _say_ready(address: "HostAddress", groups: "Sequence[HostedGroup]", keyed: b
 
 
 def groups_of(path: Path) -> "list[HostedGroup]":
-    """Read a rig's file, in another process: LeRobot's parser loads torch, 700 MB that would stay here.
+    """Read a rig's file in another process, since LeRobot's parser loads torch, 700 MB that would stay in memory.
 
     Raises:
-        ConfigError: there is no such file, or what no session would start with.
+        ConfigError: there is no such file, or no session would start with its arms.
     """
     from lerobot_robot_yam.system.paths import user_path
 
@@ -143,7 +143,7 @@ def groups_of(path: Path) -> "list[HostedGroup]":
 
 
 def make_groups(found: Sequence[Mapping[str, Any]]) -> "list[HostedGroup]":
-    """Make the groups that `rig_reader.groups_in` has found."""
+    """Make the groups from the result of `rig_reader.groups_in`."""
     from lerobot_robot_yam.arm.config import LeadArmConfig
     from lerobot_robot_yam.remote.hosted_group import HostedGroup
 
@@ -191,11 +191,11 @@ def _status(args: argparse.Namespace) -> int:
 
 
 class HostTools:
-    """Runs commands of this computer for clients, because they only look: yam-doctor, yam-identify. One at a time.
+    """Runner of this computer's read-only commands yam-doctor and yam-identify for clients, one at a time.
 
     Args:
-        rig_file: the file of this host's arms.
-        channels: CAN channels which may be identified, with what names each on a command line.
+        rig_file: file that describes this host's arms.
+        channels: CAN channel that may be identified -> options that name it on a command line.
     """
 
     def __init__(self, rig_file: Path, channels: Mapping[str, str]):
@@ -205,17 +205,17 @@ class HostTools:
         self._asked: Hashable = None
 
     def run(self, asked: Hashable, tool: str, channel: str, as_json: bool) -> dict[str, Any] | None:
-        """Run one; its exit status and what it has printed, None while it runs.
+        """Start a tool, or return its exit status and output once it has ended; None while it runs.
 
         Args:
-            asked: tells the question from others. It is asked again until the tool has ended.
+            asked: key of the client's question; the client repeats the question until the tool has ended.
             tool: "doctor" or "identify".
-            channel: the channel that is identified.
-            as_json: whether it answers in JSON.
+            channel: channel to identify.
+            as_json: whether the output is JSON.
 
         Raises:
-            ConfigError: no such channel.
-            LifeCycleError: another one runs, or this one takes too long.
+            ConfigError: there is no such channel.
+            LifeCycleError: another tool runs, or this one takes too long.
         """
         if self._running is None or asked != self._asked:
             if self._running is not None and not self._running.done():
@@ -247,7 +247,7 @@ class HostTools:
         return [sys.executable, "-m", *arguments, *(["--json"] if as_json else [])]
 
     def close(self) -> None:
-        """Wait for its end. Idempotent."""
+        """Wait until the running tool has ended. Idempotent."""
         self._thread.shutdown()
 
 

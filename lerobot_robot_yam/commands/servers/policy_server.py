@@ -26,7 +26,7 @@ _OURS = ("--policy.path", "--policy.discover_packages_path")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of `yam-policy-server`; returns the exit status."""
+    """Run `yam-policy-server`; return its exit status."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     parser = command_parser("yam-policy-server", __doc__, allow_abbrev=False)
     path, packages = _OURS
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _serve(args: argparse.Namespace, fields: Sequence[str]) -> int:
-    from lerobot.configs.parser import PluginLoadError, load_plugin  # loads torch, for which a help must not wait
+    from lerobot.configs.parser import PluginLoadError, load_plugin  # late: loads torch
 
     from lerobot_robot_yam.face.openpi.chunk_server import ChunkServer
     from lerobot_robot_yam.face.openpi.served_policy import ServedPolicy
@@ -84,7 +84,7 @@ def _serve(args: argparse.Namespace, fields: Sequence[str]) -> int:
 
 
 def _names(text: str) -> dict[str, str]:
-    """A dictionary of names on the command line. Raises argparse.ArgumentTypeError: it is none."""
+    """Parse a dictionary of names on the command line. Raises argparse.ArgumentTypeError: `text` is not one."""
     found = yaml.safe_load(text)
     if not isinstance(found, dict) or not all(isinstance(name, str) for pair in found.items() for name in pair):
         raise argparse.ArgumentTypeError(f"give a dictionary of names, such as {{observation.image: …}}, not {text}")

@@ -1,6 +1,6 @@
-"""Reads a rig's file as LeRobot does, for yam-host: `python -m lerobot_robot_yam.commands.servers.rig_reader RIG`.
+"""Reader of a rig's file by LeRobot's parser, for yam-host.
 
-It prints one JSON line: the groups of arms, or an error.
+`python -m lerobot_robot_yam.commands.servers.rig_reader RIG` prints one JSON line: the groups of arms, or an error.
 """
 
 import dataclasses
@@ -20,7 +20,7 @@ from lerobot_robot_yam.face.lerobot_command.config_refusal import arm_config, ri
 from lerobot_robot_yam.system.strict_yaml import read_yaml
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 
-# Of each section of the file: the base of its configs, LeRobot's folder of calibration files, what its arms are called.
+# Section of the file -> base class of its configs, LeRobot's folder of calibration files, role of its arms.
 _SECTIONS: dict[str, tuple[Any, str, str]] = {
     "robot": (RobotConfig, "robots", "follower"),
     "teleop": (TeleoperatorConfig, "teleoperators", "leader"),
@@ -28,10 +28,10 @@ _SECTIONS: dict[str, tuple[Any, str, str]] = {
 
 
 def groups_in(path: Path) -> list[dict[str, Any]]:
-    """Of each group its role and device, and of its arms the configs and the options of LeRobot's device, by prefix.
+    """Return each group's role and device, its arms (prefix -> config), and options (prefix -> LeRobot's options).
 
     Raises:
-        ConfigError: what no session would start with.
+        ConfigError: no session would start with an arm of the file.
     """
     document, groups = read_yaml(path), []
     for section, (registry, folder, role) in _SECTIONS.items():
@@ -55,7 +55,7 @@ def groups_in(path: Path) -> list[dict[str, Any]]:
 
 
 def _options(arm: Any) -> dict[str, Any]:
-    """Options of an arm as its device in LeRobot has them, without LeRobot's own."""
+    """Return the options of an arm's LeRobot device, without the options that LeRobot itself defines."""
     kind: Any = LeaderArmConfig if isinstance(arm, LeaderArmConfig) else ArmConfig
     plain = {field.name: getattr(arm, field.name) for field in dataclasses.fields(kind)}
     return {
@@ -65,7 +65,7 @@ def _options(arm: Any) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Entry point of the process."""
+    """Print the groups of the file in argv, or the error, as one JSON line."""
     try:
         told: dict[str, Any] = {"groups": groups_in(Path(sys.argv[1]))}
     except ConfigError as error:

@@ -1,4 +1,4 @@
-"""The motors of one arm as yam-motors sees them: named as in the profile, asked for whatever they answer as."""
+"""The motors of one arm for yam-motors: their names from the profile, what answers under each id, their settings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ SAFE_COUNTS = 8000
 ANSWERS_BEYOND = 16
 """A motor of an arm answers as its id plus this."""
 _GRIPPER = "gripper"
-_MARKS = (Register.GR, Register.PMAX, Register.VMAX, Register.TMAX)  # they tell the type of a motor
+_MARKS = (Register.GR, Register.PMAX, Register.VMAX, Register.TMAX)  # registers that identify the type of a motor
 _HEAD = [
     *("motor", "id", "answers", "type", "firmware", "state", "rad", "stage °C", "coil °C"),
     *("limits rad, rad/s, Nm", "off at °C", "time-out s", "supply V"),
@@ -39,7 +39,7 @@ _HEAD = [
 
 @dataclass(frozen=True)
 class Found:
-    """What answers to one id. Contents and state are known only where one motor answers, not two."""
+    """Replies to one CAN id. Contents and state are known only if exactly one motor replies."""
 
     replies: list[Reply]
     contents: Contents
@@ -47,11 +47,11 @@ class Found:
 
 
 class MotorBench:
-    """Motors on a bus that is ours.
+    """Motors of one arm on a bus that only this command uses.
 
     Args:
-        config: the arm.
-        bus: open bus; nobody else drives it.
+        config: config of the arm.
+        bus: open bus that nobody else uses.
     """
 
     def __init__(self, config: ArmConfig, bus: can.BusABC):
@@ -60,22 +60,22 @@ class MotorBench:
         self.names = motor_names(config)
 
     def name(self, can_id: int) -> str:
-        """Return what the profile calls the motor."""
+        """Return the motor's name in the profile, or "motor ID" if the profile has no such motor."""
         return self.names.get(can_id, f"motor {can_id}")
 
     def ids(self, chosen: Sequence[str] | None) -> list[int]:
-        """Return the CAN ids of motors given by name or id; of all that answer, when none is given.
+        """Return the CAN ids of motors that are given by name or id; if none is given, of all motors that answer.
 
         Raises:
             ConfigError: there is no such motor.
-            MotorError: none is given and none answers.
+            MotorError: no motor is given and none answers.
         """
         if not chosen:
             present = [can_id for can_id in self.names if self.access.replies(can_id, Register.ESC_ID)]
             if not present:
                 raise MotorError(nothing_answers(self.channel))
             missing = [name for can_id, name in self.names.items() if can_id not in present and name != _GRIPPER]
-            if missing:  # a leader has no gripper
+            if missing:  # without the gripper's motor, which a leader lacks
                 tell(f"note: without {', '.join(missing)}: no answer")
             return present
         by_name = {name: can_id for can_id, name in self.names.items()}
@@ -95,18 +95,18 @@ class MotorBench:
         return found
 
     def kind(self, contents: Contents) -> str:
-        """Return the motor type, by gear ratio and ranges."""
+        """Return the motor type that has this gear ratio and these ranges."""
         ratio, position, speed, torque = map(contents.get, _MARKS)
         return MotorPrint(ratio, position, speed, torque, None, None, None, None).kind if contents else "?"
 
     def require_settable(self, ids: Sequence[int]) -> None:
-        """Refuse unless each of these motors is alone with its id, and limp. Raises MotorError: one is not."""
+        """Check that each motor is limp and the only one with its id. Raises MotorError: one is not."""
         for can_id in ids:
             require_alone(self.access, can_id, self.name(can_id))
             require_limp(self.access, can_id, self.name(can_id))
 
     def scan(self, ids: Sequence[int]) -> dict[int, Found]:
-        """Read everything about each id that answers."""
+        """Read everything about the motors with these ids; return id -> what was found, without silent ids."""
         found = {}
         for can_id in ids:
             replies = self.access.find(can_id)
@@ -118,7 +118,7 @@ class MotorBench:
         return found
 
     def notes(self, found: dict[int, Found]) -> list[str]:
-        """Say what is wrong with what was found, and which command helps."""
+        """Return a line for each problem of the motors that were found, with the command that repairs it."""
         lines, where = [], self.config.on_command_line
         for can_id, motor in found.items():
             name, (first, *more), wanted = self.name(can_id), motor.replies, can_id + ANSWERS_BEYOND
@@ -145,7 +145,7 @@ class MotorBench:
         return lines
 
     def row(self, can_id: int, motor: Found) -> dict[str, Any]:
-        """Return what `scan` shows of a motor, for JSON."""
+        """Return the row of a motor in the output of `scan`, for JSON."""
         held, state = motor.contents.get, motor.state
         counts = held(Register.TIMEOUT)
         return {
@@ -182,7 +182,7 @@ def motor_names(config: ArmConfig) -> dict[int, str]:
 
 
 def nothing_answers(channel: str) -> str:
-    """Say why a whole channel may be silent."""
+    """Return a message that says why a whole channel may be silent."""
     return (
         f"nothing answers on channel {channel}; check motor power and the emergency stop, the CAN cable and the "
         "bit-rate (classic CAN, 1 Mbit/s)"

@@ -1,4 +1,4 @@
-"""What yam-motors changes: registers, time-outs and ids. All motors of a command are changed, or none of them."""
+"""Changes that yam-motors makes: registers, time-outs and ids. A command changes all of its motors, or none."""
 
 import argparse
 import contextlib
@@ -18,7 +18,7 @@ from lerobot_robot_yam.system.signals import finished_first
 
 _WRITING = "registers are being written"
 _NEVER = "never"
-_LEAST_S, _MOST_S = 0.05, 10.0  # a loop sends every 4 ms, but now and then late; beyond, an arm holds on for too long
+_LEAST_S, _MOST_S = 0.05, 10.0  # accepted time-outs, s: below, a late tick trips them; above, a dead arm holds too long
 _ELSEWHERE = {
     Register.ESC_ID: "change it with yam-motors set-id",
     Register.MST_ID: "change it with yam-motors set-id",
@@ -27,15 +27,15 @@ _ELSEWHERE = {
 }
 _SCALES = frozenset({Register.PMAX, Register.VMAX, Register.TMAX, Register.CTRL_MODE})
 _ANSWERS_MOST = 0xFF
-_ATTEMPTS = 3  # to give a motor its new id
+_ATTEMPTS = 3  # number of attempts to write a motor's new id
 
 
 def _confirm(args: argparse.Namespace, bench: MotorBench, ids: Sequence[int], word: str, question: str) -> None:
-    """Go on only if the word is typed, or with --yes.
+    """Require that the person types the word, or --yes.
 
     Raises:
         ConfigError: another word is typed.
-        MotorError: one of these motors has been energised, or joined by another, while the question waited.
+        MotorError: while the question waited, a motor was energised, or another motor with the same id appeared.
     """
     if not args.yes:
         confirm_word(False, word, f"Type {word} to {question}:", "nothing was changed")
@@ -61,7 +61,7 @@ def write_registers(args: argparse.Namespace, bench: MotorBench, settings: Conte
 
 
 def store_motors(args: argparse.Namespace, bench: MotorBench) -> int:
-    """Do `yam-motors store`: what RAM holds, to flash."""
+    """Do `yam-motors store`: copy the registers of motors from RAM to flash."""
     ids = bench.ids(args.motor)
     bench.require_settable(ids)
     named = ", ".join(map(bench.name, ids))
@@ -105,7 +105,7 @@ def restore_arm(args: argparse.Namespace, bench: MotorBench) -> int:
 
 
 def timeout(args: argparse.Namespace, bench: MotorBench) -> int:
-    """Do `yam-motors timeout`: show it, or set it in RAM and flash."""
+    """Do `yam-motors timeout`: show the motors' time-outs, or set them in RAM and flash."""
     if args.seconds is None:
         rows = []
         for can_id in bench.ids(args.motor):
@@ -125,7 +125,7 @@ def timeout(args: argparse.Namespace, bench: MotorBench) -> int:
 
 
 def _check_seconds(seconds: float) -> None:
-    if seconds and not _LEAST_S <= seconds <= _MOST_S:  # not a number, too
+    if seconds and not _LEAST_S <= seconds <= _MOST_S:  # refuses NaN, too
         raise ConfigError(
             f"the time-out is {seconds:g} s: give seconds, {_LEAST_S:g} to {_MOST_S:g}, or 0 for never. The register "
             f"counts 50 µs: its factory value of {SAFE_COUNTS} is {SAFE_COUNTS * TIMEOUT_COUNT_S:g} s"
@@ -138,12 +138,12 @@ def _check_seconds(seconds: float) -> None:
 def apply(
     args: argparse.Namespace, bench: MotorBench, wanted: Mapping[int, Contents], word: str, *, store_too: bool
 ) -> int:
-    """Show what changes, ask, write it, read it back and store it. Values that a motor holds already are not written.
+    """Show the changes, ask, write them, read them back and store them. Values that a motor already holds are skipped.
 
     Raises:
-        ConfigError: not confirmed.
-        MotorError, BusError: a motor did not take it. Those that had not been stored by then were put back, or the
-            message names them.
+        ConfigError: the person did not confirm.
+        MotorError, BusError: a motor did not accept a value. Motors that were not yet stored have their old values
+            again, or the message names them.
     """
     held = {can_id: bench.contents(can_id) for can_id in wanted}
     new: dict[int, Contents] = {}
@@ -175,7 +175,7 @@ def apply(
 
 
 def _store_each(bench: MotorBench, written: Mapping[int, Contents]) -> None:
-    """Store motor by motor; `written` is what each held before, which the rest gets back where a store fails."""
+    """Store motor by motor. `written`: motor -> its old values, which unstored motors get back if a store fails."""
     done: dict[int, list[str]] = {}
     for can_id in written:
         try:
@@ -185,7 +185,7 @@ def _store_each(bench: MotorBench, written: Mapping[int, Contents]) -> None:
             stored = f" Stored before that: {', '.join(map(bench.name, done))}." if done else ""
             left = put_back(bench.access, rest) or "The other motors are as before"
             raise MotorError(f"{error}.{stored} {left}") from error
-    for can_id, again in done.items():  # not before all are stored: the terminal may have gone
+    for can_id, again in done.items():  # output comes after all stores, since the terminal may have gone
         if again:
             tell(
                 f"note: storing put other registers of {bench.name(can_id)} back; {', '.join(again)} was written and "
@@ -197,7 +197,7 @@ def _store_each(bench: MotorBench, written: Mapping[int, Contents]) -> None:
 
 
 def set_id(args: argparse.Namespace, bench: MotorBench) -> int:
-    """Do `yam-motors set-id`: the only motor with the old id listens on the new one and answers as told, stored."""
+    """Do `yam-motors set-id`: give the only motor with the old id its new id and reply identifier, and store both."""
     old, new = args.old, args.new
     answers = new + ANSWERS_BEYOND if args.answers is None else args.answers
     if not 0 <= old < REGISTER_ID:
@@ -233,10 +233,10 @@ def set_id(args: argparse.Namespace, bench: MotorBench) -> int:
 
 
 def _move(bench: MotorBench, old: int, new: int, answered: int, answers: int) -> None:
-    """Change both ids in RAM, or neither.
+    """Change a motor's id and its reply identifier in RAM, or neither of them.
 
     Raises:
-        MotorError: the motor did not take them; the message says under which ids it is now.
+        MotorError: the motor did not accept the ids; the message says whether it has its old ids again.
     """
     access = bench.access
     try:

@@ -1,6 +1,6 @@
-"""One motor by the arrow keys: the only action of yam-motors that energises anything.
+"""Console that turns one motor by the arrow keys: the only action of yam-motors that energises anything.
 
-While it runs the motor has a watchdog: if this program is killed, the motor lets go after its time-out.
+If this program is killed, the motor's watchdog switches the motor off after its time-out.
 """
 
 import argparse
@@ -23,13 +23,13 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.signals import undisturbed
 
 HELP = "left/right: target   up/down: step   k/K: kp   d/D: kd   space: stay here   q: let down and quit"
-SPEED_RAD_S = 0.5  # of the set-point
-_STEPS = (0.01, 0.02, 0.05, 0.1, 0.2)  # of the target, rad
+SPEED_RAD_S = 0.5  # speed limit of the set-point, rad/s
+_STEPS = (0.01, 0.02, 0.05, 0.1, 0.2)  # steps by which an arrow key can move the target, rad
 _GAIN_FACTOR = 1.25
 _KP_RANGE, _KD_RANGE = (1.0, 100.0), (0.1, 5.0)
-_TORQUE_SHARE = 0.3  # of the motor's torque: the most that the position error asks for
+_TORQUE_SHARE = 0.3  # limit of the torque for the position error, as a share of the motor's greatest torque
 _PERIOD_S = 0.01
-_LONGEST_S = 0.03  # of a period that the set-point makes up for
+_LONGEST_S = 0.03  # longest period for which the set-point moves, s: after a longer one it lags, and does not jump
 _SHOWN_S = 0.1
 _SILENT_S = 0.2
 _AT_REST_RAD = 0.15
@@ -38,15 +38,15 @@ _LET_DOWN_S, _LET_DOWN_KD, _DISABLES = 1.5, 5.0, 3
 
 @dataclass
 class Knob:
-    """Target of one motor, in motor coordinates; the keys turn it.
+    """Target of one motor, in motor coordinates, which the keys move.
 
-    tau = kp (q* − q) − kd dq. The set-point q* goes to the target at a limited speed, and stays so near to q that
+    tau = kp (q* − q) − kd dq. The set-point q* moves to the target at a limited speed, and stays so close to q that
     kp |q* − q| is within the torque limit.
 
     Args:
         kind: motor type.
-        start_rad: where it is; the target stays within `range_rad` of it.
-        torque_nm: the most that the position error may ask for.
+        start_rad: angle of the motor at the start, rad; the target stays within `range_rad` of this angle.
+        torque_nm: greatest torque for the position error, Nm.
     """
 
     kind: str
@@ -62,11 +62,11 @@ class Knob:
 
     @property
     def step(self) -> float:
-        """What an arrow key adds, rad."""
+        """Step by which an arrow key moves the target, rad."""
         return _STEPS[self._step]
 
     def press(self, key: str) -> None:
-        """Take one key; keys that are not in `HELP` do nothing."""
+        """Process one key; keys that are not in `HELP` do nothing."""
         if key in (LEFT, RIGHT):
             self._aim(self.target + (self.step if key == RIGHT else -self.step))
         elif key in (UP, DOWN):
@@ -79,11 +79,11 @@ class Knob:
             self.kd = _turned(self.kd, key == "D", _KD_RANGE)
 
     def stay(self) -> None:
-        """Go nowhere from here."""
+        """Set the target to the present set-point, so that the motor stays."""
         self._aim(self.setpoint_rad)
 
     def command(self, q: float, elapsed_s: float) -> bytes:
-        """Return the next command's 8 bytes. `q`: where the motor is, rad; `elapsed_s`: since the last command."""
+        """Return the next command's 8 bytes. `q`: motor angle, rad; `elapsed_s`: time since the last command, s."""
         way = SPEED_RAD_S * elapsed_s
         lead = self.torque_nm / self.kp
         moved = min(max(self.target, self.setpoint_rad - way), self.setpoint_rad + way)
@@ -99,7 +99,7 @@ def _turned(gain: float, up: bool, ends: tuple[float, float]) -> float:
 
 
 def console(args: argparse.Namespace, bench: MotorBench) -> int:
-    """Do `yam-motors console`."""
+    """Do `yam-motors console`: turn one motor by the arrow keys."""
     if not args.motor or len(args.motor) != 1:
         raise ConfigError("name one motor (--motor joint_6)")
     if not 0.0 < args.range <= math.pi:
@@ -112,9 +112,9 @@ def console(args: argparse.Namespace, bench: MotorBench) -> int:
     contents = bench.contents(can_id)
     _require_watchdog(bench, name, contents.get(Register.TIMEOUT))
     kind = bench.kind(contents)
-    most_nm = _TORQUE_SHARE * motor_type(kind).torque_max_nm  # an unknown type is refused
+    most_nm = _TORQUE_SHARE * motor_type(kind).torque_max_nm  # raises for an unknown type
     _confirm(args, bench, name)
-    refuse_stopped(name, EmergencyStop())  # again: the person may have taken their time
+    refuse_stopped(name, EmergencyStop())  # checked again, since the person may have taken a long time to confirm
     bench.require_settable([can_id, *others])
     state = read_state(bench.access, can_id)
     if state is None:
@@ -133,7 +133,7 @@ def console(args: argparse.Namespace, bench: MotorBench) -> int:
 
 
 def _require_watchdog(bench: MotorBench, name: str, counts: float | None) -> None:
-    """Refuse a motor that goes on for longer than an arm's motors do when this program dies. Raises MotorError."""
+    """Check the motor's time-out, after which it stops if this program dies. Raises MotorError: too long or none."""
     if counts is None or not 0 < counts <= SAFE_COUNTS:
         lasts = f"for {counts * TIMEOUT_COUNT_S:g} s" if counts else "for ever"
         raise MotorError(
@@ -143,7 +143,7 @@ def _require_watchdog(bench: MotorBench, name: str, counts: float | None) -> Non
 
 
 def _confirm(args: argparse.Namespace, bench: MotorBench, name: str) -> None:
-    """Say what will be energised and whether the arm hangs in the air, and ask."""
+    """Print what will be energised and whether the arm hangs in the air, and ask for confirmation."""
     tell(
         f"HAZARD: this energises {name} alone; every other motor of the arm stays limp. When it ends, or is killed, "
         f"{name} goes limp, too. Keep hands off, and the switch of the supply within reach."
@@ -156,7 +156,7 @@ def _confirm(args: argparse.Namespace, bench: MotorBench, name: str) -> None:
 
 
 def _off_rest(args: argparse.Namespace, bench: MotorBench) -> str:
-    """Say which joints are not where the arm lies by itself; empty when it lies."""
+    """Return a text about the joints that are not at rest; empty when the arm lies on its rest."""
     hardware = ResolvedArm(with_answering_gripper(args, bench.bus))
     off = []
     for index, spec in enumerate(hardware.motors[: hardware.joints]):
@@ -177,12 +177,12 @@ def _off_rest(args: argparse.Namespace, bench: MotorBench) -> str:
 
 
 class _Motor:
-    """The motor that is energised.
+    """Motor that the console energises.
 
     Args:
-        bench: its bus.
-        can_id, kind: of the motor.
-        answers: identifier of its feedback.
+        bench: access to the motor's bus.
+        can_id, kind: id and type of the motor.
+        answers: CAN identifier of the motor's feedback.
     """
 
     def __init__(self, bench: MotorBench, can_id: int, kind: str, answers: int):
@@ -191,17 +191,17 @@ class _Motor:
         self.clock = bench.access.port.clock
 
     def enable(self) -> None:
-        """Energise it. Raises MotorError: it does not take the mode."""
+        """Energise the motor. Raises MotorError: the motor does not accept the control mode."""
         self._access.write_and_check(self._id, Register.CTRL_MODE, ControlMode.MIT)
         self._access.special(self._id, SpecialCommand.ENABLE)
 
     def exchange(self, data: bytes) -> MotorState | None:
-        """Send a command; return its answer, None without one."""
+        """Send a command; return the motor's answer, or None if none came."""
         answer = self._access.exchange(self._id, self._answers, self._id, data, _PERIOD_S)
         return None if answer is None else MotorState(*unpack_feedback(ranges_of(self._kind), answer)[1:])
 
     def let_down(self) -> None:
-        """Damp it for a while, and switch it off. Raises MotorError: it is still energised."""
+        """Damp the motor for `_LET_DOWN_S`, and switch it off. Raises MotorError: the motor is still energised."""
         damping = encode_mit(self._kind, 0.0, 0.0, 0.0, _LET_DOWN_KD, 0.0)
         deadline = self.clock.now() + _LET_DOWN_S
         while self.clock.now() < deadline:
@@ -235,7 +235,7 @@ def _follow_keys(motor: _Motor, knob: Knob, terminal: KeyTerminal) -> None:
                 knob.press(key)
         if stopped and not before:
             knob.stay()
-        last_s, sent_s = sent_s, motor.clock.now()  # keys that come fast make the loop fast
+        last_s, sent_s = sent_s, motor.clock.now()  # measured, since fast typing shortens the period
         state = motor.exchange(knob.command(q, min(sent_s - last_s, _LONGEST_S)))
         now = motor.clock.now()
         if state is None:

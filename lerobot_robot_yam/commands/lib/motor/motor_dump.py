@@ -23,7 +23,7 @@ _HEAD = "# Registers of Damiao motors, written by yam-motors. `yam-motors restor
 
 
 def shown(register: Register, value: float | int | None) -> float | int | str:
-    """Return the shortest number that the register holds as the same four bytes."""
+    """Return the shortest number that has the same four bytes in the register; a text if the value is unknown."""
     if value is None:
         return "not told"
     return int(value) if register.kind == "uint32" else float(str(np.float32(value)))
@@ -40,7 +40,7 @@ def save_dump(path: Path, channel: str, motors: Mapping[int, Contents]) -> None:
 
 
 def load_dump(path: Path) -> dict[int, Contents]:
-    """Read registers by CAN id. Raises ConfigError: the file cannot be read, or says what no motor can hold."""
+    """Read a dump; return CAN id -> registers. Raises ConfigError: unreadable, or with values no motor can hold."""
     document = read_yaml(path)
     version, motors = document.get("version"), document.get("motors")
     if version != _VERSION or not isinstance(motors, dict) or not motors:
@@ -63,10 +63,10 @@ def load_dump(path: Path) -> dict[int, Contents]:
 
 @contextlib.contextmanager
 def kept_until_stored(channel: str, motors: Mapping[int, Contents]) -> Iterator[None]:
-    """Keep a file with the motors' registers while they are changed; it stays if that fails half way.
+    """Keep a file with the motors' registers while the block changes them; the file stays if the block fails.
 
     Raises:
-        YamError: what the block raised, with the file's path.
+        YamError: the block failed; the message has the file's path added.
         ConfigError: the file cannot be written.
     """
     home = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "yam-motors"

@@ -1,4 +1,4 @@
-"""Beside a running session: how late and how often its motors answer. It only listens, and takes no lock.
+"""Monitor of a running session: how late and how often its motors answer. It only listens, and takes no lock.
 
 A motor answers each command once, within much less than the time to the next. So an answer belongs to the newest
 command before it, and a command that is followed by another one without an answer in between is lost.
@@ -33,7 +33,7 @@ _COMMANDED = {offset + can_id: can_id for can_id in MOTOR_IDS for offset in _OFF
 
 
 def monitor_session(args: argparse.Namespace) -> int:
-    """Do `yam-motors monitor`."""
+    """Do `yam-motors monitor`: listen on a bus, and print latencies, periods and lost answers."""
     config = arm_config(args)
     names = motor_names(config)
     bus = open_bus(config)
@@ -62,7 +62,7 @@ def monitor_session(args: argparse.Namespace) -> int:
 
 
 def _frames(bus: can.BusABC, channel: str, seconds: float) -> Iterator[can.Message]:
-    """Receive what comes within a time. Raises BusError: the channel is gone."""
+    """Yield the frames that arrive within a time. Raises BusError: the channel is gone."""
     port = BusPort(bus, channel)
     deadline = port.clock.now() + seconds
     while (remaining := deadline - port.clock.now()) > 0.0:
@@ -72,19 +72,19 @@ def _frames(bus: can.BusABC, channel: str, seconds: float) -> Iterator[can.Messa
 
 
 class Traffic:
-    """Everything that is heard on a bus.
+    """Statistics of all frames on a bus.
 
     Args:
-        messages: as they come, with their own time stamps.
+        messages: frames in order of arrival, with their time stamps.
 
     Attributes:
-        others: identifiers that are no motor's, with their counts.
-        error_frames: of the controller.
-        frames: all data frames.
+        others: identifier that belongs to no motor -> number of its frames.
+        error_frames: number of error frames that the CAN controller reported.
+        frames: number of data frames.
     """
 
     def __init__(self, messages: Iterable[can.Message]):
-        self._heard: defaultdict[int, list[tuple[float, bool]]] = defaultdict(list)  # when, and whether a command
+        self._heard: defaultdict[int, list[tuple[float, bool]]] = defaultdict(list)  # times, and whether a command
         self.others: Counter[int] = Counter()
         self.error_frames = self.frames = 0
         for message in messages:
@@ -100,7 +100,7 @@ class Traffic:
                 self.others[identifier] += 1
 
     def figures(self) -> dict[int, dict[str, float | None]]:
-        """By CAN id: commands, lost answers, and p50, p99 and maximum in ms; None where nothing tells them."""
+        """Return CAN id -> counts of commands and lost answers; latency, period: p50, p99, max, ms (None: no data)."""
         found: dict[int, dict[str, float | None]] = {}
         for can_id, heard in sorted(self._heard.items()):
             commands_s = [at_s for at_s, command in heard if command]

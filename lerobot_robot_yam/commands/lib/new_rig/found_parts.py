@@ -1,7 +1,7 @@
-"""The parts of a rig that are there: what is on each CAN channel, and the cameras. Energises nothing, opens no camera.
+"""Search for the parts of a rig: the arm on each CAN channel, and the cameras. Energises nothing, opens no camera.
 
-On a channel is a follower, a leader, a leader without motors, or nothing. Registers of motors and the versions of
-handles tell it, as in `yam-identify`; they are asked.
+A channel has a follower, a leader, a leader without motors, or nothing. The registers of motors and the versions of
+handles are read to find out, as in `yam-identify`.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,14 +32,14 @@ _IDS = sorted({can_id for name in ARMS for can_id in arm_ids(load_arm(name))})
 
 @dataclass(frozen=True)
 class FoundArm:
-    """One arm.
+    """Arm that was found on a channel.
 
     Attributes:
-        config: where it is; the rest of it is not known yet.
+        config: config with the arm's channel; its other fields are not known yet.
         role: FOLLOWER, LEADER or PASSIVE.
-        arms, grippers: profiles that fit what answers, the likeliest first.
+        arms, grippers: profiles that fit the motors that answer, the likeliest first.
         mark: firmware of the handle, or type of the gripper's motor, for the drawing.
-        options: what the rig's file says of it.
+        options: options of the arm in the rig's file.
     """
 
     config: ArmConfig
@@ -55,12 +55,12 @@ class FoundArm:
 
     @property
     def virtual(self) -> bool:
-        """Whether it is an arm of a virtual rig."""
+        """Whether the arm is an arm of a virtual rig."""
         return self.config.interface == VIRTUAL
 
 
 class FoundCamera(NamedTuple):
-    """One camera: what it is called for the person who names it, LeRobot's config of it, and a name that suits it."""
+    """Camera that was found: a label to show to the person, LeRobot's config of the camera, and a proposed name."""
 
     label: str
     options: dict[str, Any]
@@ -68,10 +68,10 @@ class FoundCamera(NamedTuple):
 
 
 def find_channels(rig: str | None, root: Path | None) -> list[str]:
-    """List the channels of a virtual rig; else, or below a root, those that sysfs shows.
+    """Return the channels of the virtual rig `rig`; without a rig, or with `root`, the channels that sysfs shows.
 
     Raises:
-        SetupError: there is none.
+        SetupError: there is no channel.
         RigError: the rig cannot be reached.
     """
     if rig is not None and root is None:
@@ -84,10 +84,10 @@ def find_channels(rig: str | None, root: Path | None) -> list[str]:
 
 
 def find_arms(configs: Sequence[ArmConfig], tell: Callable[[str], None]) -> list[FoundArm]:
-    """Return the arms on these channels; of a channel that has none, `tell` gets the reason.
+    """Return the arms on these channels; `tell` is called with the reason for each channel without an arm.
 
     Raises:
-        SetupError: none has.
+        SetupError: no channel has an arm.
     """
     found = []
     for config in configs:
@@ -110,11 +110,11 @@ def find_arms(configs: Sequence[ArmConfig], tell: Callable[[str], None]) -> list
 
 
 def find_cameras(rig: str | None, root: Path) -> list[FoundCamera]:
-    """Return the cameras of a virtual rig; else of the computer.
+    """Return the cameras of the virtual rig `rig`; without a rig, of the computer.
 
     Raises:
         RigError: the rig cannot be reached.
-        CameraError: nothing tells a camera from another.
+        CameraError: two cameras cannot be distinguished.
     """
     if rig is None:
         return [FoundCamera(str(one), config_of(one, root) | _PIXELS) for one in plugged_cameras(root)]
@@ -147,6 +147,6 @@ def _find(config: ArmConfig) -> FoundArm | None:
 
 
 def _fits(name: str, found: Fingerprint) -> bool:
-    """Whether all of this arm's motors that answer are of its types; a missing one is the doctor's business."""
+    """Return whether all motors that answer have the profile's types; yam-doctor reports missing motors."""
     there = [motor for motor in load_arm(name).motors if motor.can_id in found.motors]
     return bool(there) and all(motor.type == found.motors[motor.can_id].kind for motor in there)

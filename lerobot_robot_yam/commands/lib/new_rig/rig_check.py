@@ -1,4 +1,4 @@
-"""Mistakes in a rig's file, found by what yam-doctor and LeRobot's parser know. No arm is asked."""
+"""Check of a rig's file by the rules of yam-doctor and LeRobot's parser. No arm is read."""
 
 import difflib
 from collections.abc import Mapping
@@ -21,10 +21,10 @@ _REGISTRIES: dict[str, Any] = {"robot": RobotConfig, "teleop": TeleoperatorConfi
 
 
 def check_rig(path: Path) -> list[str]:
-    """What the file describes, in words.
+    """Check the file; return a description of its rig in words.
 
     Raises:
-        ConfigError: the first mistake; says where it is and, if something like it exists, what.
+        ConfigError: the file has a mistake; the message says where the first is, and names a similar known word.
     """
     document = read_yaml(path)
     for section in document:
@@ -39,7 +39,7 @@ def check_rig(path: Path) -> list[str]:
     from_config(path, None, check_options)
     configs = {section: rig_device(_REGISTRIES[section], section, {"file": str(path)}) for section in document}
     _check_channels(path, configs)
-    bare = rig_device(RobotConfig, "robot", {"file": str(path), "cameras": False})  # those are yam-doctor's business
+    bare = rig_device(RobotConfig, "robot", {"file": str(path), "cameras": False})  # yam-doctor checks cameras
     spoken = [_spoken(make_robot_from_config(bare), bare)]
     if "teleop" in configs and hasattr(configs["teleop"], "arms"):
         spoken.append(_spoken(make_teleoperator_from_config(configs["teleop"]), configs["teleop"]))
@@ -56,7 +56,7 @@ def _known(what: str, name: str, known: Any) -> None:
 
 
 def _spoken(device: Any, config: Any) -> Spoken:
-    """How a device would speak, which is not connected."""
+    """Return the meaning of a device's actions, without connecting the device."""
     models = [
         (load_arm(getattr(arm, "follower_arm", None) or arm.arm), load_gripper(getattr(arm, "ee_gripper", arm.gripper)))
         for arm in config.arms().values()

@@ -1,4 +1,4 @@
-"""A planned rig in text: the drawing for the person, and the rig's file, which may replace an earlier one."""
+"""A planned rig as text: a drawing for the person, and the rig's file, which may replace an earlier file."""
 
 import difflib
 from collections.abc import Mapping
@@ -59,7 +59,7 @@ def _source(camera: Mapping[str, Any]) -> str:
 
 
 def rig_document(plan: RigPlan) -> dict[str, Any]:
-    """Return what the file holds, for LeRobot's parser."""
+    """Return the contents of the rig's file, for LeRobot's parser."""
     document = {"robot": _device(plan.ident, "yam_follower", plan.followers) | {_CAMERAS: plan.cameras}}
     if plan.leaders:
         passive = any(arm.role == PASSIVE for arm in plan.leaders.values())
@@ -74,7 +74,7 @@ def _device(ident: str, kind: str, arms: Mapping[str, FoundArm]) -> dict[str, An
 
 
 def laid_over(earlier: Mapping[str, Any], document: Mapping[str, Any]) -> dict[str, Any]:
-    """The new document with the options that somebody has added to the earlier file."""
+    """Return the new document with the options that somebody has added to the earlier file."""
     merged = {}
     for section, device in document.items():
         old = earlier.get(section)
@@ -88,7 +88,7 @@ def laid_over(earlier: Mapping[str, Any], document: Mapping[str, Any]) -> dict[s
 
 
 def _cameras(earlier: Mapping[str, Any], cameras: Mapping[str, Any]) -> dict[str, Any]:
-    """The new cameras only, with what was added to those that were there under the same name and of the same type."""
+    """Return the new cameras; each keeps the options added to an earlier camera of the same name and type."""
     same = {name: earlier.get(name) or {} for name in cameras}
     return {
         name: merge(same[name], camera) if same[name].get("type") == camera["type"] else camera
@@ -97,12 +97,12 @@ def _cameras(earlier: Mapping[str, Any], cameras: Mapping[str, Any]) -> dict[str
 
 
 def rig_text(path: Path, plan: RigPlan) -> str:
-    """The text of the file at `path`. Of an earlier file that YAML can read, added options stay."""
+    """Return the new text of the file at `path`. Options that were added to an earlier, readable file are kept."""
     document: Mapping[str, Any] = rig_document(plan)
     try:
         earlier = yaml.safe_load(path.read_text()) if path.exists() else None
     except (OSError, ValueError, yaml.YAMLError):
-        earlier = None  # the difference shows what goes
+        earlier = None  # the difference, which the person sees, shows what is removed
     if isinstance(earlier, Mapping):
         document = laid_over(earlier, document)
     body = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
@@ -110,13 +110,13 @@ def rig_text(path: Path, plan: RigPlan) -> str:
 
 
 def difference(path: Path, text: str) -> str:
-    """What would change in the file, as a diff; empty when nothing would."""
+    """Return how the file would change, as a diff; empty when nothing would change."""
     before = path.read_text(errors="replace").splitlines() if path.exists() else []
     return "\n".join(difflib.unified_diff(before, text.splitlines(), str(path), "new", lineterm=""))
 
 
 def write_rig(path: Path, text: str) -> None:
-    """Write the file whole. Raises SetupError: it cannot be written; an earlier one is as it was."""
+    """Write the whole file. Raises SetupError: the file cannot be written; an earlier file is unchanged."""
     try:
         write_whole(path, text)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""A rig as it is going to be written: which arm is which, and what nobody but the person at it knows."""
+"""A rig as it is going to be written: the role of each arm, and what only the person at the rig knows."""
 
 import json
 import re
@@ -19,7 +19,7 @@ from lerobot_robot_yam.system.paths import write_whole
 
 SIDES = ("left", "right")
 _SIDE_OF = {"l": "left", "left": "left", "r": "right", "right": "right"}
-_PAYLOAD_KG = 3.0  # greatest `payload_mass_kg`
+_PAYLOAD_KG = 3.0  # greatest accepted `payload_mass_kg`, kg
 _NAME = re.compile(r"\w[\w-]*")
 _LEAVE_OUT = "-"
 _WRIST = "Turn its wrist by hand, a hand's width to and fro. Or: "
@@ -30,11 +30,11 @@ Check = Callable[[str], str]
 
 
 class Answers:
-    """Asks questions, each once: answers are kept in a file until the set-up is done, so an interrupted one goes on.
+    """Answers of the person, kept in a file until the set-up is done: an interrupted set-up does not ask them again.
 
     Args:
         path: file that keeps the answers.
-        sure: do not ask; the usual answers are taken.
+        sure: use the usual answers without asking.
 
     Raises:
         SetupError: the file of an earlier set-up cannot be read.
@@ -54,16 +54,16 @@ class Answers:
             tell(f"going on with the answers in {path}; delete it to be asked anew")
 
     def ask(self, question: str, usual: str, wrong: Check, get: Callable[[], str] | None = None) -> str:
-        """Return the answer to a question; Enter takes the usual one.
+        """Return the answer to a question; Enter gives the usual answer.
 
         Args:
-            get: gets the answer in another way than by typing it.
+            get: function that gets the answer in another way than by typing.
 
         Raises:
-            ConfigError: the terminal has gone, or nobody may be asked and the usual answer does not do.
+            ConfigError: the terminal has gone, or the usual answer is wrong and nobody may be asked.
         """
         given = self._given.get(question)
-        if given is not None and not wrong(given):  # else things have changed since
+        if given is not None and not wrong(given):  # a stored answer may be wrong now, if the rig has changed since
             return given
         if self._sure:
             if complaint := wrong(usual):
@@ -77,7 +77,7 @@ class Answers:
         return answer
 
     def choose(self, question: str, among: Sequence[str], usual: Sequence[str] = ()) -> str:
-        """Return one of several; by default the first of them that is usual, such as that of the arm before."""
+        """Ask for one of several names; the default is the first of `usual` among them, such as the previous arm's."""
         if len(among) == 1:
             return among[0]
         likely = next((name for name in usual if name in among), among[0])
@@ -90,12 +90,12 @@ class Answers:
 
 @dataclass(frozen=True)
 class RigPlan:
-    """A whole rig.
+    """Plan of a whole rig.
 
     Attributes:
-        ident: LeRobot's id of its robot and teleoperator.
-        followers, leaders: by side, "left" and "right"; of a rig with one, by "".
-        cameras: LeRobot's configs by their name in data sets.
+        ident: LeRobot's id of the robot and the teleoperator.
+        followers, leaders: side -> arm; the sides are "left" and "right", or "" if there is one arm.
+        cameras: camera's name in data sets -> LeRobot's config.
     """
 
     ident: str
@@ -105,10 +105,10 @@ class RigPlan:
 
 
 def plan_rig(arms: Sequence[FoundArm], cameras: Sequence[FoundCamera], answers: Answers) -> RigPlan:
-    """Ask what cannot be found out.
+    """Ask the person for what cannot be found out; return the plan.
 
     Raises:
-        SetupError: these arms are no rig that LeRobot drives.
+        SetupError: LeRobot cannot drive a rig with these arms.
         ConfigError: the terminal has gone.
         YamError: an arm whose wrist is to be turned does not answer.
     """
@@ -132,7 +132,7 @@ def plan_rig(arms: Sequence[FoundArm], cameras: Sequence[FoundCamera], answers: 
 
 
 def _sides(arms: Sequence[FoundArm], role: str, answers: Answers) -> dict[str, FoundArm]:
-    """Return the arms by side, as their channels are called, or as the person shows."""
+    """Return side -> arm, by the names of the channels, or else as the person shows."""
     if len(arms) < 2:
         return dict(zip(("",), arms, strict=False))
     sides = {_SIDE_OF.get(re.split(r"[_-]", arm.channel)[-1], ""): arm for arm in arms}
@@ -181,13 +181,13 @@ def _leader(arm: FoundArm, follower: Mapping[str, Any], answers: Answers) -> Fou
 
 
 def _place(arm: FoundArm) -> dict[str, Any]:
-    """Return the options by which a rig's file says where an arm is."""
+    """Return the options for an arm's place in the rig's file: channel, interface, virtual rig."""
     where = {"interface": arm.config.interface, "can_options": {**arm.config.can_options}} if arm.virtual else {}
     return {"channel": arm.channel, **where}
 
 
 def _weighed(arm: FoundArm, options: Mapping[str, Any]) -> FoundArm:
-    """Return the planned arm. The rig's arms weigh exactly what the model says; real ones do not quite."""
+    """Return the planned arm; a virtual arm gets gravity factors of 1, since it weighs exactly what the model says."""
     weight = {"gravity_factor": [1.0] * load_arm(options["arm"]).joint_count} if arm.virtual else {}
     return replace(arm, options={**options, **weight})
 

@@ -1,14 +1,14 @@
-"""The torque that holds an arm as a linear function of what its links weigh.
+"""The torque that holds an arm, as a linear function of masses and centres of its links.
 
-With h_i the first moment (mass times centre, kg m) of what joint i carries, in the frame of link i, and R_i the turn of
-that link, the potential energy is −Σ gᵀ R_i h_i but for constants, and
+Let h_i be the first moment (mass times centre, kg m) of link i in its own frame, and R_i the rotation of that link.
+The potential energy is −Σ gᵀ R_i h_i plus a constant, and
 
     ∂τ_j / ∂h_i = −gᵀ (z_j × R_i ·)        for links i that joint j moves, z_j its axis
 
-A mass further out is a moment of each link on the way to it, and a moment along the joint's own axis one of the link
-before. So two numbers per link, the components across its joint's axis, stand for every change of masses and centres,
-and of what the tool carries (base parameters: Gautier and Khalil, "Direct calculation of minimum set of inertial
-parameters of serial robots", IEEE Trans. Robotics and Automation, 1990).
+A mass further out acts like a moment of each link on the way to that mass, and a moment along the joint's own axis
+like a moment of the link before. So two numbers per link, the components across its joint's axis, describe every
+change of masses and centres, and of the tool's load (base parameters: Gautier and Khalil, "Direct calculation of
+minimum set of inertial parameters of serial robots", IEEE Trans. Robotics and Automation, 1990).
 """
 
 from collections.abc import Sequence
@@ -21,13 +21,13 @@ from lerobot_robot_yam.arm.model import Load
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 
 PAYLOAD_TERMS = ("mass", "moment x", "moment y", "moment z")
-LEAST_LINK_KG = 0.05  # a lighter link, such as a bare wrist, has no moment worth a number
+LEAST_LINK_KG = 0.05  # least mass of a link whose moments are fitted, kg: a bare wrist is lighter
 _SAMPLES = 200
-_FELT_M_S2 = 0.05  # Nm per kg m: of 9.81 where gravity is felt at all
+_FELT_M_S2 = 0.05  # least effect of a moment that is fitted, Nm per kg m; the greatest possible effect is 9.81
 
 
 class Term(NamedTuple):
-    """A moment of a link: of the one that joint `joint` (from 0) moves, along `axis` (3,) in its frame."""
+    """Moment of the link that joint `joint` (from 0) moves, along `axis` (3,) in the link's frame."""
 
     joint: int
     axis: np.ndarray
@@ -37,7 +37,7 @@ class GravityTerms(GravityModel):
     """Derivatives of the torque that holds an arm of n joints.
 
     Attributes:
-        terms: the p moments that gravity shows in this mounting, from the base on.
+        terms: the p moments that affect the torque in this mounting, in order from the base.
     """
 
     def __init__(
@@ -59,13 +59,13 @@ class GravityTerms(GravityModel):
         self._use([term for term, most in zip(every, felt, strict=True) if most > _FELT_M_S2])
 
     def moments(self, q: np.ndarray) -> np.ndarray:
-        """(n, p) Nm per kg m of each term at q (n,) rad."""
+        """Return the torques (n, p) of each term at q (n,) rad, Nm per kg m."""
         self._move(q)
         turns = self._data.xmat[self._bodies[self._joints]].reshape(-1, 3, 3)
         return self._columns(np.einsum("pij,pj->pi", turns, self._axes), self._joints)
 
     def payload(self, q: np.ndarray) -> np.ndarray:
-        """(n, 4) Nm per kg of a mass at the tcp, and per kg m of its moments in the frame of the tcp, at q (n,) rad."""
+        """Return the torques (n, 4) at q (n,) rad: of a mass at the tcp, Nm/kg, and its moments there, Nm per kg m."""
         at_tcp = self.torque_per_kg(q)
         turn = self._data.site_xmat[self._tcp].reshape(3, 3)
         last = np.full(3, self.joint_count - 1)
@@ -77,7 +77,7 @@ class GravityTerms(GravityModel):
         self._axes = np.array([term.axis for term in terms]).reshape(-1, 3)
 
     def _columns(self, moments: np.ndarray, links: np.ndarray) -> np.ndarray:
-        """(n, p) torques of unit moments (p, 3) in world axes, each moved by the joints up to a link (p,)."""
+        """Return the torques (n, p) of unit moments (p, 3) in world axes, each moved by the joints up to a link."""
         axes = self._data.xaxis[: self.joint_count]
         # −gᵀ (z × h) = z · (g × h)
         columns: np.ndarray = axes @ np.cross(self.model.opt.gravity, moments).T
@@ -85,7 +85,7 @@ class GravityTerms(GravityModel):
 
 
 def _across(axis: np.ndarray) -> list[np.ndarray]:
-    """Two directions (3,) across an axis (3,), along axes of the link's frame where that is possible."""
+    """Return two directions (3,) across an axis (3,), along axes of the link's frame where possible."""
     first = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = first - axis * (first @ axis)
     first /= np.linalg.norm(first)

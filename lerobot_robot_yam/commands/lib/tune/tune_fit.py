@@ -1,12 +1,12 @@
-"""From samples of slow sweeps to what an arm weighs and how it rubs. Pure: no files, no clock.
+"""Fit of an arm's weight and friction to samples of slow sweeps. Pure: no files, no clock.
 
 While joint j turns,
 
     τ_j = g_j(q) + Y_j(q) x + a_j sign(dq_j) + b_j dq_j + (C dq + M ddq)_j
 
 with the profile's weight g, its derivatives Y by the moments x (`gravity_terms`) or by the payload, Coulomb friction a
-and viscous friction b. Ways are gone there and back, so friction cannot pass for weight. C and M are the model's, and
-are computed anew with what was found.
+and viscous friction b. Sweeps go in both directions, so friction cannot be mistaken for weight. C and M come from the
+model, and are computed again with the fitted moments.
 """
 
 import dataclasses
@@ -25,25 +25,25 @@ from lerobot_robot_yam.commands.lib.tune.tune_motion import Samples, torque_step
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.own_commands import install_extra
 
-_LEAST_RAD_S = 0.03  # a joint that is slower may stick
+_LEAST_RAD_S = 0.03  # least speed of samples that are used, rad/s: a slower joint may stick
 _PASSES = 3
-_MOMENT_MOST_KG_M = 2.0  # 3 kg at 0.6 m
+_MOMENT_MOST_KG_M = 2.0  # bound on a fitted moment, kg m: about 3 kg at 0.6 m
 _COULOMB_MOST_NM, _VISCOUS_MOST_NM_S = 5.0, 5.0
-# Half an interval beyond which a parameter is not known:
-_WIDE_NM = 0.1  # Coulomb friction
-_WIDE_NM_S = 0.3  # viscous friction
-_WIDE_SHARE, _WIDE_STEPS = 0.05, 6  # moments: of the most that the joint carries, and steps of its torque
+# A parameter whose 95 % interval is wider than ± these limits is reported as unknown.
+_WIDE_NM = 0.1  # limit for Coulomb friction, Nm
+_WIDE_NM_S = 0.3  # limit for viscous friction, Nm s/rad
+_WIDE_SHARE, _WIDE_STEPS = 0.05, 6  # limit for moments: share of the joint's greatest load, or steps of its torque
 _G_M_S2 = 9.81
-_POSES = 300  # over the workspace
-_WEIGHS_NM = 0.1  # rms over the workspace: a joint that carries less has no factor
+_POSES = 300  # number of random poses that stand for the workspace
+_WEIGHS_NM = 0.1  # least load of a joint that gets a gravity factor, rms over the workspace, Nm
 _NORMAL_95 = 1.96
 
 
 class Parameter(NamedTuple):
-    """A number to be found: of which joint (from 0), and what; its bounds, and how wide its interval may be.
+    """Number to be fitted: its joint (from 0), its name, its bounds, and how wide its interval may be.
 
     Attributes:
-        wide: half a 95 % interval beyond which the number is not known.
+        wide: greatest half width of the 95 % interval with which the number counts as known.
     """
 
     joint: int
@@ -54,10 +54,10 @@ class Parameter(NamedTuple):
 
 
 class NotToldError(ConfigError):
-    """Samples do not tell some parameters of an arm.
+    """Samples that leave some parameters of an arm unknown.
 
     Attributes:
-        joints: (from 0) whose.
+        joints: joints whose parameters are unknown, from 0.
     """
 
     def __init__(self, hardware: ResolvedArm, unknown: Sequence[Parameter]):
@@ -70,12 +70,12 @@ class NotToldError(ConfigError):
 
 
 class Solution(NamedTuple):
-    """Values of p parameters.
+    """Fitted values of p parameters.
 
     Attributes:
-        values: (p,).
-        half_95: (p,) half the width of each 95 % confidence interval; infinite where the samples do not tell.
-        covariance: (p, p), where all are finite.
+        values: (p,) values, each in the unit of its parameter.
+        half_95: (p,) half the width of each 95 % confidence interval; infinite where the samples give no information.
+        covariance: (p, p) covariance; valid if all of `half_95` are finite.
     """
 
     values: np.ndarray
@@ -84,13 +84,13 @@ class Solution(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """What the samples say, of k samples and n joints.
+    """Result of a fit to k samples of n joints.
 
     Attributes:
-        tuning: the arm.
-        samples: which.
-        missed_nm: (k, n) what the profile misses of the weight. NaN where a joint does not turn.
-        rest_nm: (k, n) what the tuning misses of it.
+        tuning: tuning of the arm.
+        samples: samples that were fitted.
+        missed_nm: (k, n) error of the profile's weight, Nm. NaN where a joint does not turn.
+        rest_nm: (k, n) error of the tuning's weight, Nm. NaN in the same places.
     """
 
     tuning: Tuning
@@ -100,18 +100,18 @@ class Fit(NamedTuple):
 
 
 def require_engine() -> None:
-    """Raises ConfigError: `mujoco.sysid` lacks what it needs (it leaves out then what it cannot import)."""
+    """Check that `mujoco.sysid` is complete: it omits functions whose imports fail. Raises ConfigError: it is not."""
     if not hasattr(sysid, "calculate_intervals"):
         raise ConfigError(f"yam-tune needs mujoco.sysid; {install_extra('sysid')}")
 
 
 def fit(hardware: ResolvedArm, samples: Samples, bare: Tuning | None = None) -> Fit:
-    """Fit friction, and moments or a payload.
+    """Fit friction and moments, or friction and a payload.
 
     Args:
         hardware: the arm, without a tuning.
-        samples: of ways there and back.
-        bare: tuning of the same arm without a payload: then a payload is fitted on top of it.
+        samples: samples of sweeps in both directions.
+        bare: tuning of the same arm without a payload; if given, a payload is fitted on top of this tuning.
 
     Raises:
         NotToldError: the samples leave parameters unknown.
@@ -148,7 +148,7 @@ def fit(hardware: ResolvedArm, samples: Samples, bare: Tuning | None = None) -> 
 
 
 def _parameters(hardware: ResolvedArm, terms: GravityTerms, payload: bool) -> list[Parameter]:
-    """Return the weights first, then Coulomb and viscous friction of each joint."""
+    """Return the parameters to fit: the weights first, then Coulomb and viscous friction of each joint."""
     n = hardware.joints
     carried = np.abs([terms.torque(q) for q in _poses(hardware)]).max(axis=0)
     wide = np.maximum(_WIDE_SHARE * carried, _WIDE_STEPS * torque_steps(hardware)) / _G_M_S2
@@ -166,14 +166,14 @@ def _parameters(hardware: ResolvedArm, terms: GravityTerms, payload: bool) -> li
 
 
 def _weights(terms: GravityTerms, q: np.ndarray, payload: bool) -> np.ndarray:
-    """Return (n, p) derivatives of the torques by the weights."""
+    """Return the derivatives (n, p) of the torques by the weights, Nm per kg or kg m."""
     return terms.payload(q) if payload else terms.moments(q)
 
 
 def _mean_torque(hardware: ResolvedArm, samples: Samples) -> np.ndarray:
-    """Return (k, n) torques over a tick.
+    """Return the mean torques over a tick (k, n), Nm.
 
-    A motor rounds its torque down, and tells it at the end of a tick, when the joint has moved on from its command.
+    A motor rounds its torque down, and reports it at the end of a tick, when the joint has moved away from its command.
     """
     rate, j = hardware.config.rate_hz, slice(hardware.joints)
     tau: np.ndarray = samples.tau + 0.5 * hardware.direction[j] * torque_steps(hardware)
@@ -181,7 +181,7 @@ def _mean_torque(hardware: ResolvedArm, samples: Samples) -> np.ndarray:
 
 
 def _solve(parameters: Sequence[Parameter], rows: np.ndarray, measured: np.ndarray) -> Solution:
-    """Find the x within the bounds that makes rows (k, p) x nearest to `measured` (k,)."""
+    """Solve rows (k, p) x = `measured` (k,) for x within the parameters' bounds, by least squares."""
     from scipy.optimize import lsq_linear  # comes with mujoco.sysid, see `require_engine`
 
     bounds = [p.low for p in parameters], [p.high for p in parameters]
@@ -191,9 +191,9 @@ def _solve(parameters: Sequence[Parameter], rows: np.ndarray, measured: np.ndarr
 
 
 def _widened(found: Solution, rest: np.ndarray) -> Solution:
-    """Widen the intervals: neighbours in time have much of their error in common, so fewer rows are independent.
+    """Widen the intervals: successive samples have correlated errors, so fewer rows are independent.
 
-    rest: (k, n) in units of the noise.
+    `rest`: (k, n) residuals in units of the noise.
     """
     alike = float(np.clip(np.nansum(rest[1:] * rest[:-1]) / np.nansum(rest**2), 0.0, 0.95))
     repeats = (1.0 + alike) / (1.0 - alike)
@@ -236,7 +236,7 @@ def _tuning(
 def _factors(
     hardware: ResolvedArm, plain: GravityModel, terms: GravityTerms, found: Solution, payload: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (n,) Σ τ τ₀ / Σ τ₀² over the workspace, with the profile's τ₀, and half their 95 % intervals."""
+    """Return gravity factors (n,), Σ τ τ₀ / Σ τ₀² over the workspace with the profile's τ₀, and half 95 % intervals."""
     poses = _poses(hardware)
     profile = np.array([plain.torque(q) for q in poses])
     columns = np.array([_weights(terms, q, payload) for q in poses])

@@ -1,7 +1,7 @@
-"""Ways that tell an arm's weight and friction: planned clear of the table and of the arm, and gone there and back.
+"""Motions that reveal an arm's weight and friction: planned clear of table and arm, and made in both directions.
 
-The next pose is always the one, of some random ones, whose way adds most to what the data will tell: the largest
-growth of the determinant of the information (D-optimal design), per second of the way.
+Each next pose is chosen among random ones: the motion to it gives the largest growth of the determinant of the
+information per second (D-optimal design).
 """
 
 from collections.abc import Callable, Sequence
@@ -20,31 +20,31 @@ from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.state.modes import Mode
 
-SPEED_RAD_S = 0.55  # the most of any joint; slow, so that inertia hardly counts, and friction is more than the noise
-MARGIN_M = 0.03  # from the table and from itself: as much as the tool sags while the weight is unknown
-RAMP_S = 0.3  # from rest to full speed
-WAIT_S = 0.5  # at each pose
-_TURN_RAD = 0.6  # of the base to either side, from where it stands
+SPEED_RAD_S = 0.55  # greatest speed of a joint, rad/s: slow enough that inertia hardly counts
+MARGIN_M = 0.03  # distance kept from table and arm, m: as much as the tool sags while the weight is unknown
+RAMP_S = 0.3  # time from rest to full speed, s
+WAIT_S = 0.5  # rest at each pose, s
+_TURN_RAD = 0.6  # greatest turn of the base to either side of its first angle, rad
 _FROM_STOPS_RAD = 0.1
-_MOVED_RAD = 0.25  # least of each joint on a way: it shows its friction
-_CANDIDATES = 60  # poses to choose the next one from
-_TRIES = 5  # sets of candidates until a way is clear
-_LOOKS = 200  # along a way
-_POINTS = np.linspace(0.1, 0.9, 5)  # of a way, at which its information is judged
-_WEAK = 1e-3  # information, (kg m)⁻² and the like, to begin with
-_PERIOD_S = 0.02  # of the targets
-_LOOK_S = 0.002  # no tick's state is missed: what a motor feels changes from tick to tick, and only the mean counts
-_SETTLE_S = 0.15  # after which the joints move as steadily as they are told to
-_EXPECTED_STEPS = 20  # of a way
-_BIN_S = 0.1  # what is averaged: the torques that are fed back have steps, see `damiao.codec`
+_MOVED_RAD = 0.25  # least travel of each joint on a way, rad, so that its friction shows
+_CANDIDATES = 60  # number of candidates for the next pose
+_TRIES = 5  # largest number of sets of candidates until a way is clear
+_LOOKS = 200  # largest number of collision checks along a way
+_POINTS = np.linspace(0.1, 0.9, 5)  # shares of a way at which its information is computed
+_WEAK = 1e-3  # initial information about each moment, (kg m)⁻²: makes the determinant positive
+_PERIOD_S = 0.02  # period of the targets, s
+_LOOK_S = 0.002  # period of reading states, s: short, so that the mean of the torques includes every tick
+_SETTLE_S = 0.15  # time after the ramp until the joints move steadily, s
+_EXPECTED_STEPS = 20  # number of simulated samples of a way
+_BIN_S = 0.1  # duration of an averaged sample, s: single torques have steps, see `damiao.codec`
 
 
 class Samples(NamedTuple):
-    """Averages over `_BIN_S`, of k moments and n joints.
+    """Averages over `_BIN_S`, at k times, of n joints.
 
     Attributes:
-        q, dq, ddq: (k, n) rad, rad/s, rad/s².
-        tau: (k, n) Nm, what the motors feel.
+        q, dq, ddq: (k, n) angles, speeds and accelerations, rad, rad/s, rad/s².
+        tau: (k, n) torques that the motors report, Nm.
     """
 
     q: np.ndarray
@@ -54,12 +54,12 @@ class Samples(NamedTuple):
 
 
 class Route:
-    """Plans straight ways of an arm, and tells which are clear.
+    """Planner of straight ways of an arm that are clear of obstacles.
 
     Args:
         hardware: the arm.
-        terms: what its weight depends on.
-        workspace: floor, boxes and margin that it keeps.
+        terms: moments on which the arm's weight depends.
+        workspace: floor, boxes and margin to keep clear of.
     """
 
     def __init__(self, hardware: ResolvedArm, terms: GravityTerms, workspace: WorkspaceConfig):
@@ -73,7 +73,7 @@ class Route:
         return found[0] if found else None
 
     def check(self, poses: Sequence[np.ndarray]) -> None:
-        """Refuse a way through poses (n,) rad that hits something. Raises ConfigError: says where, and what."""
+        """Check that a way through poses (n,) rad is clear. Raises ConfigError: it hits something; says where, what."""
         names = self._clearance.parts.part_names
         for number, (start, end) in enumerate(zip(poses, poses[1:], strict=False), 1):
             if (found := self._conflict(start, end)) is not None:
@@ -85,7 +85,7 @@ class Route:
                 )
 
     def plan(self, start: np.ndarray, legs: int) -> np.ndarray:
-        """Choose poses (legs + 1, n) rad of a way for an arm that lies or stands at `start` (n,) rad.
+        """Return poses (legs + 1, n) rad of a way for an arm that lies or stands at `start` (n,) rad.
 
         Raises:
             ConfigError: no way is clear.
@@ -112,7 +112,7 @@ class Route:
     def _best(
         self, candidates: np.ndarray, here: np.ndarray, known: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the candidate (n,) of (c, n) with a clear way that tells most, and what it tells; None: no way is."""
+        """Return the best candidate (n,) of (c, n) with a clear way, and its information; None: no way is clear."""
         least = np.linalg.slogdet(known)[1]
         scored = []
         for there in candidates:
@@ -126,14 +126,14 @@ class Route:
         return None
 
     def _information(self, way: np.ndarray) -> np.ndarray:
-        """Return (p, p): what a way (k, n) rad tells about the moments, in units of the steps of measured torques."""
+        """Return the information (p, p) of a way (k, n) rad about the moments; a torque step is the unit of error."""
         steps_nm = torque_steps(self._hardware)[:, None]
         rows = [self._terms.moments(q) / steps_nm for q in way]
         return np.sum([row.T @ row for row in rows], axis=0)
 
 
 def torque_steps(hardware: ResolvedArm) -> np.ndarray:
-    """Return (n,) Nm, the steps in which the joints' motors tell their torque."""
+    """Return the steps (n,) in which the joints' motors report their torque, Nm."""
     return np.array([torque_step_nm(motor.type) for motor in hardware.motors[: hardware.joints]])
 
 
@@ -143,7 +143,7 @@ def shown(q: np.ndarray) -> str:
 
 
 def way_s(start: np.ndarray, end: np.ndarray) -> float:
-    """Return the time of a way at `SPEED_RAD_S` at most, with `RAMP_S` to speed up and as long to slow down."""
+    """Return the duration of a way at up to `SPEED_RAD_S`, with ramps of `RAMP_S` at both ends, s."""
     return float(np.abs(end - start).max()) / SPEED_RAD_S + RAMP_S
 
 
@@ -152,14 +152,14 @@ def _there_and_back(poses: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def sweep(arm: YamArm, poses: np.ndarray, tell: Callable[[float], None]) -> tuple[Samples, np.ndarray]:
-    """Go through poses (k, n) rad and back to the first one; the arm stands there at the end.
+    """Move through poses (k, n) rad and back to the first one, where the arm stays.
 
     Args:
         arm: connected, and at the first pose.
         tell: called with the share of the way that is done.
 
     Returns:
-        Samples, and (m, n) rad: how far the arm hung off its set-point where it rested.
+        Samples, and the distances from the set-point at the rests, (m, n) rad.
 
     Raises:
         YamError: the arm stops, is stopped or is silent.
@@ -175,7 +175,7 @@ def sweep(arm: YamArm, poses: np.ndarray, tell: Callable[[float], None]) -> tupl
 
 
 def _leg(arm: YamArm, start: np.ndarray, end: np.ndarray) -> Samples:
-    """Go a straight way at a steady speed, and come to rest; return samples of the steady part."""
+    """Move straight at a steady speed, and come to rest; return samples of the steady part."""
     clock, seconds = arm.clock, way_s(start, end)
     rows: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
     begin, due = clock.now(), 0.0
@@ -200,7 +200,7 @@ def _leg(arm: YamArm, start: np.ndarray, end: np.ndarray) -> Samples:
 
 
 def _ramped(now: float, seconds: float) -> tuple[float, float]:
-    """Return the share of a way, and its rate in 1/s, that takes `seconds` with ramps of `RAMP_S` at both ends."""
+    """Return the share of a way that is done at `now`, and its rate, 1/s; the way takes `seconds`, ramps included."""
     top = 1.0 / (seconds - RAMP_S)
     left = max(seconds - now, 0.0)
     if now < RAMP_S:
@@ -211,9 +211,9 @@ def _ramped(now: float, seconds: float) -> tuple[float, float]:
 
 
 def expected(hardware: ResolvedArm, model: GravityModel, poses: np.ndarray) -> Samples:
-    """Return what a sweep through poses (k, n) rad would bring of an arm as the model has it, without friction.
+    """Return the samples that a sweep through poses (k, n) rad would give of an arm as modelled, without friction.
 
-    Its torques err by a step of the motors' feedback, so that a fit shows what the sweep would leave unknown.
+    The torques have errors of one step of the motors' feedback, so a fit shows what the sweep would leave unknown.
     """
     shares = np.arange(_EXPECTED_STEPS)[:, None] / _EXPECTED_STEPS
     ways = _there_and_back(poses)

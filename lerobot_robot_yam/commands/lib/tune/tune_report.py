@@ -16,9 +16,9 @@ _HEAD = [
 
 
 def report(hardware: ResolvedArm, found: Fit, before: np.ndarray, after: np.ndarray) -> str:
-    """Write what was found, with 95 % intervals, and how the arm held before and after, without the hold integral.
+    """Return the fit as a table with 95 % intervals, and the hold errors before and after, without hold integral.
 
-    missed, left: rms of the weight that the profile and the tuning do not tell.
+    Columns missed, left: rms error of the weight in the profile and in the tuning.
     """
     tuned, rows = found.tuning, []
     holds = [1e3 * rad for rad in (_worst(before), _worst(after), _friction_rad(hardware, found))]
@@ -37,7 +37,7 @@ def report(hardware: ResolvedArm, found: Fit, before: np.ndarray, after: np.ndar
 
 
 def save_plot(path: Path, hardware: ResolvedArm, found: Fit, before: np.ndarray, after: np.ndarray) -> None:
-    """Save a picture: what the weight misses before and after, friction over speed, and hold errors.
+    """Save a picture: errors of the weight before and after, friction over speed, and hold errors.
 
     Raises:
         ConfigError: matplotlib is missing, or the file cannot be written.
@@ -69,13 +69,13 @@ def save_plot(path: Path, hardware: ResolvedArm, found: Fit, before: np.ndarray,
 
 
 def _worst(errors_rad: np.ndarray) -> np.ndarray:
-    """Return (n,) rad, the largest distance from the set-point."""
+    """Return the largest distances (n,) from the set-point, rad."""
     largest: np.ndarray = np.abs(errors_rad).max(axis=0)
     return largest
 
 
 def _friction_rad(hardware: ResolvedArm, found: Fit) -> np.ndarray:
-    """Return (n,) rad by which Coulomb friction can hold a joint off its set-point."""
+    """Return the distances (n,) by which Coulomb friction can hold a joint off its set-point, rad."""
     off: np.ndarray = found.tuning.coulomb_nm / np.maximum(hardware.kp[: hardware.joints], 1e-9)
     return off
 
