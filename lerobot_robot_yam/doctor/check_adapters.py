@@ -66,7 +66,7 @@ def _check_name(adapter: CanAdapter, adapters: Sequence[CanAdapter], rules: Sequ
 
 
 def _named_by(adapter: CanAdapter, rules: Sequence[str]) -> str | None:
-    """Property by which a udev rule gives this name; None: unknown."""
+    """Return the property by which a udev rule gives this name, or None if it is unknown."""
     naming = [line for line in rules if re.search(rf'NAME:?="{re.escape(adapter.name)}"', line)]
     if any(_PORT.search(line) for line in naming):
         return "USB port"

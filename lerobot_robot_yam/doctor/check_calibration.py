@@ -73,7 +73,7 @@ def _check_configured(target: Target, stops: Sequence[float], section: Section) 
 
 
 def _owner(path: Path) -> str:
-    """Name of the gripper in the file; "unknown" for a damaged file."""
+    """Return the name of the gripper in the file; "unknown" for a damaged file."""
     try:
         data = json.loads(path.read_text())
         return str(data["gripper"])

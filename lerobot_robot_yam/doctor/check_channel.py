@@ -24,7 +24,7 @@ from lerobot_robot_yam.state.records import lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock
 
 _LISTEN_S = 0.3  # time of listening for other drivers, s; longer than a session's 50 ms, to hear slow pollers, too
-BIN_EDGES_MS = (0.3, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # upper edges of the bins; one more bin is for the rest
+BIN_EDGES_MS = (0.3, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # upper edges of the histogram's bins, ms; one more bin follows
 BLOCKS = "·▁▂▃▄▅▆▇█"
 _LABELS = (*(f"≤{edge:g}" for edge in BIN_EDGES_MS), "more")
 _TIMEOUT_S = 0.25
@@ -75,7 +75,7 @@ def examine_channel(
 
 
 def _ask(bus: can.BusABC, target: Target, samples: int, report: Report, say: Callable[[str], None]) -> Target:
-    """Query everything; returns the target with the gripper that was found."""
+    """Query everything; return the target with the gripper that was found."""
     channel = target.channel
     say(f"{channel}: listening")
     listen(bus, _LISTEN_S, range(1, 16), channel)
@@ -151,13 +151,13 @@ def _report_latency(target: Target, spec: MotorSpec, times_ms: Sequence[float], 
 
 
 def histogram(times_ms: Sequence[float]) -> list[int]:
-    """Count the times per bin of `BIN_EDGES_MS`, and those above."""
+    """Count the times in each bin of `BIN_EDGES_MS`, and the times above the last edge."""
     edges = (float("-inf"), *BIN_EDGES_MS, float("inf"))
     return [sum(low < value <= high for value in times_ms) for low, high in pairwise(edges)]
 
 
 def percentile(ordered: Sequence[float], share: float) -> float | None:
-    """Value below which `share` of an ordered list lies, ms; None for an empty list."""
+    """Return the value below which `share` of an ordered list lies, ms; None for an empty list."""
     return round(ordered[min(int(share * len(ordered)), len(ordered) - 1)], 3) if ordered else None
 
 

@@ -23,7 +23,7 @@ _CABLE = "check power and cable of the passive leader, and that this is its chan
 
 
 def handle_firmware(questions: Questions) -> tuple[int, int, int] | None:
-    """Read the firmware version of the handle on the channel; None when none answers."""
+    """Read the firmware version of the handle on the channel; return None when no handle answers."""
     request = handle_encoder.encode_version_request()
     return questions.handle(request, handle_encoder.REQUEST_ID, handle_encoder.decode_version)
 
@@ -70,7 +70,7 @@ def inspect_handle(
 
 
 def inspect_passive(questions: Questions, target: Target, config: PassiveConfig, section: Section) -> None:
-    """Read the encoders of a leader without motors, ask those that do not report by themselves, and check them."""
+    """Read and check the encoders of a leader without motors; encoders that do not report by themselves are queried."""
     channel, joints = target.channel, target.hardware.joints
     encoders, quiet = questions.encoders(joints)
     silent = encoders.silent(0.0)

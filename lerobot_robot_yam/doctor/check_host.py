@@ -17,7 +17,7 @@ from lerobot_robot_yam.system.sysfs import SYSFS, text_of
 _RIGHTS = f"{as_root('yam-setup-can --rights')} (then log in again)"
 _STATES = Path("/sys/power/state")  # sleep states that the kernel offers, such as "freeze mem disk"
 _SUSPEND = Path("/etc/systemd/system/suspend.target")
-_CPUS_MIN = 4  # CPUs for the loop, LeRobot, the video encoder and the system
+_CPUS_MIN = 4  # least number of CPUs: for the loop, LeRobot, the video encoder and the system
 # Program for another process, since scheduling stays granted to the process that has requested it.
 _ASK = (
     "import sys; from lerobot_robot_yam.system.realtime import request_realtime; "
@@ -77,7 +77,7 @@ def _granted() -> str | None:
 
 
 def _can_sleep() -> bool:
-    """Whether this computer can be suspended: many virtual machines cannot, and systemd's target may be masked."""
+    """Return whether this computer can be suspended; many virtual machines cannot, or systemd's target is masked."""
     return bool((text_of(_STATES) or "").split()) and _SUSPEND.resolve() != Path("/dev/null")
 
 

@@ -22,7 +22,7 @@ QUEUE_MIN, QUEUE_LENGTH = 32, 100
 # Drivers without a restart handler: newer kernels refuse `restart-ms` (older ones crash when it takes effect:
 # "can: netlink: can_changelink(): fix NULL pointer deref of struct can_priv::do_set_mode", 2025).
 NO_RESTART = frozenset({"gs_usb"})
-# Controller modes that disturb the arms, and `ip`'s names of them; the first two cut the motors off.
+# Controller mode that disturbs the arms -> `ip`'s name of the mode; the first two cut the motors off.
 _WRONG_MODES = {"LISTEN-ONLY": "listen-only", "LOOPBACK": "loopback", "FD": "fd", "ONE-SHOT": "one-shot"}
 _DEAF_MODES = {"LISTEN-ONLY", "LOOPBACK"}
 _STOPPED = ("BUS-OFF", "STOPPED", "SLEEPING")
@@ -40,8 +40,8 @@ class Link:
         state: "ERROR-ACTIVE" (healthy), "ERROR-WARNING", "ERROR-PASSIVE", "BUS-OFF", "STOPPED", "SLEEPING".
         modes: controller modes that are on ("FD", "LISTEN-ONLY", …).
         queue_length: longest queue, frames (txqueuelen); waiting: frames in it.
-        refused: frames refused because the queue was full; dropped: by the driver; lost_rx: by the adapter.
-        device: place, such as USB interface "1-2:1.0".
+        refused, dropped, lost_rx: numbers of frames refused by a full queue, dropped by driver, lost by adapter.
+        device: place of the hardware, such as USB interface "1-2:1.0".
     """
 
     name: str
@@ -63,7 +63,7 @@ class Link:
 
     @property
     def usable(self) -> bool:
-        """Whether querying motors through it makes sense and is harmless (a wrong bit-rate disturbs the bus)."""
+        """Whether motors can be queried through the link without harm (a wrong bit-rate disturbs the bus)."""
         return (
             self.up
             and self.state not in _STOPPED
@@ -89,7 +89,7 @@ class Link:
 
 
 def tool_output(command: Sequence[str]) -> tuple[str | None, str]:
-    """Run a tool that only reads; returns its standard output, or None with the reason."""
+    """Run a tool that only reads; return its standard output, or None with the reason."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_TOOL_TIMEOUT_S, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -139,7 +139,7 @@ def _link(row: dict[str, Any], queue: dict[str, Any]) -> Link:
 
 
 def check_links(links: Sequence[Link], wanted: Sequence[str], section: Section) -> None:
-    """Add rows for all links, findings for the wanted ones."""
+    """Add rows for all links, and findings for the wanted links."""
     for link in links:
         row = {key: getattr(link, key) for key in Link.__dataclass_fields__}
         section.rows.append({**row, "modes": list(link.modes), "link": "up" if link.up else "down"})

@@ -14,7 +14,7 @@ from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
 
 _ROUNDS = 3
 _TIMEOUT_S, _SETTLE_S = 0.25, 0.03
-# Hint after a change of the time-out. The maker requires it; others have seen motors apply the value at once.
+# Hint after a change of the time-out. The maker requires a power cycle; some motors apply the new value at once.
 _POWER_CYCLE = " (then switch the arm's power off and on: until then the motor may go by the old value)"
 _WARM_C = 15.0  # distance to its own limit at which a motor counts as warm, °C
 _SUPPLY_MARGIN = 1.05  # ratio of the supply to a motor's limit below which it counts as near
@@ -50,7 +50,7 @@ _FAULT_REMEDIES: dict[int, str] = {
 
 
 def inspect_motors(questions: Questions, target: Target, handle_answers: bool, section: Section) -> list[MotorSpec]:
-    """Query all motors of a channel and check their answers; returns the profile's motors that are there."""
+    """Query all motors of a channel and check their answers; return the profile's motors that answer."""
     specs = target.hardware.motors
     answers = _roll_call(questions, [spec.can_id for spec in specs])
     present = [spec for spec in specs if spec.can_id in answers]
@@ -88,7 +88,7 @@ def _identity(target: Target, spec: MotorSpec) -> dict[str, Any]:
 
 
 def _roll_call(questions: Questions, expected: Sequence[int]) -> dict[int, tuple[list[Answer], int]]:
-    """Query all ids; returns, per id that answers, its answers and the number of queries."""
+    """Query all ids; return id -> its answers and the number of queries, for each id that answers."""
     answers: dict[int, list[Answer]] = {}
     unexpected = [can_id for can_id in MOTOR_IDS if can_id not in expected]  # queried once, with less time
     calls = [(list(expected), _TIMEOUT_S)] * _ROUNDS + [(unexpected, _SETTLE_S)]
@@ -194,7 +194,7 @@ def _set_register(target: Target, motor_id: int, register: Register, value: floa
 
 
 def _set_id(target: Target, motor_id: int, new: int | str) -> str:
-    """Format the command that gives a motor an id, and the identifier of its answers that goes with it."""
+    """Format the command that gives a motor an id and the matching identifier of its answers."""
     return f"yam-motors set-id {target.config.on_command_line} {motor_id} {new}"
 
 

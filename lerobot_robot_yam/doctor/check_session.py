@@ -25,7 +25,7 @@ _REARM = "remove the cause, then re-arm the session or connect again"
 
 
 def driver_of(target: Target) -> str:
-    """Name the holder of the channel's lock: "process 1234 (python -m …)"."""
+    """Return the holder of the channel's lock, such as "process 1234 (python -m …)"."""
     try:
         pid = lock_path(target.key).read_text().strip()
     except OSError:
@@ -107,7 +107,7 @@ def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, 
 
 
 def _motor_rows(target: Target, record: np.ndarray, now: float) -> list[dict[str, Any]]:
-    """Make a row per motor of the profile; a session without a config may drive fewer."""
+    """Make a row per motor of the profile; a session without a config may drive fewer motors."""
     hardware = target.hardware
     fields = ("motor_stamp_s", "fault", "lost", "temp_mos_c", "temp_rotor_c")
     columns = (hardware.motors, *(record[field][hardware.slots].tolist() for field in fields))

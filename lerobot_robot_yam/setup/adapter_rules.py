@@ -1,9 +1,9 @@
 """Names of CAN adapters as udev rules: each name is tied to one adapter, by serial number or else by USB port.
 
-systemd's .link files would not do: they cannot distinguish the channels of an adapter, and do not rename where
+systemd's .link files are no alternative: they cannot distinguish the channels of an adapter, and have no effect where
 predictable names are switched off, as on Raspberry Pi OS.
 
-Other rules, .link files and interfaces may have a name already, or name the same adapter: `check_free` checks.
+`check_free` checks that no other rule, .link file or interface has the name already, or names the same adapter.
 """
 
 import re
@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from lerobot_robot_yam.errors import SetupError
 from lerobot_robot_yam.system.sysfs import CAN_TYPE, KERNEL_NAME, CanAdapter
 
-RULES = "etc/udev/rules.d/70-yam-can.rules"  # runs before 80-net-setup-link.rules, which keeps a name that is given
+RULES = "etc/udev/rules.d/70-yam-can.rules"  # runs before 80-net-setup-link.rules, which keeps a name given before
 _RULES_FOLDERS = ("etc/udev/rules.d", "run/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d")
 _LINK_FOLDERS = ("etc/systemd/network", "run/systemd/network", "usr/lib/systemd/network", "lib/systemd/network")
 _HEAD = (
@@ -32,9 +32,9 @@ class NamedAdapter:
     """Name, and the adapter that it is tied to.
 
     Attributes:
-        serial: serial number; None: none that is usable.
+        serial: serial number; None: the adapter has no usable one.
         channel: channel of an adapter with several: "dev_id 0x1", "dev_port 1", or "function 1.1" of the USB device.
-        place: directory of its hardware below sysfs.
+        place: directory of the adapter's hardware below sysfs.
     """
 
     name: str
@@ -44,17 +44,17 @@ class NamedAdapter:
 
     @property
     def device(self) -> str:
-        """Place of the USB device, of which this is one function; its own place for other hardware."""
+        """Place of the USB device of which the adapter is a function; for other hardware, the adapter's own place."""
         place = PurePosixPath(self.place)
         return str(place.parent if ":" in place.name else place)
 
     def same_hardware(self, other: "NamedAdapter") -> bool:
-        """Whether no rule could distinguish the two adapters."""
+        """Return whether no rule could distinguish the two adapters."""
         return (self.serial, self.channel, _glob(self.place)) == (other.serial, other.channel, _glob(other.place))
 
 
 def identify(name: str, adapter: CanAdapter, adapters: Sequence[CanAdapter]) -> NamedAdapter:
-    """Tie a name to one of the adapters that are plugged in.
+    """Tie a name to one of the adapters that are plugged in; return this entry of the rules.
 
     Raises:
         SetupError: the name does not fit an interface, or the kernel does not distinguish this adapter from another.
@@ -87,13 +87,13 @@ def identify(name: str, adapter: CanAdapter, adapters: Sequence[CanAdapter]) -> 
 
 
 def with_adapter(present: Sequence[NamedAdapter], new: NamedAdapter) -> list[NamedAdapter]:
-    """Add a new name, which replaces that name's adapter and that adapter's name."""
+    """Return the names with a new one, which replaces entries of the same name or the same adapter."""
     kept = [named for named in present if named.name != new.name and not named.same_hardware(new)]
     return sorted([*kept, new], key=lambda named: named.name)
 
 
 def where_they_are(named: Sequence[NamedAdapter], adapters: Sequence[CanAdapter]) -> list[NamedAdapter]:
-    """Update the places of the names: an adapter that is named by its serial number may have been moved."""
+    """Return the names with their present places: an adapter that is named by serial number may have been moved."""
 
     def moved(entry: NamedAdapter) -> NamedAdapter:
         places = {a.name: a.place for a in adapters if a.usb and a.place and a.usb.serial == entry.serial}
@@ -103,7 +103,7 @@ def where_they_are(named: Sequence[NamedAdapter], adapters: Sequence[CanAdapter]
 
 
 def rules_text(named: Sequence[NamedAdapter], adapters: Sequence[CanAdapter]) -> str | None:
-    """Format the rules file for these names, given what is plugged in; None when there is no name.
+    """Format the rules file for these names, given the plugged-in adapters; return None when there is no name.
 
     Raises:
         SetupError: two names would be tied to one USB port.
@@ -156,16 +156,16 @@ def _glob(place: str) -> str:
 
 
 def check_free(root: Path, named: NamedAdapter, interface: str, ours: Collection[str]) -> None:
-    """Refuse a name that something else gives, and an adapter that something else names.
+    """Check that nothing else gives this name, or names this adapter.
 
     Args:
         root: root of the computer's files.
-        named: the name, and the adapter that shall have it.
+        named: the name, with the adapter to be named.
         interface: present name of the adapter.
         ours: names that our rules give already.
 
     Raises:
-        SetupError: says where, and what to do.
+        SetupError: something else does; the message says where, and what to do.
     """
     for path, number, line in _lines_in(root, _RULES_FOLDERS, "*.rules"):
         given = re.search(r'\bNAME:?="([^"]*)"', line)
@@ -186,7 +186,7 @@ def check_free(root: Path, named: NamedAdapter, interface: str, ours: Collection
 
 
 def _lines_in(root: Path, directories: tuple[str, ...], pattern: str) -> Iterator[tuple[str, int, str]]:
-    """Generate path below the root, number and text of each line that is no comment."""
+    """Yield path below the root, number and text of each line that is not a comment."""
     seen = set()
     for directory in directories:
         for path in sorted((root / directory).glob(pattern)):

@@ -1,7 +1,7 @@
-"""Detection of an adapter that a person shows, by plugging it in or by moving the wrist of its arm.
+"""Detection of an adapter that a person shows, by plugging the adapter in or by moving the wrist of its arm.
 
-sysfs shows what is plugged in. Arms are only asked for the positions of their motors. The person may always type a line
-instead: `Answer` waits at most so many seconds for it, and returns None when there is none. `Tell` gets a line of text.
+sysfs shows which adapters are plugged in. Of arms, only motor positions are read. The person may always type a line
+instead: `Answer` waits for a line at most for a time in s, and returns None without a line. `Tell` gets a line of text.
 """
 
 import time
@@ -16,13 +16,13 @@ from lerobot_robot_yam.doctor.kit.questions import Questions
 from lerobot_robot_yam.errors import MotorError
 from lerobot_robot_yam.system.sysfs import CanAdapter, read_adapters
 
-_PLUGS_S = 0.2  # period of reading what is plugged in, s
+_PLUGS_S = 0.2  # period of reading which adapters are plugged in, s
 _SETTLE_S = 0.8  # wait for all channels of a new adapter, and for udev to rename them, s
 MOVED_RAD = 0.3  # motion that counts as deliberate, rad; less than half of it may be a table that shakes
 _WRIST_IDS, _WRIST_MOTOR = (4, 5, 6), "DM4310"
 _POLL_S, _ANSWER_S = 0.05, 0.02
 _RESTS_S, _RESTS_RAD = 0.3, 0.02
-_RESTLESS_S = 10.0  # longest wait for rest, s: a hanging arm may sway for long, though its wrist hardly does
+_RESTLESS_S = 10.0  # longest wait for rest, s: a hanging arm may sway for long, but its wrist joints hardly move
 
 
 Answer = Callable[[float], str | None]
@@ -30,7 +30,7 @@ Tell = Callable[[str], None]
 
 
 class PlugWatch:
-    """Adapters that are plugged in after this was made. Make it before the person is asked to plug.
+    """Watch for adapters that are plugged in after its creation. Create it before the person is asked to plug.
 
     Args:
         sysfs: root of sysfs.
@@ -41,7 +41,7 @@ class PlugWatch:
         self._before = set(_places(sysfs))
 
     def wait(self, answer: Answer, tell: Tell) -> list[CanAdapter] | str:
-        """Wait until one adapter is plugged in, or again; return its channels, or the line."""
+        """Wait until one adapter is plugged in, or plugged in again; return its channels, or the typed line."""
         while (line := answer(_PLUGS_S)) is None:
             now = _places(self._sysfs)
             if set(now) - self._before:
@@ -58,17 +58,17 @@ class PlugWatch:
 
 
 def _places(sysfs: Path) -> dict[tuple[str | None, ...], CanAdapter]:
-    """Adapters that are plugged in, by place and channel, since names change."""
+    """Return (place, channel) -> adapter for all plugged-in adapters; names are no keys, since they change."""
     return {(a.place, *a.number, None if a.place else a.name): a for a in read_adapters(sysfs)}
 
 
 class WristWatch:
-    """Arms whose wrists are moved after this was made. Make it before the person is asked to. Energises nothing.
+    """Watch for arms whose wrists move after its creation. Create it before the person is asked. Energises nothing.
 
-    It first waits until all wrists rest: the motion of an arm that was shown before would count as an answer.
+    The constructor waits until all wrists rest, since the motion of an arm shown before would count as an answer.
 
     Args:
-        buses: open buses by channel; nobody else drives them.
+        buses: channel -> open bus that nobody else uses.
 
     Raises (every method):
         MotorError: no motor answers, or one is energised, so that a hand would work against it.
@@ -84,7 +84,7 @@ class WristWatch:
             raise MotorError(f"no arm answers on {', '.join(buses)}: switch the arms' power on, check the CAN cables")
 
     def wait(self, answer: Answer, tell: Tell) -> tuple[str, str]:
-        """Wait until the wrist of one arm is moved; return its channel, or the line; the other is empty."""
+        """Wait until the wrist of one arm moves; return its channel and "", or "" and the typed line."""
         while (line := answer(_POLL_S)) is None:
             moved = self._moved_rad()
             furthest = max(moved, key=lambda channel: moved[channel])
@@ -97,7 +97,7 @@ class WristWatch:
         return "", line
 
     def _await_rest(self) -> None:
-        """Wait until no wrist moves, and store the positions there."""
+        """Wait until no wrist moves, and store the wrists' positions."""
         until_s = self._clock.now() + _RESTLESS_S
         while True:
             self._start.clear()
@@ -107,7 +107,7 @@ class WristWatch:
                 return
 
     def _moved_rad(self) -> dict[str, float]:
-        """Largest distance of a wrist joint from its stored position, rad, per channel."""
+        """Return channel -> largest distance of a wrist joint from its stored position, rad."""
         moved = dict.fromkeys(self._questions, 0.0)
         for channel, questions in self._questions.items():
             for answer in questions.refresh(_WRIST_IDS, _ANSWER_S, 0.0):

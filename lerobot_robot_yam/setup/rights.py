@@ -1,4 +1,4 @@
-"""Rights of a user: real-time scheduling and locked memory, cameras, uinput. Raw CAN sockets need none."""
+"""Rights of a user: real-time scheduling and locked memory, cameras, uinput. Raw CAN sockets need no rights."""
 
 from collections.abc import Mapping
 
@@ -43,6 +43,6 @@ def rights_changes(files: SystemFiles, user: str) -> list[Change]:
 
 
 def user_of(environment: Mapping[str, str]) -> str | None:
-    """User who has called sudo, else who is logged in; None for root."""
+    """Return the user who has called sudo, or else the user who is logged in; None for root."""
     name = environment.get("SUDO_USER") or environment.get("USER") or environment.get("LOGNAME")
     return None if name in (None, "root") else name

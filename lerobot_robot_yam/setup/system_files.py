@@ -1,6 +1,6 @@
-"""Files of a computer that are changed together: shown first, written whole, remembered, and undone exactly.
+"""Files of a computer that are changed together: shown first, written whole, recorded, and undone exactly.
 
-A journal remembers each change before it is made, so an interrupted run can be run again or undone.
+Each change is written to a journal before it is made, so an interrupted run can be run again or undone.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ class FileChange:
 
     Attributes:
         path: path below the root, "etc/udev/rules.d/70-yam-can.rules".
-        before, after: text; None where there is no file.
+        before, after: text of the file; None: there is no file.
     """
 
     path: str
@@ -44,7 +44,7 @@ class FileChange:
 
 @dataclass(frozen=True)
 class GroupChange:
-    """Groups that a user joins, or leaves again. `usermod` changes them (`SystemTools.load`)."""
+    """Groups that a user joins, or leaves again. `SystemTools.load` changes the groups with `usermod`."""
 
     user: str
     groups: tuple[str, ...]
@@ -71,18 +71,18 @@ class SystemFiles:
 
     @property
     def live(self) -> bool:
-        """Whether the root is that of this computer."""
+        """Whether the root is the root of this computer."""
         return self.root.resolve() == Path("/")
 
     def check_writable(self) -> None:
-        """Refuse a root that is no system's or not writable, before anything is asked or changed."""
+        """Check that the root is a system's and writable, before anything is asked or changed."""
         if not (self.root / "etc").is_dir():
             raise SetupError(f"{self.root} is no root of a system: it has no directory etc")
         if not os.access(self.root / "etc", os.W_OK, effective_ids=True):
             raise SetupError(f"no right to write to {self.root / 'etc'}: {_AS_ROOT}, or look at --dry-run")
 
     def read(self, path: str) -> str | None:
-        """Read a file, None when there is none."""
+        """Read a file; return None when there is no such file."""
         try:
             return (self.root / path).read_text()
         except FileNotFoundError:
@@ -95,12 +95,12 @@ class SystemFiles:
         return {fields[0]: fields[3].split(",") for fields in lines if len(fields) == 4}
 
     def change_to(self, path: str, after: str | None) -> list[Change]:
-        """Change that gives a file this text; none when the file has it."""
+        """Return the change that gives a file this text; [] when the file already has this text."""
         before = self.read(path)
         return [] if before == after else [FileChange(path, before, after)]
 
     def apply(self, changes: Sequence[Change]) -> None:
-        """Write the files, each whole, after the journal: all changes can be undone from before the first is made."""
+        """Write the journal, then each file as a whole; so all changes can be undone, even after an interruption."""
         if not changes:
             return
         journal = self._journal()
@@ -115,7 +115,7 @@ class SystemFiles:
         self.write(changes)
 
     def write(self, changes: Sequence[Change]) -> None:
-        """Write the files, each whole, unless another program has changed one since the changes were prepared."""
+        """Write each file as a whole, unless another program has changed a file since the changes were prepared."""
         for change in changes:
             if isinstance(change, FileChange):
                 if self.read(change.path) != change.before:
@@ -123,7 +123,7 @@ class SystemFiles:
                 self._write(change.path, change.after)
 
     def undo_changes(self) -> tuple[list[Change], list[str]]:
-        """List the changes that undo all that was applied, and the files that others have changed since."""
+        """Return the changes that undo all applied changes, and the files that others have changed since."""
         journal, changes, left = self._journal(), [], []
         for path, entry in journal["files"].items():
             now = self.read(path)
@@ -137,7 +137,7 @@ class SystemFiles:
         return changes, left
 
     def forget(self) -> None:
-        """Remove the journal, once all is undone."""
+        """Remove the journal, after all changes were undone."""
         (self.root / JOURNAL).unlink(missing_ok=True)
         with contextlib.suppress(OSError):
             (self.root / JOURNAL).parent.rmdir()

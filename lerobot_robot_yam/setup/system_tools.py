@@ -1,8 +1,8 @@
-"""System tools that make changes take effect. With a root other than "/" only usermod runs, others are only shown.
+"""System tools that make changes take effect. With a root other than "/", only usermod runs; the others are shown.
 
 A CAN link is brought up by a systemd unit for each named adapter, at plug-in and at boot, and by hand in the same way.
 All target systems run systemd, but not systemd-networkd: Debian, Ubuntu's desktop and Raspberry Pi OS use
-NetworkManager or ifupdown, which do not support CAN. And udev's manual keeps network programs out of its rules.
+NetworkManager or ifupdown, which do not support CAN. udev's manual forbids network programs in udev rules.
 """
 
 import shutil
@@ -70,9 +70,9 @@ class SystemTools:
             self._run("systemctl daemon-reload".split())
 
     def rename(self, interface: str, name: str) -> bool:
-        """Let udev name a plugged-in adapter by its rule, and bring it up; returns whether it is, or would be.
+        """Let udev name a plugged-in adapter by its rule, and bring its link up; return whether both worked, or would.
 
-        It is not while another adapter has the name, such as when two swap theirs.
+        Renaming fails while another adapter has the name, such as when two adapters swap names.
         """
         index = self._index(interface)
         if interface != name:
@@ -89,7 +89,7 @@ class SystemTools:
             self._run(command)
 
     def _index(self, interface: str) -> str | None:
-        """Kernel's number of an interface, which survives a renaming; None when there is none."""
+        """Return the kernel's number of an interface, which survives a renaming; None without such an interface."""
         return text_of(self._files.root / "sys/class/net" / interface / "ifindex")
 
     def _run(self, command: Sequence[str], dry: bool | None = None) -> None:
@@ -106,7 +106,7 @@ class SystemTools:
 
 
 def bring_up(adapter: CanAdapter) -> list[list[str]]:
-    """List the commands that take a link down and bring it up as the arms need it."""
+    """Return the commands that take a link down and bring it up with the settings for the arms."""
     commands = [f"ip link set {adapter.name} down"]
     if adapter.driver is not None and adapter.driver not in NO_RESTART:
         commands.append(f"ip link set {adapter.name} type can restart-ms {RESTART_MS}")
@@ -115,10 +115,10 @@ def bring_up(adapter: CanAdapter) -> list[list[str]]:
 
 
 def check_undriven(interfaces: Sequence[str]) -> None:
-    """Refuse to touch a link that a program of any user holds: its arm would fall, or a motor be left half set up.
+    """Check that no program of any user uses a link: its arm would fall, or a motor stay half set up.
 
     Raises:
-        ChannelInUseError: names the channel and the process.
+        ChannelInUseError: a program uses a link; the message names the channel and the process.
     """
     keys = {channel_key("socketcan", name, None) for name in interfaces}
     for directory in runtime_dirs():

@@ -17,7 +17,7 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding.
+    """Finding of the doctor.
 
     Attributes:
         where: interface, channel, motor, file or device.
@@ -31,7 +31,7 @@ class Finding:
     remedy: str
 
 
-# Per section its title and the columns of its table: keys of the rows, with "=heading" if that differs.
+# Section -> its title and the columns of its table: keys of the rows, with "=heading" where the heading differs.
 _TABLES = {
     "interfaces": (
         "CAN interfaces",
@@ -82,7 +82,7 @@ class Section:
 
     Attributes:
         name: key in the JSON form, and in `_TABLES`.
-        rows: facts, JSON values; None is "unknown". JSON shows all of a row, the table its columns.
+        rows: facts as JSON values, None for unknown. The JSON form has all keys of a row, the table only its columns.
     """
 
     name: str
@@ -109,7 +109,7 @@ def empty_report() -> Report:
 
 
 def _findings(report: Report) -> list[Finding]:
-    """All findings, problems first."""
+    """Return all findings, problems first."""
     order = list(Severity)
     return sorted((f for section in report.values() for f in section.findings), key=lambda f: order.index(f.severity))
 
@@ -119,12 +119,12 @@ def _counts(found: Sequence[Finding]) -> dict[str, int]:
 
 
 def exit_status(report: Report) -> int:
-    """Exit status: 0 when there is no problem, else 1."""
+    """Return the exit status: 0 when there is no problem, else 1."""
     return int(any(finding.severity is Severity.PROBLEM for finding in _findings(report)))
 
 
 def as_json(report: Report) -> str:
-    """Format one JSON object: healthy, counts, findings, and per section its rows."""
+    """Format the report as one JSON object: healthy, counts, findings, and the rows of each section."""
     found = _findings(report)
     document: dict[str, Any] = {
         "healthy": exit_status(report) == 0,

@@ -1,4 +1,4 @@
-"""Questions of the doctor, its only way to send: motors and handles answer them, and they change nothing.
+"""Questions of the doctor, its only way to send frames: motors and handles answer, and change nothing.
 
 Every frame passes `harmless` before it is sent, so that no mistake elsewhere can enable, move or set anything.
 """
@@ -26,7 +26,7 @@ _TO_HANDLE = frozenset({handle_encoder.OP_REPORT, handle_encoder.OP_VERSION, han
 
 
 class Answer(NamedTuple):
-    """Feedback frame: identifier it came with, id nibble and fault nibble inside, its eight bytes, arrival time."""
+    """Feedback frame: CAN identifier, id nibble and fault nibble of the data, the eight data bytes, arrival time."""
 
     identifier: int
     nibble: int
@@ -36,7 +36,7 @@ class Answer(NamedTuple):
 
 
 def harmless(identifier: int, data: bytes) -> bool:
-    """Whether a frame only asks: a register read, a refresh, or a question to the teaching handle."""
+    """Return whether a frame changes nothing: a register read, a refresh, or a question to the teaching handle."""
     if identifier == REGISTER_ID:
         return len(data) == 8 and data[2] in _TO_MOTORS
     return identifier == handle_encoder.REQUEST_ID and len(data) > 1 and data[1] in _TO_HANDLE
@@ -54,7 +54,7 @@ class _QuestionPort(BusPort):
 
 
 class Questions:
-    """Questions on one bus. Nobody else may drive the bus meanwhile: answers do not say who has asked.
+    """Questions on one bus. Nobody else may use the bus meanwhile, since answers do not say who has asked.
 
     Raises (every method):
         BusError: the channel is gone or takes no frames.
@@ -66,7 +66,7 @@ class Questions:
         self.clock = self._port.clock
 
     def refresh(self, motor_ids: Sequence[int], timeout_s: float, settle_s: float) -> list[Answer]:
-        """Request feedback of motors (ids below 16); collect answers until all have answered, and for `settle_s` more.
+        """Request feedback of motors (ids below 16); return the answers until `settle_s` after all have answered.
 
         The result includes second answers of one motor, and answers with an unexpected identifier.
         """
@@ -85,7 +85,7 @@ class Questions:
         return found
 
     def round_trip_s(self, motor_id: int, timeout_s: float) -> float | None:
-        """Time from the question to the arrival of the motor's feedback, s; None without an answer."""
+        """Return the time from the question to the arrival of the motor's feedback, s; None without an answer."""
         self._drain()
         self._port.synchronise()
         asked = self.clock.now()
@@ -93,7 +93,7 @@ class Questions:
         return next((max(answer.stamp_s - asked, 0.0) for answer in self._feedback(timeout_s, (motor_id,))), None)
 
     def register(self, motor_id: int, register: int) -> float | None:
-        """Read a register, whatever identifier the answer has; None without an answer."""
+        """Read a register, whatever identifier the answer has; return None without an answer."""
         for _ in range(_REGISTER_ATTEMPTS):
             self._ask(encode_read(motor_id, register))
             for message in self._frames(_REGISTER_TIMEOUT_S):
@@ -103,11 +103,11 @@ class Questions:
         return None
 
     def handle[T](self, request: bytes, identifier: int, decode: Callable[[bytes], T | None]) -> T | None:
-        """Send a question to the teaching handle; returns its answer, None without one."""
+        """Send a question to the teaching handle; return its answer, or None without an answer."""
         return ask_handle(self._port, request, decode, _HANDLE_TIMEOUT_S, identifier)
 
     def encoders(self, joints: int) -> tuple[PassiveEncoders, list[str]]:
-        """Read a passive leader's reports; returns also the names of devices that do not report by themselves."""
+        """Read a passive leader's reports; return them and the names of devices that do not report by themselves."""
         self._drain()
         found = PassiveEncoders(joints)
         for message in self._frames(_HANDLE_TIMEOUT_S):
@@ -126,7 +126,7 @@ class Questions:
             pass
 
     def _frames(self, timeout_s: float) -> Iterator[can.Message]:
-        """Receive frames of devices within a time: no error frames, and no questions of other programs."""
+        """Yield frames from devices within a time, without error frames and questions of other programs."""
         deadline = self.clock.now() + timeout_s
         while (remaining := deadline - self.clock.now()) > 0.0:
             message = self._port.recv(remaining)
@@ -134,7 +134,7 @@ class Questions:
                 yield message
 
     def _feedback(self, timeout_s: float, motor_ids: Collection[int]) -> Iterator[Answer]:
-        """Receive feedback of these motors within a time."""
+        """Yield the feedback of these motors within a time."""
         for message in self._frames(timeout_s):
             data, identifier = bytes(message.data), message.arbitration_id
             if len(data) == 8 and identifier not in handle_encoder.HANDLE_IDS and data[0] & 0xF in motor_ids:

@@ -1,4 +1,4 @@
-"""Arms that the doctor examines: named on the command line, read from a LeRobot run config, or all of them."""
+"""Arms that the doctor examines: named on the command line, read from a LeRobot run config, or all arms."""
 
 import dataclasses
 import json
@@ -28,7 +28,7 @@ _CALIBRATED_PASSIVE = ("kind", "joint_sign", "home_rad", "passive_calibration_pa
 _OF_GUIDES = {"arm": "yam", "gripper": "linear_4310", "action_space": "joint"}
 _REAL_CAMERAS = ("opencv", "intelrealsense", "yam_realsense")
 _PASSIVE, _GUIDE = "yam_passive_leader", "yam_hand_guide"
-# LeRobot's folder of calibration files, and the types of ours with one arm.
+# Section of a run config -> LeRobot's folder of calibration files, and our device types with one arm.
 _DEVICES = {"robot": ("robots", ("yam_follower",)), "teleop": ("teleoperators", ("yam_leader", _PASSIVE, _GUIDE))}
 _ARM_FIELDS = frozenset(field.name for field in dataclasses.fields(ArmConfig))
 
@@ -38,10 +38,10 @@ class Target:
     """Arm to examine.
 
     Attributes:
-        config: the arm.
-        declared: whether its arm and gripper were named; else the doctor infers them from the answers.
+        config: config of the arm.
+        declared: whether arm and gripper were named; if not, the doctor infers both from the motors' answers.
         calibration: file in which LeRobot's device keeps the gripper's stops, None when unknown.
-        calibrate: command that finds the stops of the grippers of its device, when known.
+        calibrate: command that finds the stops of the device's grippers, when known.
     """
 
     config: ArmConfig
@@ -115,12 +115,12 @@ def from_config(
     """Read arms and cameras from a LeRobot run config with our robots or teleoperators.
 
     Args:
-        path: the run config.
-        rig: name of the virtual rig, None as the config says.
+        path: file of the run config.
+        rig: name of the virtual rig; None: the config names the rig, if any.
         check: called for each of our devices with section of the config, options, and place for messages.
 
     Raises:
-        ConfigError: unreadable, none of our devices, or options with which no session would start.
+        ConfigError: the file is unreadable, has none of our devices, or options with which no session would start.
     """
     document = read_yaml(path)
     targets: list[Target] = []
@@ -157,7 +157,7 @@ def from_config(
                 target = dataclasses.replace(target, calibration=file)
             targets.append(dataclasses.replace(target, calibrate=calibrate))
             cameras.update({f"{prefix}{name}": camera for name, camera in _cameras(arm).items() if prefix})
-        if arms:  # a hand guide has none
+        if arms:  # a hand guide has no arms
             check_together([target.config for target in targets[first:]])
     if not targets:
         ours = ", ".join(kind for _, kinds in _DEVICES.values() for kind in kinds)
@@ -166,7 +166,7 @@ def from_config(
 
 
 def calibration_root() -> Path:
-    """Directory of LeRobot's calibration files, by the rules of lerobot.utils.constants and huggingface_hub."""
+    """Return the directory of LeRobot's calibration files, as lerobot.utils.constants and huggingface_hub find it."""
     cache = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     hub = os.environ.get("HF_HOME") or f"{cache}/huggingface"
     home = os.environ.get("HF_LEROBOT_HOME") or f"{hub}/lerobot"
@@ -174,12 +174,12 @@ def calibration_root() -> Path:
 
 
 def _of_one_arm(device: Mapping[str, Any]) -> str:
-    """Device type for one arm: "yam_leader" for "bi_i2rt_yam_leader"."""
+    """Return the device type for one arm: "yam_leader" for "bi_i2rt_yam_leader"."""
     return str(device.get("type")).removeprefix("bi_").replace("i2rt_", "")
 
 
 def _arms(device: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]:
-    """Options of each arm by prefix."""
+    """Return prefix -> options of each arm."""
     if not str(device["type"]).startswith("bi_"):
         return {"": device}
     arms: dict[str, Mapping[str, Any]] = {}
@@ -191,7 +191,7 @@ def _arms(device: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]
 
 
 def _check_guide(guide: Mapping[str, Any], robot: Mapping[str, Any], where: str) -> None:
-    """Refuse a hand guide whose follower differs from the config's: it would fail at its first action."""
+    """Check that a hand guide's follower is the config's; otherwise the guide would fail at its first action."""
     if not robot or str(guide["type"]).startswith("bi_") != str(robot["type"]).startswith("bi_"):
         raise ConfigError(
             f"{where}: a hand guides a yam_follower, two hands guide a bi_yam_follower: name that as robot"
@@ -224,7 +224,7 @@ def _cameras(options: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 
 def _passive_target(arm: Mapping[str, Any], name: str, rig: str | None, calibration: Path) -> Target:
-    """Target for a leader without motors. `calibration`: file of its zeros, unless its options name one."""
+    """Make the target of a leader without motors. `calibration`: file of its zeros, unless the options name a file."""
     target = _target({**arm, "gripper": LEADER_GRIPPER}, name, rig)
     kind = arm.get("kind", "desk")
     if kind not in JOINT_SIGNS:
