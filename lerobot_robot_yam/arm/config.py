@@ -1,6 +1,6 @@
 """Configuration of one arm: its channel, its hardware, and overrides of its profile.
 
-Plain values only: the dataclass travels as JSON to the control process.
+All values are plain: the dataclass travels as JSON to the control process.
 """
 
 import shlex
@@ -17,7 +17,7 @@ from lerobot_robot_yam.arm.option import from_plain, option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.runtime_files import rig_name
 
-SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"  # python-can interfaces: the kernel's, and the virtual rig
+SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"  # python-can interfaces: the kernel's sockets, and the virtual rig
 PROFILES = Path(__file__).parent / "profiles"
 NO_ARM = "none"
 """Arm name for gripper-only use: no joints, the gripper fixed in the world."""
@@ -25,7 +25,7 @@ USUAL_ARM, USUAL_GRIPPER = "yam", "linear_4310"
 
 
 def _packaged(folder: str, usual: str) -> tuple[str, ...]:
-    """Names of the profiles in a folder, the usual one first."""
+    """List the names of the profiles in a folder, the usual profile first."""
     names = {path.stem for path in (PROFILES / folder).glob("*.yaml")} - {usual, NO_ARM}
     return usual, *sorted(names)
 
@@ -178,12 +178,12 @@ class LeadArmConfig(ArmConfig):
 
 
 def lead_of(config: ArmConfig) -> LeadConfig | None:
-    """Options of an arm's coupling to its follower; None: the arm leads no follower."""
+    """Return the options of an arm's coupling to its follower; None: the arm leads no follower."""
     return config.lead if isinstance(config, LeadArmConfig) else None
 
 
 def passive_of(config: ArmConfig) -> PassiveConfig | None:
-    """Options of reading a leader without motors; None: the arm has motors."""
+    """Return the options of reading a leader without motors; None: the arm has motors."""
     return config.passive if isinstance(config, LeadArmConfig) else None
 
 
@@ -191,7 +191,7 @@ def check_together(configs: Sequence[ArmConfig]) -> None:
     """Refuse arms of one robot with equal names, channels or files, or with different rates.
 
     Raises:
-        ConfigError: names the arms.
+        ConfigError: two arms have one name, channel or file, or rates differ; the message names them.
     """
     names = [config.name for config in configs]
     channels = [(config.interface, config.channel) for config in configs]

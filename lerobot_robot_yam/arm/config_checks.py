@@ -20,18 +20,21 @@ from lerobot_robot_yam.system.paths import user_path
 _PATHS = ("calibration_path", "identity_path", "tuning")  # fields whose `~` is expanded
 _TEXT_MAX = 100  # longest name of a channel, bytes: file names contain it
 GRAVITY_FACTOR_MOST = 2.0  # largest factor on the modelled weight; the vendor uses 1.0 to 1.2
-PAYLOAD_MOST_KG = 3.0  # heaviest load; outstretched, joint 2 of a YAM carries 2.1 kg, joint 3 of a big one 3.8
+PAYLOAD_MOST_KG = 3.0  # heaviest load: outstretched, joint 2 of a YAM carries 2.1 kg, joint 3 of a big YAM 3.8 kg
 _FRICTION_MOST_NM = (
-    1.0  # largest friction that is fed forward: too much moves a joint by itself; the vendor's: 0.06-0.3
+    1.0  # largest friction that is fed forward: too much moves a joint by itself; the vendor feeds 0.06-0.3
 )
 _TOOL_M = 0.5  # farthest centre of mass from the tool's frame, m: the length of the arm's links
-_FLOAT_SPEEDS_RAD_S = (0.5, 10.0)  # range of the floating speed: slower is like holding; motors limit at 10 and more
+_FLOAT_SPEEDS_RAD_S = (
+    0.5,
+    10.0,
+)  # range of the floating speed: slower is like holding; motors limit at 10 and more
 _TIMEOUTS_S = (0.02, 10.0)  # range of the command timeout: from the quickest to the slowest stream of targets
-_AGES_S = (0.02, 2.0)  # range of the oldest usable state: from a few ticks to where the arm may be anywhere
+_AGES_S = (0.02, 2.0)  # range of the largest age of a state: from a few ticks to when the arm may be anywhere
 _FORCES_N = (1.0, 200.0)  # range of the grip force: from what a finger feels to four times the default
-_RATE_MIN_HZ = 100.0  # slowest loop that keeps the motors' watchdog and the stand-by content
+_RATE_MIN_HZ = 100.0  # slowest loop; the motors' watchdog and the stand-by would take a slower one for dead
 _RATE_MAX_HZ = 1000.0
-_PER_JOINT = -1  # one number per joint; `ResolvedArm` counts them, since it has the profile
+_PER_JOINT = -1  # stands for one number per joint; `ResolvedArm` has the profile, and checks how many
 _ABOVE_ZERO = math.nextafter(0.0, 1.0)
 
 
@@ -80,7 +83,7 @@ def check(config: Any) -> None:
     """Check and convert a config in place: numbers to floats, sequences to lists, `~` in paths expanded.
 
     Raises:
-        ConfigError: names the arm, the field, and which values the field accepts.
+        ConfigError: a value has a wrong type or range; the message names arm, field and accepted values.
     """
     if config.channel == "":
         raise ConfigError(f"{config.name}: no CAN channel given; set `channel`, such as can_follower_l")
@@ -118,7 +121,7 @@ def check_switches(device: str, options: Any) -> None:
     """Refuse None for a truth value of a device's config, which LeRobot's parser accepts.
 
     Raises:
-        ConfigError: names the device and the field.
+        ConfigError: a field takes true or false and has None; the message names device and field.
     """
     for name, hint in typing.get_type_hints(type(options)).items():
         if hint is bool and not isinstance(value := getattr(options, name), bool):

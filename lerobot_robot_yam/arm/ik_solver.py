@@ -28,20 +28,20 @@ LEVER_M = 0.1
 
 _ITERATIONS = 25
 _STOP_M, _STOP_RAD = 1e-6, 1e-5  # errors that end a descent, a hundredth of the tolerance, for smooth paths
-_STUCK = 1e-3  # share of the cost; a step that gains less ends the descent
+_STUCK = 1e-3  # least gain of a step, share of the cost: less ends the descent
 _STEP_RAD = 0.7  # largest step per joint, rad: the linearisation is bad beyond
-_CAREFUL_STEP_RAD = 0.2  # largest step per joint with distances to keep, rad: they are less linear than poses
+_CAREFUL_STEP_RAD = 0.2  # largest step per joint with distances to keep, rad: distances are less linear than poses
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-6, 1e3
 _FLOOR = 1e-12  # added to the Hessian's diagonal: QP solvers need it definite
-_POSTURE = 1e-9  # w²: decides at singularities, where the pose leaves freedom; elsewhere below 1e-8 m
+_POSTURE = 1e-9  # w²: posture decides at singularities, where the pose leaves freedom; elsewhere < 1e-8 m
 _UNBOUNDED = 1e30  # DAQP's infinity
-_FOUL_M = 1e-4  # loss of a distance that a step may cause by curvature, m
+_FOUL_M = 1e-4  # most that curvature may reduce a kept distance in a step, m
 _NEAR_M = 0.05  # distance beyond its limit at which a pair no longer constrains a step, m
 _ENOUGH_M = 5e-4  # tolerance of a kept distance, m: hulls are approximations to millimetres
 
 _STARTS = 1000  # stored joint vectors
-_ALIKE_M_PER_RAD = 0.3  # weight of orientation against position when starts are chosen; LEVER_M finds the same places
-_TRAVEL_M_PER_RAD = 0.05  # price of joint motion when starts are chosen: of two good ones the nearer comes first
+_ALIKE_M_PER_RAD = 0.3  # weight of orientation against position when starts are chosen; LEVER_M would favour position
+_TRAVEL_M_PER_RAD = 0.05  # price of joint motion when starts are chosen: of two good starts the nearer comes first
 
 _NO_SLACK = np.zeros(0)
 
@@ -51,7 +51,7 @@ class SelfClearance:
 
     Args:
         arm, gripper: profiles.
-        margin_m: least distance between links; less for links that are nearer by construction.
+        margin_m: least distance between links; links that are nearer by construction keep less.
 
     Raises:
         ConfigError: the margin is out of range.
@@ -81,7 +81,7 @@ class SelfClearance:
         return np.array(gradients).reshape(len(slack), len(q)), np.array(slack)
 
     def kept(self, q: np.ndarray) -> bool:
-        """Whether every pair keeps its distance at `q` (n,)."""
+        """Return whether every pair keeps its distance at `q` (n,)."""
         return bool((self.rows(q)[1] > -_ENOUGH_M).all())
 
 
@@ -89,7 +89,7 @@ class Descent:
     """Descent to a pose of a frame from any start. Not thread-safe.
 
     Args:
-        model: its first joints are the arm's; others stay where `qpos0` has them.
+        model: model whose first joints are the arm's; the other joints stay where `qpos0` has them.
         joints: number of the arm's joints.
         frame: name and kind ("site" or "body") of a frame of the model.
         clearance: distances to keep; None keeps no distance.
@@ -105,13 +105,13 @@ class Descent:
         self._joints, self._no_rows = joints, np.zeros((0, joints))
 
     def aim(self, pose: np.ndarray) -> None:
-        """Set the target, (4, 4)."""
+        """Set the target pose (4, 4)."""
         self._task.set_target(mink.SE3.from_matrix(pose))
 
     def run(
         self, q: np.ndarray, lower: np.ndarray, upper: np.ndarray, posture: np.ndarray, deadline_s: float
     ) -> np.ndarray:
-        """Descend from `q`, which lies between `lower` and `upper`; returns joints (n,) there.
+        """Descend from `q`, which lies between `lower` and `upper`; returns the joints (n,) reached.
 
         Args:
             posture: (n,) preferred joints where the pose leaves a choice.
@@ -158,12 +158,12 @@ class Descent:
 
 
 class Starts:
-    """Joint vectors drawn evenly from the joint ranges, with their poses, as starts without a pose nearby.
+    """Joint vectors drawn evenly from the joint ranges, with their poses: starts for targets with no known pose nearby.
 
     Starting at poses that resemble the target halves the number of descents, compared with random starts.
 
     Args:
-        fk: (n,) to (4, 4).
+        fk: function from joints (n,) to the pose (4, 4).
         lower, upper: (n,) joint limits, rad.
     """
 
@@ -172,7 +172,7 @@ class Starts:
         self._poses = np.array([fk(q) for q in self._q])
 
     def nearest(self, pose: np.ndarray, count: int, near: np.ndarray | None = None) -> np.ndarray:
-        """Select (count, n) joint vectors at most, those first whose poses resemble `pose` (4, 4) most.
+        """Select at most `count` joint vectors (count, n) whose poses resemble `pose` (4, 4), the most similar first.
 
         Rotations are compared by |R₁ − R₂|² ≈ 2 φ².
         """
@@ -200,7 +200,7 @@ def _worst(slack: np.ndarray) -> float:
 def _solve_qp(
     hessian: np.ndarray, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray, rows: np.ndarray, slack: np.ndarray
 ) -> np.ndarray:
-    """argmin ½ x H x + g x within the box, with rows · x ≥ −slack. A negative slack counts as 0, not to get worse."""
+    """Minimise ½ x H x + g x in the box, with rows · x ≥ −slack. A negative slack counts as 0: it must not grow."""
     if not slack.size:
         return daqp.solve(hessian, gradient, rows, upper, lower, np.zeros(upper.size, np.int32))[0]
     highest = np.concatenate([upper, np.full(slack.size, _UNBOUNDED)])

@@ -10,9 +10,9 @@ import numpy as np
 from lerobot_robot_yam.errors import MotorError
 
 TURN = 2.0 * math.pi
-RANGE_TOLERANCE_RAD = 0.15  # tolerance of a range for measured angles, rad: rest is on the limit of joints 2 and 3
+RANGE_TOLERANCE_RAD = 0.15  # tolerance of a range for measured angles, rad: at rest, joints 2 and 3 are at their limit
 # Least difference in fit between the best turn and the next, rad, before a turn is added. Joint 1 turns almost all the
-# way round: a zero that slipped at one end of its range looks like the other end. Packaged arms: 0.524 rad or more.
+# way round: a zero that slipped at one end of its range looks like the other end. Packaged arms have 0.524 rad or more.
 TURN_MARGIN_RAD = 0.5
 
 
@@ -26,7 +26,7 @@ def resolve_turn(
     of turns, so the result would be wrong by 0.13 rad.
 
     Args:
-        arm, joint: for messages.
+        arm, joint: names for messages.
         angle_rad: joint angle as read, motor direction applied.
         lower_rad, upper_rad: the joint's limits.
         place: options that name the arm to `yam-zero`, for messages.
@@ -63,7 +63,7 @@ def resolve_turn(
 
 
 def _outside(angle_rad: float, lower_rad: float, upper_rad: float) -> float:
-    """Distance from a range, 0 inside."""
+    """Compute the distance from a range, rad; 0 inside."""
     return max(lower_rad - angle_rad, angle_rad - upper_rad, 0.0)
 
 
@@ -78,7 +78,7 @@ class JointMap:
     def __init__(self, direction: np.ndarray, offset_rad: np.ndarray):
         self.direction = np.asarray(direction, dtype=float)
         self.offset_rad = np.asarray(offset_rad, dtype=float)
-        self._signs = np.ones((len(self.direction), 5))  # of q, dq, kp, kd, tau
+        self._signs = np.ones((len(self.direction), 5))  # signs of q, dq, kp, kd, tau
         self._signs[:, [0, 1, 4]] = self.direction[:, np.newaxis]
 
     def shift(self, index: int, joint_shift_rad: float) -> None:

@@ -61,20 +61,20 @@ class IkResult:
 class YamKinematics:
     """Kinematics of arm + end effector. Poses are (4, 4) homogeneous, m, in the frame of the arm's base.
 
-    Not thread-safe: each thread needs its own.
+    Not thread-safe: each thread needs its own object.
 
     Args:
         arm, gripper: profiles or their names.
-        site: frame: the end effector's "tcp_site" or, if it has one, "grasp_site"; or a link of the arm.
-        collision_margin_m: least distance between the arm's links in solutions (less where they are nearer by
-            construction), the gripper open; None: not checked, which is many times faster.
+        site: frame to place: the end effector's "tcp_site" or "grasp_site" (if there is one), or a link of the arm.
+        collision_margin_m: least distance between the arm's links in solutions (less for links that are nearer
+            by construction), with the gripper open; None: unchecked, which is many times faster.
 
     Attributes:
         lower, upper: (n,) joint limits, rad.
         middle: (n,) middle of the joint ranges, rad.
 
     Raises:
-        ConfigError: no such arm, gripper or site, or an arm without joints.
+        ConfigError: there is no such arm, gripper or site, or the arm has no joints.
     """
 
     def __init__(
@@ -93,11 +93,11 @@ class YamKinematics:
 
     @classmethod
     def of_model(cls, model: mujoco.MjModel, site: str = "tcp_site") -> "YamKinematics":
-        """Make the kinematics of a model from `model.build_model`, base at the origin; its leading hinges are the
+        """Make the kinematics of a model from `model.build_model`, base at the origin, whose first hinges are the
         arm's.
 
         Raises:
-            ConfigError: no such site, or a model without an arm.
+            ConfigError: there is no such site, or the model has no arm.
         """
         self = cls.__new__(cls)
         hinges = [kind == mujoco.mjtJoint.mjJNT_HINGE for kind in model.jnt_type]
@@ -125,7 +125,7 @@ class YamKinematics:
         """Compute the pose (4, 4) of the site at joints `q` (n,) rad, which may lie outside the limits.
 
         Raises:
-            ActionError: wrong shape, or not finite.
+            ActionError: `q` has a wrong shape, or is not finite.
         """
         return self._pose(finite_vector("kinematics", "q", q, self._joints))
 
@@ -145,10 +145,10 @@ class YamKinematics:
     def descend(self, target: np.ndarray, start: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> IkResult:
         """Run one descent to a pose (4, 4) from joints `start` (n,) rad, between bounds (n,) rad.
 
-        The bounds may be wider than the arm's limits, so that an arm a little outside of them gets back inside.
+        The bounds may be wider than the arm's limits, so that an arm a little outside its limits gets back inside.
 
         Raises:
-            ActionError: no pose.
+            ActionError: `target` is no pose.
         """
         pose, begin = _rigid(target), np.clip(start, lower, upper)
         self._descent.aim(pose)
@@ -163,22 +163,23 @@ class YamKinematics:
         budget_s: float = 0.1,
         within_rad: float | None = None,
     ) -> IkResult:
-        """Find joints that put the site at a pose, or as near to it as possible.
+        """Find joints that put the site at a pose, or as near to the pose as possible.
 
         Args:
             target: (4, 4).
             near: (n,) rad, start of the first descent, clipped to the limits; None: a stored pose that resembles the
                 target. The first solution found is returned, which is usually the one near the start.
-            attempts: descents at most; later ones start at stored poses that resemble the target.
+            attempts: largest number of descents; those after the first start at stored poses that resemble the target.
             budget_s: time limit for the second and later descents; the first takes 2 ms at most.
             within_rad: largest distance of each joint from `near`.
 
         Returns:
             The first solution, or the best attempt. The best has the least error plus, with `near`, 1 cm per radian of
-            motion and 1 cm for another start; attempts that are clear come first.
+            motion and 1 cm for another start; attempts whose links keep
+            their distances come first.
 
         Raises:
-            ActionError: wrong shapes, not finite, no rotation.
+            ActionError: a shape is wrong, a number is not finite, or the target has no rotation.
         """
         deadline_s = time.monotonic() + budget_s
         pose = _rigid(target)
@@ -258,11 +259,11 @@ class PoseTracker:
         """Solve for the next pose (4, 4); arguments as for `YamKinematics.ik`. The result does not depend on the clock.
 
         Raises:
-            ActionError: no pose; nothing has changed.
+            ActionError: `target` is no pose; nothing has changed.
         """
         start = self.q + self._step
         result = self._kinematics.ik(target, start, attempts=attempts, budget_s=math.inf, within_rad=within_rad)
-        # Not a step of the path: the way to the first pose, and to poses reached by another start or not at all.
+        # Only moves between converged first attempts are steps of the path: not the move to the first pose.
         on_path = result.converged and result.attempts == 1
         self._step = result.q - self.q if self._moving and on_path else np.zeros_like(result.q)
         self.q, self._moving = result.q, on_path
@@ -270,7 +271,7 @@ class PoseTracker:
 
 
 def pose_errors(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
-    """Distance of two poses (4, 4): m, and rad.
+    """Compute the distance of two poses (4, 4): m, and rad.
 
     The angle φ comes from |R₁ − R₂|² = 8 sin²(φ/2), which is exact for small angles too.
     """
@@ -279,13 +280,13 @@ def pose_errors(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
 
 
 def pose_distance_m(first: np.ndarray, second: np.ndarray) -> float:
-    """Distance of two poses (4, 4) in one number, m; a radian counts as `LEVER_M`."""
+    """Compute the distance of two poses (4, 4) in one number, m; a radian counts as `LEVER_M`."""
     position, angle = pose_errors(first, second)
     return math.hypot(position, angle * LEVER_M)
 
 
 def _rigid(target: np.ndarray) -> np.ndarray:
-    """Copy `target` as a (4, 4) pose with orthonormal rotation. Raises ActionError: no pose."""
+    """Copy `target` as a (4, 4) pose with orthonormal rotation. Raises ActionError: `target` is no pose."""
     given = np.asarray(target)
     if given.shape != (4, 4):
         raise ActionError(f"kinematics: a target pose must have shape (4, 4), not {given.shape}")

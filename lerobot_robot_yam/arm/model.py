@@ -71,8 +71,7 @@ class Load:
 
 
 def base_quat(yaw_rad: float, tilt_rad: Sequence[float] = (0.0, 0.0)) -> np.ndarray:
-    """Quaternion (4,) w x y z of a base turned by roll about x, then pitch about y, then yaw about z, axes of the
-    world.
+    """Compute the quaternion (4,) w x y z of a base: roll about x, then pitch about y, then yaw about z of the world.
 
     The order is that of URDF's rpy. tilt_rad: [roll, pitch]; [1.57, 0] is a wall, [3.14, 0] a ceiling.
     """
@@ -95,8 +94,8 @@ def build_spec(
 ) -> mujoco.MjSpec:
     """Build the editable model, base at the origin; `MjSpec.attach` puts it into a scene.
 
-    The model has joints joint1 … jointn, then the fingers' (joint7 and joint8, or numbered on); sites tcp_site and, but
-    for the teaching handle, grasp_site. Raises ConfigError for unknown names or a broken profile.
+    The model has joints joint1 … jointn, then the fingers' (joint7 and joint8, or numbered on); sites tcp_site and,
+    except for the teaching handle, grasp_site. Raises ConfigError: a name is unknown, or a profile broken.
     """
     arm, gripper = resolve_profiles(arm, gripper)
     load = load or Load()
@@ -216,7 +215,7 @@ def _add_self_contacts(spec: mujoco.MjSpec, arm: ArmProfile) -> None:
 
 
 def _finger_side(gripper: GripperProfile) -> tuple[float, float]:
-    """Armature, kg, and friction, N, of one finger: the motor's, reflected through its gearing, shared by two fingers.
+    """Compute armature, kg, and friction, N, of one finger: half of the motor's, reflected through the gearing.
 
     m = J (dθ/dx)² / 2,  F = τ (dθ/dx) / 2  with  dθ/dx = motor stroke / finger stroke  [rad/m].
     """

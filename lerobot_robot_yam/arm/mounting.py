@@ -24,7 +24,7 @@ def resolve_profiles(
     Two profiles count as resolved already and are returned unchanged.
 
     Raises:
-        ConfigError: an unknown name, a broken profile, or an end effector that does not fit.
+        ConfigError: a name is unknown, a profile is broken, or the end effector does not fit.
     """
     if isinstance(arm, ArmProfile) and isinstance(gripper, GripperProfile):
         return arm, gripper
@@ -33,7 +33,7 @@ def resolve_profiles(
 
 
 def gripper_id(arm: ArmProfile, own: int = MAKERS_GRIPPER_ID) -> int:
-    """CAN id of a gripper's motor on this arm: the arm's profile has it, else `own`, or the next free id."""
+    """Choose the CAN id of a gripper's motor: the arm profile's, else `own`, or the next id if a joint has `own`."""
     if arm.gripper_can_id is not None:
         return arm.gripper_can_id
     joints = [motor.can_id for motor in arm.motors]
@@ -41,14 +41,14 @@ def gripper_id(arm: ArmProfile, own: int = MAKERS_GRIPPER_ID) -> int:
 
 
 def seeks_stops(config: ArmConfig) -> bool:
-    """Whether the gripper closes and opens fully when the arm is energised, because its stops are unknown."""
+    """Return whether the gripper closes and opens fully when the arm is energised, because its stops are unknown."""
     if not config.gripper_search or config.gripper_stops_rad is not None or load_gripper(config.gripper).motor is None:
         return False
     return config.calibration_path is None or not Path(config.calibration_path).exists()
 
 
 def arm_ids(arm: ArmProfile) -> tuple[int, ...]:
-    """CAN ids of all motors that may answer on this arm's channel: the joints', then a gripper's."""
+    """List the CAN ids of all motors that may answer on this arm's channel: the joints', then a gripper's."""
     return (*(motor.can_id for motor in arm.motors), gripper_id(arm))
 
 

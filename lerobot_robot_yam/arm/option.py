@@ -19,7 +19,7 @@ def option(text: str, default: Any = _NEEDED, factory: Callable[[], Any] | Any =
         text: meaning of the field, its unit, and what happens without it; draccus, LeRobot's parser, shows it.
         default, factory: as for `dataclasses.field`; with neither, the field is required.
     """
-    escaped = text.replace("%", "%%")  # argparse formats it
+    escaped = text.replace("%", "%%")  # argparse formats the text
     return dataclasses.field(default=default, default_factory=factory, metadata={"custom_args": {"help": escaped}})
 
 
@@ -27,7 +27,7 @@ def from_plain[T](kind: type[T], values: Mapping[str, Any], where: str) -> T:
     """Make a config from plain values, as in the output of `dataclasses.asdict` and in JSON.
 
     Raises:
-        ConfigError: an unknown key; the message begins with `where`.
+        ConfigError: a key is unknown; the message begins with `where`.
     """
     known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
     unknown = sorted(set(values) - set(known))

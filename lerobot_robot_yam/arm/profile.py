@@ -171,9 +171,9 @@ class ArmProfile:
         self_contacts: pairs of body names whose shapes collide with each other; other links pass through.
         gripper_can_id: CAN id of any gripper's motor on this arm; None: see `mounting.gripper_id`.
         bent_q_rad: pose of table work, tool pointing down, from which the scripted operator plans.
-        zero_pose: per motor, the pose of its joint at 0, in words.
-        grasp_site_m: per gripper, position of `grasp_site` in the gripper's root body, if it differs from the
-            gripper's profile.
+        zero_pose: motor name -> pose of its joint at 0, in words.
+        grasp_site_m: gripper name -> position of `grasp_site` in the gripper's root body, m, where the gripper's
+            profile has another.
     """
 
     name: str
@@ -202,11 +202,11 @@ class ArmProfile:
         return len(self.motors)
 
     def rest_q(self, gripper: "GripperProfile") -> np.ndarray:
-        """Rest pose (n,) rad with `gripper` on, in which cutting torque moves nothing; from this profile or the
-        gripper's.
+        """Return the rest pose (n,) rad with `gripper` mounted, in which cutting torque moves nothing: this profile's,
+        else the gripper's.
 
         Raises:
-            ConfigError: neither profile has it, or the gripper's does not fit this arm's joints.
+            ConfigError: neither profile has a rest pose, or the gripper's does not fit this arm's joints.
         """
         if not self.joint_count:
             return np.zeros(0)
@@ -232,9 +232,9 @@ class GripperProfile:
     """Profile of an end effector. Without a motor, `motor`, `calibration` and `limiter` are None.
 
     Attributes:
-        finger_range_m: [closed, open] of both finger joints.
+        finger_range_m: [closed, open] position of both finger joints, m.
         handle_encoder: whether a teaching handle sits on the bus.
-        rest_q_rad: per arm, rest pose with this end effector on; the arm's own row for the end effector goes first.
+        rest_q_rad: arm name -> rest pose, rad, with this end effector; one in the arm's profile goes first.
     """
 
     name: str

@@ -28,21 +28,21 @@ from lerobot_robot_yam.system.strict_yaml import merge, parse, read_yaml
 _KP_LEAST = 1.0  # least stiffness, Nm/rad: an arm with less falls
 _KD_LEAST = 0.02  # least damping as a share of kp, s: an arm with less swings; the makers use 0.025 to 0.15
 _TORQUE_LEAST = 0.1  # least torque limit as a share of the motor's range: less carries no arm
-_LEAST = 1e-9  # smaller divisors count as zero
+_LEAST = 1e-9  # size below which a divisor counts as zero
 _ROUNDING = 1e-6  # relative rounding of published moments
 _FINGER_TRAVEL_M = (1e-3, 1.0)  # range of the fingers' travel, a divisor of the gearing; the makers': 0.040-0.048
 _FORCE_MAPS = ("linear", "crank")
 
 
 def load_arm(name: str | Path, overrides: Mapping[str, Any] | None = None) -> ArmProfile:
-    """Load the profile of an arm by name (`ARMS` or "none") or YAML path. Raises ConfigError."""
+    """Load an arm's profile by name (`ARMS` or "none") or YAML path. Raises ConfigError: name or value is wrong."""
     if name in (*ARMS, NO_ARM) and not overrides:
         return _shipped_arm(str(name))
     return _load("arm", ArmProfile, check_arm, (*ARMS, NO_ARM), name, overrides)
 
 
 def load_gripper(name: str | Path, overrides: Mapping[str, Any] | None = None) -> GripperProfile:
-    """Load the profile of an end effector by name (`GRIPPERS`) or YAML path. Raises ConfigError."""
+    """Load an end effector's profile by name (`GRIPPERS`) or YAML path. Raises ConfigError: name or value is wrong."""
     if name in GRIPPERS and not overrides:
         return _shipped_gripper(str(name))
     return _load("gripper", GripperProfile, check_gripper, GRIPPERS, name, overrides)
@@ -67,7 +67,7 @@ def _load[T](
     return _checked(what, kind, check, str(name), merge(document, overrides or {}))
 
 
-@cache  # a profile is frozen, and so are its arrays
+@cache  # safe to share: a profile and its arrays are read-only
 def _shipped_arm(name: str) -> ArmProfile:
     return _checked("arm", ArmProfile, check_arm, name, _packaged("arms", name))
 
@@ -89,7 +89,7 @@ def _packaged(folder: str, name: str) -> dict[str, Any]:
 
 
 def check_arm(arm: ArmProfile, where: str) -> None:
-    """Refuse an arm's profile (or override) with impossible values. Raises ConfigError: names the field."""
+    """Refuse an arm's profile (or override) with impossible values. Raises ConfigError: the message names the field."""
     n = arm.joint_count
     jointed = [body for body in arm.bodies if body.joint]
     lengths = {key: len(value) for key, value in vars(arm).items() if isinstance(value, np.ndarray) and len(value) != n}
@@ -146,7 +146,7 @@ def _check_names(arm: ArmProfile, joints: list[str], where: str) -> None:
 
 
 def check_gripper(gripper: GripperProfile, where: str) -> None:
-    """Refuse an end effector's profile with impossible values. Raises ConfigError: names the field."""
+    """Refuse an end effector's profile with impossible values. Raises ConfigError: the message names the field."""
     _check_bodies(gripper.bodies, where)
     fingers, motor, calibration = gripper.finger_joints, gripper.motor, gripper.calibration
     travel = gripper.finger_range_m

@@ -37,18 +37,18 @@ class ResolvedArm:
         joints, joint_names: number of arm joints, 0 for gripper-only use, and the names of their motors.
         n: number of motors.
         slots: slice of the motors in the shared records.
-        direction, kp, kd, idle_kd, torque_limit_nm: (n,).
+        direction, kp, kd, idle_kd, torque_limit_nm: (n,) values of the profiles.
         speed_limit: (n,) limit of the set-point's speed; rad/s, and strokes per second for the gripper.
         lower, upper: (n,) command limits; rad, and 0 … 1 for the gripper.
         coulomb_nm: (joints,) friction torque that is fed forward.
-        folding: joints with a role in a landing.
+        folding: indices of the joints with a role in a landing.
         rest_q: (joints,) rad, pose in which the arm lands.
         tilt_rad: roll and pitch of the base.
         lies_at_rest: whether cutting torque at rest_q is known to move nothing.
         load: differences from the profile at the end effector.
 
     Raises:
-        ConfigError: names the arm, and what is unknown, does not fit, or is out of range.
+        ConfigError: a name is unknown, or a value does not fit or is out of range; the message names the arm.
     """
 
     def __init__(self, config: ArmConfig):
@@ -113,7 +113,7 @@ class ResolvedArm:
             self.load = tuning.load
 
     def _use(self, tuning: Tuning) -> Tuning:
-        """Apply a tuning; gravity factors of the configuration go first."""
+        """Apply a tuning; gravity factors in the configuration replace those of the tuning."""
         if self.config.ee_inertia is not None:
             raise ConfigError("tuning and ee_inertia both say what the end effector weighs; leave one of them out")
         if self.config.payload_mass_kg and tuning.payload.mass_kg:
@@ -148,7 +148,7 @@ class ResolvedArm:
 
 
 def _per_joint(config: ArmConfig, joints: int) -> dict[str, list[float]]:
-    """Collect the configuration's numbers per joint, by field. Raises ConfigError: too few or too many."""
+    """Map fields to the configuration's numbers per joint. Raises ConfigError: there are too few or too many."""
     given = {}
     for key in (*_ARM_OVERRIDES, "coulomb_friction_nm", "effort_limit_nm", "rest_q_rad"):
         value = getattr(config, key)

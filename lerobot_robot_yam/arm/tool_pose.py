@@ -4,7 +4,7 @@
 
 R_down is the tool's orientation at zero joints, where it points forward, turned by a quarter until it points straight
 down. So r is small in table work: r_z is the tool's heading, r_x and r_y its tilt. At an angle of π (a tool that
-points straight up or backward) two values of r describe the same rotation; LeRobot's rotation vector, which counts
+points straight up or backward), two values of r describe the same rotation; LeRobot's rotation vector, which counts
 from the base's own axes, is near such an angle for every tool that points down.
 """
 
@@ -32,7 +32,7 @@ def vector_to_pose(vector: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Convert (6,) to a pose (4, 4), the inverse of `pose_to_vector`; angles beyond π are allowed.
 
     Raises:
-        ActionError: numbers too large for a rotation.
+        ActionError: the numbers are too large for a rotation.
     """
     pose = np.eye(4)
     pose[:3, :3] = rotation_matrix(vector[3:]) @ reference
@@ -45,7 +45,7 @@ def vector_to_pose(vector: np.ndarray, reference: np.ndarray) -> np.ndarray:
 def rotation_vector(rotation: np.ndarray) -> np.ndarray:
     """Convert a rotation (3, 3) to (3,) axis times angle, rad, of length π at most.
 
-    mink's `SO3.log` gives zeros for exactly half a turn, so MuJoCo computes it.
+    MuJoCo computes the vector, since mink's `SO3.log` gives zeros for exactly half a turn.
     """
     quat, vector = np.empty(4), np.empty(3)
     mujoco.mju_mat2Quat(quat, rotation.ravel())

@@ -1,7 +1,7 @@
 """Result of `yam-tune` for one arm: the file that the option `tuning` names.
 
-It applies to the arm and the end effector that it names, and holds their differences from the profiles. Each `*_95` is
-half the width of a 95 % confidence interval.
+The file names an arm and an end effector, and holds their differences from the profiles. Each `*_95` is half
+the width of a 95 % confidence interval.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ _FRICTION_MOST = 5.0  # largest friction, Nm and Nm s/rad
 
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """Load of the tool: mass in kg, and its centre (3,) m in the frame of the tcp."""
+    """Load of the tool: mass, kg, and centre of mass (3,), m, in the frame of the tcp."""
 
     mass_kg: float = 0.0
     mass_kg_95: float = 0.0
@@ -40,8 +40,8 @@ class Tuning:
 
     Attributes:
         arm, gripper: names of the profiles.
-        moment_kg_m: (n, 3) per link, in its frame: mass times centre, minus the profile's; see `gravity_terms`.
-        gravity_factor: (n,) the same as a factor on the weight that the profile gives each joint.
+        moment_kg_m: (n, 3) mass times centre of each link in its own frame, minus the profile's; see `gravity_terms`.
+        gravity_factor: (n,) the same differences as factors on the weight that the profile gives each joint.
         coulomb_nm, viscous_nm_s: (n,) friction, Nm and Nm s/rad.
         payload: load at the tcp.
     """
@@ -101,7 +101,7 @@ def load_tuning(path: str | Path) -> Tuning:
 
 
 def save_tuning(path: Path, tuning: Tuning) -> None:
-    """Write the file, whole or not at all. Raises ConfigError: it cannot be written."""
+    """Write the file, whole or not at all. Raises ConfigError: the file cannot be written."""
     text = yaml.safe_dump(_plain(tuning), sort_keys=False, default_flow_style=None, width=110)
     try:
         write_whole(path, _HEAD + text)

@@ -13,11 +13,11 @@ def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
     """Convert `value` to a private (n,) float array.
 
     Raises:
-        ActionError: wrong length or type, NaN or infinity; names the element.
+        ActionError: length or type is wrong, or an element is NaN or infinite; the message names the element.
     """
     try:
         given = np.asarray(value)
-        if given.dtype.kind not in _NUMERIC + "O":  # text would be parsed, imaginary parts dropped
+        if given.dtype.kind not in _NUMERIC + "O":  # numpy would parse text, and drop imaginary parts
             raise TypeError(f"{given.dtype} is no type of numbers")
         if given.dtype.kind == "O":
             given = np.array([_number(item) for item in given.flat]).reshape(given.shape)
@@ -33,7 +33,7 @@ def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
 
 
 def finite_floats(arm: str, what: str, value: object, n: int) -> list[float]:
-    """Convert `value` to a list of n floats. A list of floats passes without numpy, whose code is seldom in the caches.
+    """Convert `value` to a list of n floats. A list of floats needs no numpy, whose code is seldom in the caches.
 
     Raises:
         ActionError: see `finite_vector`.
@@ -45,7 +45,7 @@ def finite_floats(arm: str, what: str, value: object, n: int) -> list[float]:
 
 
 def finite_number(arm: str, what: str, value: object) -> float:
-    """Convert `value` to a float. Raises ActionError: no number, NaN or infinity."""
+    """Convert `value` to a float. Raises ActionError: `value` is no finite number."""
     try:
         number = value if type(value) is float else _number(value)
     except Exception as error:  # a value may raise anything on its way to a number
@@ -56,16 +56,16 @@ def finite_number(arm: str, what: str, value: object) -> float:
 
 
 def check_range(arm: str, what: str, value: np.ndarray, low: float, high: np.ndarray) -> None:
-    """Refuse values that a motor's frame cannot carry: the torque limit would compute with them, the motor with less.
+    """Refuse values that a motor's frame cannot carry: the torque limit would use the values, the motor clipped ones.
 
     Args:
-        arm, what: for messages.
-        value: (n,) per joint.
+        arm, what: names for messages.
+        value: (n,) values, one per joint.
         low: lower bound as a share of `high`: 0, or -1.
         high: (n,) upper bound.
 
     Raises:
-        ActionError: names the joint and its range.
+        ActionError: a value is outside its range; the message names joint and range.
     """
     outside = np.flatnonzero((value < low * high) | (value > high))
     if len(outside):

@@ -11,7 +11,7 @@ START_TIMEOUT_S = 60.0  # wait for a new process, s: it may start a virtual rig,
 
 
 class Clock(Protocol):
-    """Monotonic time in s, and a way to let it pass."""
+    """Monotonic clock, s, that can also wait."""
 
     def now(self) -> float: ...
 
@@ -30,6 +30,6 @@ SYSTEM = SystemClock()
 
 
 def clock_of(bus: Any) -> Clock:
-    """Clock of a CAN bus: its attribute `clock`, else the computer's."""
+    """Return the clock of a CAN bus: its attribute `clock`, else the computer's."""
     clock: Clock = getattr(bus, "clock", SYSTEM)
     return clock

@@ -4,15 +4,15 @@ import numpy as np
 
 
 def any_of(mask: np.ndarray) -> bool:
-    """Whether any of (n,) bool is true."""
+    """Return whether any entry of a mask (n,) is true."""
     return True in mask.tolist()
 
 
 def all_of(mask: np.ndarray) -> bool:
-    """Whether all of (n,) bool are true."""
+    """Return whether all entries of a mask (n,) are true."""
     return False not in mask.tolist()
 
 
 def largest(values: np.ndarray) -> float:
-    """Largest |value| of (n,); 0 without any. NaN is skipped."""
+    """Return the largest |value| of (n,), 0 if n is 0. A NaN is skipped unless it comes first."""
     return max(map(abs, values.tolist()), default=0.0)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from logging.handlers import QueueHandler, QueueListener
 
-_LAST_LINES_S = 1.0  # wait for the last lines at the end, s
+_LAST_LINES_S = 1.0  # longest wait for the last log lines to be written, s
 
 
 @contextmanager
@@ -17,7 +17,7 @@ def log_from_a_thread() -> Iterator[None]:
     lines: queue.SimpleQueue = queue.SimpleQueue()
     listener = QueueListener(lines, *handlers)
     root.handlers[:] = [QueueHandler(lines)]
-    listener.start()  # a daemon: if it is stuck, the process ends without its last lines
+    listener.start()  # a daemon thread: if it is stuck, the process ends without the last lines
     thread = listener._thread
     try:
         yield

@@ -13,7 +13,7 @@ _OURS_ALONE = f"{_US}/face/registration.py"  # file that no other distribution h
 
 
 def distribution_of(module: str) -> str:
-    """Name and version of the distribution that a module comes from, and the module, for messages."""
+    """Return name and version of the distribution that a module comes from, and the module, for messages."""
     package = module.partition(".")[0]
     names = importlib.metadata.packages_distributions().get(package) or [package]
     found = []
@@ -24,12 +24,12 @@ def distribution_of(module: str) -> str:
 
 
 def overwritten() -> bool:
-    """Whether Python imports another project's `lerobot_robot_yam`, although files of ours are there."""
+    """Return whether Python imports another project's `lerobot_robot_yam`, although files of ours are there."""
     return not hasattr(importlib.import_module(_US), "registration")  # our __init__ imports it
 
 
 def is_foreign(module: str) -> bool:
-    """Whether a module of ours that cannot be imported is missing, or overwritten by another project's package."""
+    """Return whether a module of ours that cannot be imported is missing, or overwritten by another project."""
     return importlib.util.find_spec(module) is None or bool(_claimants(module.partition(".")[0]))
 
 
@@ -48,7 +48,7 @@ def mixture(module: str = _US) -> tuple[str, str]:
 
 
 def _claimants(package: str) -> list[tuple[str, str]]:
-    """Name and version of other distributions that have installed a package of this name."""
+    """Return name and version of other distributions that have installed a package of this name."""
     found = set()
     for distribution in importlib.metadata.distributions():
         files = {str(file) for file in distribution.files or ()}

@@ -1,6 +1,6 @@
 """Command lines of this installation, for messages.
 
-They name files, since the environment of a clone is not on the PATH, and root has another PATH.
+The commands are named by their files, since the environment of a clone is not on the PATH, and root has another PATH.
 """
 
 import shlex
@@ -16,5 +16,5 @@ def as_root(command: str) -> str:
 
 
 def install_extra(extra: str) -> str:
-    """Format the command that installs an optional part of this package, editable so that a clone's own stays."""
+    """Format the command that installs an optional part of this package; editable, so that the clone stays in use."""
     return f'install it in the clone of this package: {shlex.quote(sys.executable)} -m pip install -e ".[{extra}]"'

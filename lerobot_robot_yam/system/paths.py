@@ -22,7 +22,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
     An existing file keeps its mode and, as far as the rights of this process allow, its owner.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     scratch = path.with_name(f"{path.name}.{os.getpid()}")  # two processes may write at once
     try:

@@ -14,12 +14,12 @@ _SCHED_ATTR = struct.Struct("<IIQiIQQQII")  # size, policy, flags, nice, priorit
 _SHORT_SLICE_NS = 100_000  # shortest slice that Linux >= 6.12 grants without privilege, ns
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
-_GIVING_WAY_NICE = 2  # nice value for two thirds of an ordinary share, so that pictures still come on a full machine
-_OOM_SCORES = (-900, 0)  # scores to try, of -1000 … 1000; only root may go below a process's first score
+_GIVING_WAY_NICE = 2  # nice value: two thirds of an ordinary share, so that a busy machine still draws pictures
+_OOM_SCORES = (-900, 0)  # out-of-memory scores to try, of -1000 … 1000; only root may go below a process's first score
 
 
 def request_realtime(priority: int) -> str:
-    """Request SCHED_FIFO at `priority`, else a 0.1 ms slice; locked memory; 1 µs timer slack.
+    """Request SCHED_FIFO at `priority` (else slices of 0.1 ms), locked memory and 1 µs of timer slack.
 
     Present objects are exempted from garbage collection, too. Call this once, after start-up, in the thread that runs
     the loop. Children do not inherit the scheduling.
@@ -51,20 +51,20 @@ def raise_threads(priority: int, named: str) -> None:
 def spare_what_is_loaded() -> None:
     """Exempt all present objects from Python's garbage collector.
 
-    A LeRobot command has half a million objects after its start. Python would walk them once there are a quarter more,
-    in the middle of an episode, and the arms would get no target for 0.25 s.
+    A LeRobot command has half a million objects after its start. Once a quarter more exist, Python would walk
+    all objects in the middle of an episode, and the arms would get no target for 0.25 s.
     """
     gc.freeze()
 
 
 def give_way() -> None:
-    """Lower the priority of this process below others. It needs a session of its own (`start_new_session`).
+    """Lower the priority of this process below others. The process needs a session of its own (`start_new_session`).
 
     Linux shares the processors among sessions first (autogroup); a nice value counts only within a session.
     """
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # waking up preempts nobody
     os.setpriority(os.PRIO_PROCESS, 0, _GIVING_WAY_NICE)
-    with contextlib.suppress(OSError):  # no autogroups in the kernel, or another one was set within 0.1 s
+    with contextlib.suppress(OSError):  # no autogroups in the kernel, or another nice value was set within 0.1 s
         Path("/proc/self/autogroup").write_text(str(_GIVING_WAY_NICE))
 
 

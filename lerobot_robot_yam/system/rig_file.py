@@ -21,11 +21,11 @@ def device_of(section: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
     Args:
         section: "robot" or "teleop".
-        given: the device in the run config. A `yam_rig` has `file`; `options`, `id` and `calibration_dir`, laid
-            over the file's; `arm_options`, laid over each arm in the file; `cameras`, False: leave cameras out.
+        given: the device in the run config. A `yam_rig` has `file`; `options`, `id` and `calibration_dir`, which
+            override the file's; `arm_options`, which override those of each arm; `cameras`: False omits cameras.
 
     Raises:
-        ConfigError: there is no such file, it cannot be read, or it has no such device.
+        ConfigError: there is no such file, or the file cannot be read or has no such device.
     """
     if given.get("type") != RIG_TYPE:
         return dict(given)

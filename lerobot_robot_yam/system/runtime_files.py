@@ -19,17 +19,17 @@ AUTO_RIG = "auto-"
 LOCK, STATE, ABOUT = "lock-", "state-", "about-"
 DESK = "desk-"  # beginning of the file names of a LeRobot command, before its process number
 _CONTROL_PROCESS = "lerobot_robot_yam.control.process.control_process"
-_SHARED = (Path("/dev/shm"), Path("/tmp"))  # same directories in every shell, unlike XDG_RUNTIME_DIR and TMPDIR
+_SHARED = (Path("/dev/shm"), Path("/tmp"))  # parents: the same in every shell, unlike XDG_RUNTIME_DIR and TMPDIR
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _RIG_NAME_MAX = 64  # longest name of a rig, characters: a socket's path contains it (108 bytes in all)
 
 
 def runtime_dir() -> Path:
-    """Directory for sockets, locks, shared blocks and the emergency stop; created with mode 0700.
+    """Return the directory for sockets, locks, shared blocks and the emergency stop; create it with mode 0700.
 
-    The path is `YAM_RUNTIME_DIR`, else this user's in /dev/shm, else in /tmp. Other variables would not do: cron, su,
-    ssh and `docker exec` set none of the session's, and have to find the arms that they stop. The path must be short,
-    since Unix sockets lie in it (108 bytes in all).
+    The path is `YAM_RUNTIME_DIR`, else this user's in /dev/shm, else in /tmp. Variables of a login session would
+    not do: cron, su, ssh and `docker exec` lack them, and must find the arms that they are to stop. The path must be
+    short, since Unix sockets lie in it (108 bytes in all).
 
     Raises:
         ConfigError: the directory cannot be made, belongs to somebody else, or is open to others.
@@ -53,8 +53,8 @@ def runtime_dir() -> Path:
 def runtime_dirs() -> list[Path]:
     """List the runtime directories of all users of this machine; ours is first, whether it exists or not.
 
-    With `YAM_RUNTIME_DIR` set it is the only one. Anybody may write into /dev/shm, so other directories count only if
-    they are no links and belong to the user whose number is in their name.
+    If `YAM_RUNTIME_DIR` is set, that directory is the only one. Anybody may write into /dev/shm, so other directories
+    count only if they are no links and belong to the user whose number is in their name.
     """
     own = _own_path()
     if os.environ.get(ENV_RUNTIME_DIR):
@@ -124,7 +124,7 @@ class FileLock:
         """Acquire the lock.
 
         Raises:
-            ChannelInUseError: another process holds it (only when not blocking).
+            ChannelInUseError: another process holds the lock (only when not blocking).
             BusError: the lock's file cannot be made.
         """
         while True:
@@ -153,7 +153,7 @@ class FileLock:
             os.pwrite(fd, f"{os.getpid()}\n".encode(), 0)
 
     def _is_ours(self, fd: int) -> bool:
-        """Whether the path still leads to the file that we have open."""
+        """Return whether the path still leads to the file that we have open."""
         try:
             return os.stat(self._path).st_ino == os.fstat(fd).st_ino
         except FileNotFoundError:
@@ -182,7 +182,7 @@ class FileLock:
 
 
 def sessions(directory: Path) -> dict[str, str]:
-    """Find the processes that drive arms, by channel key: they hold a lock in a runtime directory and publish a state.
+    """Map channel keys to the processes that drive the arms: each holds the channel's lock and publishes a state.
 
     Programs that set motors up hold only the lock.
     """
@@ -192,13 +192,13 @@ def sessions(directory: Path) -> dict[str, str]:
 
 
 def lock_holders(directory: Path) -> dict[str, str]:
-    """Find the processes that hold a channel's lock, by channel key: sessions, and programs that set motors up."""
+    """Map channel keys to the processes that hold the channels' locks: sessions, and programs that set motors up."""
     locks = {lock.name.removeprefix(LOCK): _lock_holder(lock) for lock in sorted(directory.glob(f"{LOCK}*"))}
     return {key: holder for key, holder in locks.items() if holder is not None}
 
 
 def _lock_holder(path: Path) -> str | None:
-    """Process number of a lock's holder, None when the lock is free."""
+    """Read the process number of a lock's holder; None when the lock is free."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:

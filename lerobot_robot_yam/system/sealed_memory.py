@@ -1,8 +1,8 @@
 """Sealed memory: several processes map it, and no other program can shrink it or write into it.
 
 A mapped file kills its readers (SIGBUS) once a program has truncated it, or its disk is full. A sealed memory file
-keeps its size, and has all its pages from the start. It has no name: its maker passes a descriptor on, and later
-processes find a link to `/proc/PID/fd/N` of a process that has it open. A mapping needs the link no longer.
+keeps its size, and has all its pages from the start. The file has no name: its maker passes a descriptor on, and later
+processes find a link to `/proc/PID/fd/N` of a process that has the file open. Once mapped, it needs no link.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ def allocate(name: str, size: int) -> int:
         os.fchmod(descriptor, 0o600)
         try:
             os.posix_fallocate(descriptor, 0, size)
-        except OSError as error:  # its text names no file
+        except OSError as error:  # the error's text names no file
             what = f"no memory for {name}: {error.strerror}; `free -h` and `df -h /dev/shm` show what is full"
             raise OSError(error.errno, what) from error
         fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, _FIXED_SIZE)
@@ -54,14 +54,14 @@ def map_to_write(descriptor: int) -> mmap.mmap:
 
 
 def map_to_read(descriptor: int) -> mmap.mmap:
-    """Map the memory to read. Raises OSError, ValueError: its size is not sealed, so we have not made it."""
+    """Map the memory to read. Raises OSError, ValueError: the size is not sealed, so the memory is not ours."""
     if fcntl.fcntl(descriptor, fcntl.F_GET_SEALS) & _FIXED_SIZE != _FIXED_SIZE:
         raise ValueError("its size is not sealed")
     return mmap.mmap(descriptor, os.fstat(descriptor).st_size, prot=mmap.PROT_READ)
 
 
 def publish(descriptor: int, path: Path) -> str:
-    """Link `path` to the memory, valid while this process has it open; returns the link's target.
+    """Link `path` to the memory while this process has the memory open; returns the link's target.
 
     Raises:
         OSError: the link cannot be made.
@@ -90,7 +90,7 @@ def find(path: Path) -> int:
     """Open the memory behind `path` to read, and return its descriptor.
 
     Raises:
-        FileNotFoundError: nothing is published there, or its publisher is gone.
+        FileNotFoundError: nothing is published at `path`, or the publisher is gone.
         OSError: the memory cannot be opened.
     """
     return os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOCTTY | os.O_NONBLOCK)

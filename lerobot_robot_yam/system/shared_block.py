@@ -21,7 +21,7 @@ _HEADER = struct.Struct("<QQII")  # magic, sequence, payload size, checksum of p
 _MAGIC = 0x59414D424C4B3032  # "YAMBLK02"
 _CHECKSUM = struct.Struct("<I")
 _SEQUENCE_AT, _CHECKSUM_AT = slice(8, 16), 20
-_LARGE = 16_384  # smallest payload that is summed instead, bytes: crc32 of a picture takes eight times as long
+_LARGE = 16_384  # least payload whose words are summed, bytes: crc32 of a picture takes eight times as long
 _READ_TIMEOUT_S = 0.25  # wait for a consistent record, s
 
 
@@ -44,12 +44,12 @@ class SharedBlock:
         path: link by which others find the block, see `publish`; None: others get its descriptor.
         dtype: a numpy structured dtype (or a plain one with a shape).
         create: True for the one writer, False for a reader.
-        descriptor: the memory's, closed with the block; None: the writer allocates it, a reader opens `path`.
+        descriptor: descriptor of the memory, closed with the block; None: a writer allocates, a reader opens `path`.
 
     Raises:
         FileNotFoundError: the writer has not begun, or has ended.
         StaleStateError: `path` leads to no block of this layout (another version of this package made it).
-        OSError: the writer gets no memory, or cannot publish it.
+        OSError: the writer gets no memory, or cannot publish the block.
     """
 
     def __init__(self, path: Path | None, dtype: np.dtype, create: bool, descriptor: int | None = None):
@@ -67,7 +67,7 @@ class SharedBlock:
         except BaseException:
             os.close(descriptor)
             raise
-        # A view stores eight bytes at once; struct clears them first, and a reader could see that.
+        # A view stores eight bytes at once; struct would clear them first, and a reader could see the zeros.
         self._sequence = memoryview(self._map)[_SEQUENCE_AT].cast("Q")
         self._payload = memoryview(self._map)[_HEADER.size :]
 
@@ -81,7 +81,7 @@ class SharedBlock:
             raise StaleStateError(f"{self.path} leads to no block ({error.strerror})") from error
 
     def _checked(self, descriptor: int) -> mmap.mmap:
-        """Map the memory to read. Raises StaleStateError: it has another layout."""
+        """Map the memory to read. Raises StaleStateError: the memory has another layout."""
         try:
             mapped = sealed_memory.map_to_read(descriptor)
             if len(mapped) == _HEADER.size + self.dtype.itemsize:
@@ -117,7 +117,7 @@ class SharedBlock:
         self._sequence[0] = writing + 1
 
     def sequence(self) -> int:
-        """Number of the newest record: even; 0 before the first, odd during a write."""
+        """Return the number of the newest record: even; 0 before the first, odd during a write."""
         return self._sequence[0]
 
     def read(self) -> np.ndarray | None:
@@ -166,7 +166,7 @@ class SharedBlock:
         return payload if self.sequence() == before and _checksum(payload) == checksum else None
 
     def peek(self, at: int, layout: struct.Struct) -> Any:
-        """Read the field with this layout at byte `at` of the record, without a copy of the rest."""
+        """Read the field with this layout at byte `at` of the record, without copying the rest."""
         return layout.unpack_from(self._map, _HEADER.size + at)[0]
 
     @property
@@ -191,7 +191,7 @@ class SharedBlock:
 
 
 def _checksum(payload: bytes | bytearray) -> int:
-    """Compute 32 bits: crc32, or for a large payload the folded sum of its 8-byte words."""
+    """Compute a 32-bit checksum: crc32, or for a large payload the folded sum of its 8-byte words."""
     if len(payload) < _LARGE:
         return zlib.crc32(payload)
     words = len(payload) // 8

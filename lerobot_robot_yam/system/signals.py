@@ -1,7 +1,7 @@
 """Signals: SIGTERM and SIGHUP end a session like Ctrl-C, with one line; some blocks of code finish first.
 
-Under a LeRobot command an error of ours is printed as one line, too: it says what failed and what to do, and a
-traceback would bury that.
+Under a LeRobot command an error of ours is printed as one line, too: the line says what failed and what to do, and
+a traceback would bury it.
 
 Handlers are process-wide, so all devices of the process share them. They are set only in the main thread and only over
 default handlers, and restored when the last device disconnects.
@@ -29,8 +29,8 @@ _DEFAULTS = {
     signal.SIGHUP: signal.SIG_DFL,
 }
 _WHY = "ended by "  # text at the beginning of our KeyboardInterrupt
-# Module that torch loads at exit, if it is installed. Loading it that late makes Python forget that an interrupt ended
-# the process, and the exit status becomes 1. So it is loaded early.
+# Module that torch loads at exit, if the module is installed. Loading it that late makes Python forget that an
+# interrupt ended the process, and the exit status becomes 1. So we load the module early.
 _LOADED_AT_EXIT = "tabulate"
 _TWICE_S = 1.0  # time in which several signals count as one, s: a closed terminal sends two at once
 _users = 0  # number of devices that have not undone their `end_session_on_signals`
@@ -70,8 +70,8 @@ def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: 
     """Make SIGTERM and SIGHUP raise KeyboardInterrupt in the main thread, printed as one line.
 
     Args:
-        instead: called at the first signal; if it returns that the session will end by itself, only a signal a second
-            later raises.
+        instead: function that is called at the first signal; if it returns True, the session ends by itself, and only
+            a signal more than a second later raises.
         ctrl_c: whether to handle SIGINT and print errors in one line, too: for LeRobot commands. The user's own
             programs keep their handler (asyncio has one) and their tracebacks.
 
@@ -86,7 +86,7 @@ def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: 
     _instead.append(instead)
     if _users == 1:
         _first_s, _waits = -math.inf, False
-        if sys.excepthook is not _say_in_a_line:  # not restored: it prints after the last device has gone
+        if sys.excepthook is not _say_in_a_line:  # not restored: the hook prints after the last device has gone
             _report, sys.excepthook = sys.excepthook, _say_in_a_line
     if threading.current_thread() is threading.main_thread():
         for number, default in _DEFAULTS.items():
@@ -113,7 +113,7 @@ def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: 
 
 @contextmanager
 def undisturbed(what: str) -> Iterator[None]:
-    """Only log SIGINT, SIGTERM and SIGHUP while the block runs. Outside the main thread it does nothing."""
+    """Log SIGINT, SIGTERM and SIGHUP instead of obeying them while the block runs; main thread only."""
 
     def answer(number: int, frame: FrameType | None) -> None:
         logger.warning("%s; the arms have no brakes, so this cannot be cut short", what)
@@ -124,7 +124,7 @@ def undisturbed(what: str) -> Iterator[None]:
 
 @contextmanager
 def finished_first(what: str) -> Iterator[None]:
-    """Delay SIGINT, SIGTERM and SIGHUP until the block has run. Outside the main thread it does nothing.
+    """Delay SIGINT, SIGTERM and SIGHUP until the block has run; do nothing outside the main thread.
 
     Raises:
         KeyboardInterrupt: at the end of the block, if a signal came.
@@ -152,6 +152,6 @@ def _answered(answer: Callable[[int, FrameType | None], None]) -> Iterator[None]
             signal.signal(number, answer)
         yield
     finally:
-        for number, handler in reversed(before.items()):  # SIGINT last: once it is back it may interrupt this loop
-            if handler is not None:  # None: not set from Python, so it cannot be put back
+        for number, handler in reversed(before.items()):  # SIGINT last: its handler may interrupt this loop
+            if handler is not None:  # None: a handler that C code has set cannot be put back
                 signal.signal(number, handler)

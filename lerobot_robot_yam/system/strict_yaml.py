@@ -31,7 +31,7 @@ def array_field(*shape: int, default: Any = dataclasses.MISSING) -> Any:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Read the mapping in a YAML file. Raises ConfigError: unreadable, or no mapping."""
+    """Read the mapping in a YAML file. Raises ConfigError: the file cannot be read, or holds no mapping."""
     try:
         document = yaml.safe_load(user_path(path).read_text(encoding="utf-8"))
     except Exception as error:  # besides OSError and YAMLError: "!!int x" is a ValueError, "!!bool x" a KeyError, …
@@ -51,7 +51,7 @@ def merge(document: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str
 
 
 def parse[T](cls: type[T], document: Any, where: str) -> T:
-    """Build dataclass `cls` from a mapping. `where` names the place in error messages (ConfigError)."""
+    """Build dataclass `cls` from a mapping. Raises ConfigError: a key or value is wrong; the message names `where`."""
     if not isinstance(document, Mapping):
         raise ConfigError(f"{where}: expected a mapping, found {type(document).__name__}")
     hints = typing.get_type_hints(cls)
@@ -93,7 +93,7 @@ def _value(hint: Any, value: Any, field: dataclasses.Field, where: str) -> Any:
 def _array(value: Any, shape: tuple[int, ...], where: str) -> np.ndarray:
     try:
         given = np.asarray(value)
-        if given.dtype.kind not in "fiuO":  # text would be parsed; YAML reads 1e-3 as text, 1.0e-3 as a number
+        if given.dtype.kind not in "fiuO":  # numpy would parse text; YAML reads 1e-3 as text, 1.0e-3 as a number
             raise TypeError(f"{given.dtype} is no type of numbers")
         if given.dtype.kind == "O" and not all(isinstance(item, int | float) for item in given.flat):
             raise TypeError("not all of them are numbers")

@@ -11,10 +11,10 @@ CAN_TYPE = "280"  # ARPHRD_CAN
 
 @dataclass(frozen=True)
 class UsbDevice:
-    """USB device. Attributes are None if sysfs does not have them.
+    """USB device. An attribute is None if sysfs does not have it.
 
     Attributes:
-        port: where it is plugged in, such as "1-2.3": bus, then the port of each hub on the way.
+        port: where the device is plugged in, such as "1-2.3": bus, then the port of each hub on the way.
         bus: number of the USB bus (one per controller and speed class).
         number: number of the device on its bus.
         speed_mbit: negotiated speed of the link: 12, 480 (USB 2), 5000 (USB 3) and more.
@@ -33,8 +33,8 @@ class CanAdapter:
     """CAN interface and the hardware behind it.
 
     Attributes:
-        driver: kernel driver, such as "gs_usb"; None when it is unknown or there is no hardware (vcan).
-        usb: the USB device, None when it is not USB.
+        driver: kernel driver, such as "gs_usb"; None when the driver is unknown or there is no hardware (vcan).
+        usb: USB device of the adapter; None when the adapter is not USB.
         place: directory of the hardware below sysfs, "/devices/…/1-2/1-2:1.0"; None when there is no hardware.
         serial: serial number of the hardware.
         dev_id, dev_port: number of this channel on an adapter with several, such as "0x1" and "1". Drivers set one of
@@ -51,7 +51,7 @@ class CanAdapter:
 
     @property
     def usb_interface(self) -> str | None:
-        """Place of this function of the USB device, such as "1-2:1.0"; None when it is not USB."""
+        """Place of this function of the USB device, such as "1-2:1.0"; None when the adapter is not USB."""
         return Path(self.place).name if self.usb and self.place else None
 
     @property
@@ -61,7 +61,7 @@ class CanAdapter:
 
 
 def text_of(path: Path) -> str | None:
-    """Read a small sysfs file, stripped; None when it is empty or cannot be read."""
+    """Read a small sysfs file, stripped; None when the file is empty or cannot be read."""
     try:
         return path.read_text(errors="replace").strip() or None
     except OSError:
@@ -69,7 +69,7 @@ def text_of(path: Path) -> str | None:
 
 
 def usb_device(directory: Path) -> UsbDevice | None:
-    """Find the USB device that a directory of sysfs belongs to; None when it is not USB."""
+    """Find the USB device that a directory of sysfs belongs to; None when the hardware is not USB."""
     for place in (directory, *directory.parents):
         if text_of(place / "idVendor") is not None:
             bus, number, speed = (text_of(place / name) or "" for name in ("busnum", "devnum", "speed"))
@@ -91,7 +91,7 @@ def read_adapters(sysfs: Path = SYSFS) -> list[CanAdapter]:
 
 
 def read_adapter(interface: Path) -> CanAdapter | None:
-    """Read the adapter behind a directory of `class/net`; None when it is no CAN interface.
+    """Read the adapter behind a directory of `class/net`; None when the directory is no CAN interface.
 
     The link `device` leads to the USB interface ("1-2.3:1.0"), whose parent is the adapter; other hardware (SPI) has no
     such parent.

@@ -1,9 +1,9 @@
-"""Collision check of a straight move of the joints: finds the pairs of parts that it brings into conflict.
+"""Collision check of a straight move of the joints: finds the pairs of parts that the move brings into conflict.
 
 A pair is in conflict if somewhere on the way it is nearer than its limit, and nearer than at the start. So an approach
-ends at the limit, and a pair that is inside it already may stay, go along and get out, but not go further in.
+ends at the limit, and a pair that is already nearer than its limit may stay or separate, but not approach further.
 
-Most pairs are settled by how much a move can change their distance. With lever arms r_j it changes by no more than
+For most pairs it is enough to bound how much a move changes their distance. With lever arms r_j, this is at most
 
     travel = Σ r_j |Δq_j|        over the joints that move one of its parts but not the other
 
@@ -13,7 +13,7 @@ spheres show this for almost all pairs. The rest is measured in steps of `_STEP_
 These parts are compared, and each pair keeps its distance:
 
     two parts of one arm, or of two arms    the collision margin
-    a part and a box or the floor           0: those are the limits themselves
+    a part and a box or the floor           0: box and floor are the limits themselves
 
 Links are compared by their hulls. Two rules are for parts of one arm that cannot keep the margin by construction:
 
@@ -35,11 +35,11 @@ from lerobot_robot_yam.errors import ConfigError
 
 _NOISE_M = 5e-7  # noise of a distance, m: axes are 1e-6 rad off the vertical
 _DEEP_NOISE_M = 2e-5  # noise of the depth of two overlapping cylinders, m
-_PASSING_M = 0.0002  # tolerance on the way, m: no set-point comes to rest there
+_PASSING_M = 0.0002  # tolerance between start and end of a move, m: no set-point comes to rest in between
 _STEP_M = 0.008  # travel between two measurements of a pair, m
-_STEPS = 10  # measurements of a pair in a tick at most: 3 cm apart when all joints of two arms move at 1.5 rad/s
+_STEPS = 10  # most measurements of a pair in a tick: 3 cm apart when all joints of two arms move at 1.5 rad/s
 _JOINED_M = 0.025  # median distance below which links count as joined, m: profiles have 0 … 16 mm, or 36 and more
-_JOINED_SAMPLES = 101  # poses for the median
+_JOINED_SAMPLES = 101  # number of random poses that this median is taken over
 _REST_SLACK_M = 0.004  # tolerance for a folded arm that is not exactly in its rest pose, m
 
 
@@ -53,7 +53,7 @@ class Pair(NamedTuple):
 
 
 class Conflict(NamedTuple):
-    """Pair that comes too near at `share` of the way. before_m, there_m: distance at the start and there, m."""
+    """Pair that comes too near at `share` of the way. before_m, there_m: distance at the start and at `share`, m."""
 
     pair: Pair
     share: float
@@ -70,13 +70,13 @@ class Clearance:
     """Distances of all pairs that matter in one control loop.
 
     Args:
-        arms: at least one; names differ.
+        arms: one or more arms with different names.
 
     Attributes:
-        parts: the arms; `place` moves them.
+        parts: parts of the arms; `parts.place` moves them.
 
     Raises:
-        ConfigError: a workspace that cannot be used, or arms that overlap.
+        ConfigError: a workspace cannot be used, or arms overlap.
     """
 
     def __init__(self, arms: Sequence[GuardedArm]):
@@ -153,7 +153,7 @@ class Clearance:
 
 
 def choose_pairs(parts: ArmParts, arms: Sequence[GuardedArm]) -> list[Pair]:
-    """List all pairs to compare; the second part of a pair may be a thing, the first never is.
+    """List all pairs to compare; the second part of a pair may be a box or a floor, the first is a link.
 
     Raises:
         ConfigError: two arms overlap.

@@ -23,7 +23,7 @@ THING = -1
 
 _FLOOR_HALF_M = (2.0, 2.0, 0.5)  # half extents of the box that is a floor, since MuJoCo has no distances to planes
 _ACCURACY = (1e-10, 100)  # tolerance and iterations; MuJoCo's defaults leave 0.2 mm of noise in sunk cylinders
-_OPENING_STEP = 0.05  # rounding of gripper openings, share of the stroke (2 mm of a finger): measured ones never rest
+_OPENING_STEP = 0.05  # rounding of gripper openings, share of the stroke (2 mm of a finger): measurements never rest
 _FAR_M = 10.0  # largest distance that is measured, m
 _TOUCH_M = 1e-9  # distance below which two parts have no direction between them, m
 _HULL = "/hull"  # end of a hull's name
@@ -45,7 +45,7 @@ class ArmParts:
     """Parts of all arms, placed by their joint values.
 
     Args:
-        arms: at least one; names differ.
+        arms: one or more arms with different names.
 
     Attributes:
         names: the arms' names.
@@ -60,7 +60,7 @@ class ArmParts:
             move the part.
 
     Raises:
-        ConfigError: two arms of one name, or a workspace that cannot be used.
+        ConfigError: two arms have the same name, or a workspace cannot be used.
     """
 
     def __init__(self, arms: Sequence[GuardedArm]):
@@ -91,9 +91,9 @@ class ArmParts:
         self.place(np.zeros(len(joints)))
 
     def open_grippers(self, openings: Sequence[float]) -> bool:
-        """Set the openings of the grippers, 0 closed … 1 open, one per arm; they take effect with the next `place`.
+        """Set the openings of the grippers, 0 closed … 1 open, one per arm; the next `place` moves the fingers.
 
-        Openings are rounded up to the next `_OPENING_STEP`. Returns whether one has changed.
+        Openings are rounded up to the next `_OPENING_STEP`. Returns whether any has changed.
         """
         steps = [min(max(math.ceil(opening / _OPENING_STEP), 0) * _OPENING_STEP, 1.0) for opening in openings]
         if steps == self._openings:
@@ -105,7 +105,7 @@ class ArmParts:
         return True
 
     def place(self, q: np.ndarray) -> None:
-        """Move the arms to joints (N,), rad, those of all arms in a row."""
+        """Move the arms to joint values (N,), rad, arm after arm."""
         self._data.qpos[self._joint_index] = q
         mujoco.mj_kinematics(self._model, self._data)
 
@@ -126,8 +126,8 @@ class ArmParts:
     def distance_gradient(self, first: int, second: int, farthest_m: float) -> tuple[float, np.ndarray]:
         """Measure the distance of two parts, m, and its gradient by the joints (N,), m/rad.
 
-        ∇d = n · (J_2 − J_1), n from the nearest point of the one to that of the other; 0 beyond `farthest_m`, and
-        where the parts just touch.
+        ∇d = n · (J_2 − J_1), with unit vector n from the first part's nearest point to the second's. The gradient is 0
+        beyond `farthest_m`, and where the parts just touch.
         """
         model, data, ends = self._model, self._data, np.zeros(6)
         distance = mujoco.mj_geomDistance(model, data, first, second, farthest_m, ends)
@@ -147,7 +147,7 @@ class ArmParts:
         return [part for part in things if self._model.geom(part).name.startswith(prefix)]
 
     def floor_height(self, part: int) -> float | None:
-        """Height of a floor, m; None for any other part."""
+        """Return the height of a floor, m; None for any other part."""
         if self.owner[part] != THING or not self._model.geom(part).name.endswith("/floor"):
             return None
         return float(self._model.geom_pos[part][2] + self._model.geom_size[part][2])
@@ -156,7 +156,7 @@ class ArmParts:
         return int(self._model.joint(f"{arm}/{joint}").qposadr[0])
 
     def _lever_row(self, part: int) -> np.ndarray:
-        """Length of the chain from each joint (N,) to the part's far end; 0: the joint does not move the part."""
+        """Compute chain lengths (N,) from each joint to the part's far end, m; 0: the joint does not move the part."""
         model, row = self._model, np.zeros(len(self._joint_bodies))
         length = float(np.linalg.norm(model.geom_pos[part]) + model.geom_rbound[part])
         body = int(model.geom_bodyid[part])
@@ -175,7 +175,7 @@ def _part_name(geom: str, body: str) -> str:
 
 
 def _build(arms: Sequence[GuardedArm]) -> mujoco.MjModel:
-    """Build the model; names begin with the arm's: "left/link4", "left/keep-out 'camera mast'"."""
+    """Build the model; names begin with the arm's name: "left/link4", "left/keep-out 'camera mast'"."""
     spec = mujoco.MjSpec()
     spec.option.ccd_tolerance, spec.option.ccd_iterations = _ACCURACY
     world = spec.worldbody
@@ -208,7 +208,7 @@ def _with_hulls(arm: GuardedArm) -> mujoco.MjSpec:
 
 
 def _corners(shape: Shape) -> np.ndarray:
-    """Corners (k, 3), in the body's frame, of a polyhedron around the shape, larger by at most 7 % of its radius."""
+    """Compute corners (k, 3), in the body's frame, of a polyhedron around the shape, at most 7 % of a radius larger."""
     if shape.kind in ("cylinder", "capsule"):
         turn = np.arange(_CORNERS) * 2 * np.pi / _CORNERS
         rise = np.radians([-90, -60, -30, 0, 30, 60, 90]) if shape.kind == "capsule" else np.zeros(1)
@@ -224,7 +224,7 @@ def _corners(shape: Shape) -> np.ndarray:
 
 
 def _frame_along(axis: np.ndarray) -> np.ndarray:
-    """(3, 3) rows of a right-handed frame whose third axis is `axis`."""
+    """Compute the rows (3, 3) of a right-handed frame whose third axis is `axis`."""
     z = axis / np.linalg.norm(axis)
     x = np.cross(z, np.eye(3)[np.abs(z).argmin()])
     x /= np.linalg.norm(x)

@@ -43,7 +43,7 @@ def _mesh(model: mujoco.MjModel, geom: int) -> Mesh:
 
 
 def stl(mesh: Mesh) -> bytes:
-    """Write a binary STL file, in m."""
+    """Encode a mesh as a binary STL file, in m."""
     corners = mesh.vertices[mesh.faces]
     rows = np.zeros(len(corners), _STL)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -34,7 +34,7 @@ def mjcf(arm: ArmProfile, gripper: GripperProfile) -> str:
 def urdf(arm: ArmProfile, gripper: GripperProfile) -> str:
     """Write URDF text without shapes. Lengths in m, angles in rad; the root link is the frame of the arm's base.
 
-    A further joint `gripper` moves nothing: LeRobot looks for a joint of each feature's name.
+    A further joint `gripper` moves nothing; LeRobot looks for a joint of each feature's name.
 
     Args:
         arm, gripper: resolved profiles, see `mounting.resolve_profiles`.
@@ -58,7 +58,7 @@ def drawn_urdf(arm: ArmProfile, model: mujoco.MjModel, files: Mapping[str, Mappi
     Args:
         arm: resolved profile.
         model: model of the arm with an end effector.
-        files: by link and colour, the URL of the mesh.
+        files: link -> colour -> URL of the mesh.
     """
     links = [model.body(body.name).id for body in arm.bodies]
     robot = _links(ET.Element("robot", name=arm.name), model, arm, links)

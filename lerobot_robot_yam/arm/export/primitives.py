@@ -1,4 +1,4 @@
-"""Primitives as triangles, centred at the origin. trimesh has them, too, but adds a third to the start of yam-view."""
+"""Primitives as triangles, centred at the origin. trimesh has these too, but adds a third to the start of yam-view."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,7 +8,7 @@ import numpy as np
 _SECTIONS = 24  # sections of a circle
 _RINGS = 7  # points on a quarter circle, pole and equator included
 _POLE = 1e-9  # radius below which a ring is one point, m
-_BOX_SIDES = np.array(  # corners, numbered x + 2 y + 4 z
+_BOX_SIDES = np.array(  # corners of each side, numbered x + 2 y + 4 z
     [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
 )
 
@@ -61,7 +61,7 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def _arc(first_rad: float, last_rad: float, points: int) -> np.ndarray:
-    """Points (points, 2) of the unit circle."""
+    """Compute points (points, 2) of the unit circle."""
     angles = np.linspace(first_rad, last_rad, points)
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)
 

@@ -1,6 +1,6 @@
 """Options of a leader for its follower: coupling, gate, force.
 
-Plain values: the dataclass travels as JSON to the control process. docs/teleoperation.md explains the options.
+All values are plain: the dataclass travels as JSON to the control process. docs/teleoperation.md explains the options.
 """
 
 import math
@@ -12,8 +12,8 @@ from typing import Literal
 from lerobot_robot_yam.arm.option import real
 from lerobot_robot_yam.errors import ConfigError
 
-GAIN_MOST = 0.5  # largest gain of the force, share of the position gain: bearable for hands of all weights
-_SCALES = (0.05, 1.0)  # share of the leader's motion in fine mode
+GAIN_MOST = 0.5  # largest force gain, share of the position gain: hands of all weights can bear it
+_SCALES = (0.05, 1.0)  # range of the share of the leader's motion in fine mode
 _THRESHOLD_MOST_RAD = 3.0
 _SPEEDS_RAD_S = (0.05, 1.5)
 _TIMES_S = (0.0, 10.0)
@@ -32,10 +32,10 @@ class LeadConfig:
         gate: what engages: lifting (auto), a button, or nothing (always engaged).
         together: whether both leaders of a robot share one gate.
         home_rad: (joints,) pose in which leader and follower wait; None: all zero.
-        home_gripper: opening of the follower there.
+        home_gripper: gripper opening of the follower in the pose `home_rad`, 0 closed … 1 open.
         gate_joints: numbers of the joints, from 1, whose distance from home opens the gate; empty: L2 of all.
-        engage_threshold_rad, release_threshold_rad, release_s: the gate engages beyond the first, and releases below
-            the second for this long.
+        engage_threshold_rad, release_threshold_rad, release_s: the gate engages beyond the first threshold,
+            and releases after `release_s` below the second.
         homing_speed_rad_s, idle_speed_rad_s: speeds of the ramp home, and of a follower that comes home in IDLE.
         approach_speed_rad_s, approach_s: speed and least duration of the follower's approach to the leader.
         gate_button, fine_button: buttons of the handle that engage and release, and that switch fine mode.
@@ -66,7 +66,7 @@ class LeadConfig:
     mirror: bool = False
 
     def check(self, name: str) -> None:
-        """Refuse impossible values. Raises ConfigError: names arm, option and accepted values."""
+        """Refuse impossible values. Raises ConfigError: there is one; the message names arm, option and what fits."""
         for key, (low, high), unit in (
             ("home_gripper", (0.0, 1.0), ""),
             ("engage_threshold_rad", (0.0, _THRESHOLD_MOST_RAD), " rad"),
@@ -110,7 +110,7 @@ class LeadConfig:
             raise _refusal(name, self, "home_rad", "angles in rad, one per joint")
 
     def check_joints(self, name: str, joints: int) -> None:
-        """Refuse lists that do not fit an arm of `joints` joints. Raises ConfigError: names the option."""
+        """Refuse lists that do not fit an arm of `joints` joints. Raises ConfigError: the message names the option."""
         for key in ("home_rad", "bilateral"):
             value = getattr(self, key)
             if isinstance(value, list) and len(value) != joints:
@@ -119,7 +119,7 @@ class LeadConfig:
             raise _refusal(name, self, "gate_joints", f"numbers of joints within 1 … {joints}")
 
     def check_handle(self, name: str, has_handle: bool) -> None:
-        """Refuse buttons that the arm does not have. Raises ConfigError: names them."""
+        """Refuse options for buttons. Raises ConfigError: one is set, and the arm has no teaching handle."""
         for key in ("gate_button", "fine_button"):
             if getattr(self, key) is not None and not has_handle:
                 raise ConfigError(f"{name}: {key} is a button of the teaching handle, and this arm has none")
@@ -137,7 +137,7 @@ def check_leads(configs: Sequence[LeadConfig]) -> None:
     """Refuse leaders of one robot that lead the same arm, or share a gate with different options.
 
     Raises:
-        ConfigError: names the option or the follower.
+        ConfigError: there are such leaders; the message names the option or the follower.
     """
     followers = [config.follower for config in configs]
     if len(set(followers)) < len(followers):

@@ -1,6 +1,6 @@
 """Options of a leader without motors: how the angles of its encoders become the follower's.
 
-Plain values: the dataclass travels as JSON to the process that reads the encoders.
+All values are plain: the dataclass travels as JSON to the process that reads the encoders.
 """
 
 import math
@@ -19,7 +19,7 @@ JOINT_SIGNS: dict[str, list[int]] = {
     "mobile_left": [-1, 1, 1, 1, -1, -1],
     "mobile_right": [-1, -1, -1, -1, -1, -1],
 }
-_LEAST_RANGE_RAD = 0.2  # smallest range of a joint, rad; less means that nobody moved it
+_LEAST_RANGE_RAD = 0.2  # smallest range of a joint, rad; less means that nobody moved the joint
 
 
 @dataclass(kw_only=True)
@@ -28,7 +28,7 @@ class PassiveConfig:
 
     Attributes:
         joint_sign: (n,) 1 or -1.
-        mapping: direct: an angle is the follower's; range: the leader's range is stretched onto the follower's.
+        mapping: direct: the follower takes the leader's angle; range: the leader's range is stretched onto its own.
         leader_range_rad: (n, 2) lowest and highest angle of each joint of the leader; None: as calibrated.
         calibration_path: file with zeros and ranges; without it the encoders' own zeros are used.
         home_rad: (n,) pose in which the leader lies while its zeros are found; None: all zero.
@@ -41,7 +41,7 @@ class PassiveConfig:
     home_rad: list[float] | None = None
 
     def check(self, name: str, joints: int) -> None:
-        """Refuse impossible values. Raises ConfigError: names arm, option and accepted values."""
+        """Refuse impossible values. Raises ConfigError: there is one; the message names arm, option and what fits."""
         signs = self.joint_sign
         if not isinstance(signs, Sequence) or len(signs) != joints or any(sign not in (1, -1) for sign in signs):
             raise ConfigError(f"{name}: joint_sign takes 1 or -1 for each of {joints} joints; got {signs!r}")
@@ -71,7 +71,7 @@ def _finite(values: Sequence[Any]) -> bool:
 
 
 def check_ranges(what: str, ranges: Any, joints: int) -> None:
-    """Refuse malformed ranges (joints, 2). Raises ConfigError: the message begins with `what`."""
+    """Refuse malformed ranges (joints, 2). Raises ConfigError: they are; the message begins with `what`."""
     rows = ranges if isinstance(ranges, Sequence) and not isinstance(ranges, str) else []
     for row in rows:
         pair = row if isinstance(row, Sequence) and not isinstance(row, str) and len(row) == 2 else (math.nan, 0.0)
