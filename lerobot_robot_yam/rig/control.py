@@ -1,10 +1,10 @@
-"""Control client of a virtual rig, for tests, benches and operators: it reaches or starts the rig, and ends it.
+"""Control client of a virtual rig, for tests, benches and operators: it connects to a rig, or starts and ends one.
 
     with RigControl.start(friction=0) as rig:
         bus = can.Bus(interface="yam_sim", channel="follower_left", rig=rig.name)
         rig.state()["arms"]["follower_left"]["q"]
 
-An open client keeps the rig alive. Use it from one thread at a time.
+An open client keeps the rig alive. Use a client from one thread at a time.
 """
 
 import contextlib
@@ -30,14 +30,14 @@ class RigControl(RigOperations):
     """A connection to a rig's control channel, with a method per operation.
 
     Args:
-        rig: which rig, see `runtime_files.rig_name`.
+        rig: name of the rig, see `runtime_files.rig_name`.
         scene: scene of a rig that is started here.
         hold: whether this connection keeps the rig alive.
         options: scene options of a rig that is started here.
 
     Raises:
         RigError: the rig cannot be started.
-        ConfigError: unknown scene or option.
+        ConfigError: the scene or an option is unknown.
     """
 
     def __init__(self, rig: str | None = None, scene: str | Path | None = None, hold: bool = True, **options: Any):
@@ -73,10 +73,10 @@ class RigControl(RigOperations):
         return launch.checked(json.loads(packet))
 
     def wait_event(self, kind: str, timeout_s: float, since: int = 0, **details: Any) -> dict[str, Any]:
-        """Wait for the first event of that kind and details from number `since` on, and return it.
+        """Return the first event of that kind and details from number `since` on; wait until there is one.
 
         Raises:
-            RigError: no such event within timeout_s.
+            RigError: no such event came within timeout_s.
         """
         deadline = time.monotonic() + timeout_s
         while True:
@@ -111,10 +111,10 @@ class RigControl(RigOperations):
 
 @contextlib.contextmanager
 def running_rig(**arguments: Any) -> Iterator[RigControl]:
-    """Run a new rig (arguments as for `RigControl.start`), which has ended when the block is left.
+    """Run a new rig (arguments as for `RigControl.start`), which ends when the block is left.
 
     Raises:
-        RigError: at the end, another client still uses it.
+        RigError: another client still uses the rig at the end.
     """
     rig = RigControl.start(**arguments)
     try:
@@ -128,7 +128,7 @@ def running_rig(**arguments: Any) -> Iterator[RigControl]:
 
 
 def wait_ended(rig: RigControl) -> None:
-    """Wait until a rig's process is gone. Raises RigError: it still runs, maybe for another client."""
+    """Wait until a rig's process is gone. Raises RigError: the process still runs, maybe for another client."""
     deadline = time.monotonic() + _END_TIMEOUT_S
     while runs(rig.pid):
         if time.monotonic() > deadline:

@@ -1,6 +1,6 @@
-"""The CAN adapter between a channel's clients and its wire: it delays frames, and can keep received ones back.
+"""The CAN adapter between a channel's clients and its wire: it delays frames, and can keep received frames back.
 
-It keeps the order in both directions: no frame reaches a client with an earlier time than the frame before.
+The adapter keeps the order in both directions: no frame reaches a client with an earlier time than the frame before.
 """
 
 import math
@@ -11,8 +11,8 @@ from typing import Protocol
 
 from lerobot_robot_yam.rig.devices.packets import Frame
 
-# Latency from which on commands wait, s. Below, motors obey at once and their positions are extrapolated to the
-# time of the answer, which is exact enough over so short a time and saves the rig a wake-up.
+# Latency, s, from which on commands wait in a queue. Below it, motors obey at once and their positions are extrapolated
+# to the time of the answer, which is exact enough over so short a time and saves the rig a wake-up.
 _WAITS_FROM_S = 0.001
 
 
@@ -42,7 +42,7 @@ class HoldBack:
 class Adapter:
     """Delays of one channel: `latency_s` each way, and `hold`.
 
-    due_s: when the next delayed command reaches the wire; infinity without one.
+    due_s: time at which the next delayed command reaches the wire, s; infinity if none waits.
     """
 
     def __init__(self, latency_s: float):
@@ -50,7 +50,7 @@ class Adapter:
         self.hold: HoldBack | None = None
         self.due_s = math.inf
         self._given_s = -math.inf  # time of the last frame delivered to clients
-        self._sent: deque[tuple[float, Listener, Frame]] = deque()  # with the time at which each reaches the wire
+        self._sent: deque[tuple[float, Listener, Frame]] = deque()  # commands, each with its time on the wire
 
     @property
     def waits(self) -> bool:

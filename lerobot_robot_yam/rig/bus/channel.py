@@ -1,8 +1,8 @@
 """One simulated CAN channel: its wire, the devices on it and the clients that listen.
 
 As on a real bus a client hears the others, not itself, and nothing from before it opened the channel. The frames of a
-packet take the wire one after the other, then the replies do, and these return as one packet. A client that does not
-read loses packets once its socket is full; the channel counts them and waits for no client.
+packet take the wire one after the other, and then the replies do, which return as one packet. A client that does not
+read loses packets once its socket is full; the channel counts lost packets, and waits for no client.
 """
 
 import contextlib
@@ -23,8 +23,8 @@ from lerobot_robot_yam.rig.devices.packets import Frame, Wire
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 
-_BACKLOG_S = 0.05  # occupancy of the wire at which packets are lost, about that of a real adapter's full queue
-_FOREIGN_KP, _FOREIGN_KD = 10.0, 1.0  # Nm/rad, Nm s/rad with which a foreign driver holds a motor
+_BACKLOG_S = 0.05  # time for which the wire is taken, s, when packets get lost: about a real adapter's full queue
+_FOREIGN_KP, _FOREIGN_KD = 10.0, 1.0  # gains, Nm/rad and Nm s/rad, of a foreign driver that holds a motor
 _FOREIGN_AT_ONCE = 50  # most frames of a foreign driver in one go; after a pause of the rig the rest is skipped
 PAYLOADS = ("hold", "zero")
 
@@ -51,16 +51,16 @@ class ForeignDriver:
 
 
 class Channel:
-    """Motors, on leaders a handle, and clients on one wire.
+    """Motors, clients and (on leaders) a handle on one wire.
 
-    latency_s: the adapter's, each way. seed: for lost and garbled frames.
+    latency_s: delay of the adapter each way, s. seed: seed of the choice of lost and garbled frames.
     """
 
     def __init__(self, name: str, motors: Sequence[SimMotor], handle: SimHandle | None, latency_s: float, seed: int):
         self.name, self.motors, self.handle = name, list(motors), handle
         self.adapter = Adapter(latency_s)
         self.link = Link()  # see `set_link`
-        self.cable_out = False  # frames are lost in both directions, without an error
+        self.cable_out = False  # whether frames are lost in both directions, without an error
         self.foreign: ForeignDriver | None = None
         self.clients: list[Listener] = []
         self.wire = Wire()
@@ -123,7 +123,7 @@ class Channel:
             self._transmit(sender, timed, now_s + latency_s)
 
     def pass_on(self, until_s: float) -> None:
-        """Transmit the frames that the adapter has delayed until now."""
+        """Transmit the delayed frames that reach the wire until `until_s`."""
         for sender, timed in self.adapter.take(until_s):
             if not (self.cable_out or self.link.state) and sender in self.clients:
                 self._transmit(sender, timed, timed[0][0])
@@ -161,7 +161,7 @@ class Channel:
             for client in self.clients:
                 self._hand_over(client, [Frame(now_s, BUS_OFF_FRAME_ID, bytes(8), packets.FLAG_ERROR)])
         for client in self.clients:
-            with contextlib.suppress(OSError):  # full or gone: then it is not waiting for a packet
+            with contextlib.suppress(OSError):  # full or gone: such a client waits for no packet
                 client.send(packets.WAKE, socket.MSG_DONTWAIT)
         if self.link.state == LinkState.GONE:
             self.clients.clear()

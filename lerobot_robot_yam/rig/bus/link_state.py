@@ -1,4 +1,4 @@
-"""State of a channel's network interface, and the SocketCAN errors that its clients meet unless it is up.
+"""State of a channel's network interface, and the SocketCAN errors that its clients get unless the interface is up.
 
 One 64-bit word per channel in sealed memory: the rig writes it, each client reads it before it sends or receives.
 Reading costs next to nothing, and the word also reaches a client that never reads its socket.
@@ -17,7 +17,7 @@ from lerobot_robot_yam.system import sealed_memory
 BUS_OFF_FRAME_ID = 0x40  # CAN_ERR_BUSOFF of linux/can/error.h
 TX_QUEUE_FRAMES = 10  # the kernel's default queue of a CAN interface
 _WORD = 8
-_STATE_BITS, _UNPLUG_BITS = 8, 24  # fields of the word, lowest first; the rest counts changes
+_STATE_BITS, _UNPLUG_BITS = 8, 24  # sizes of the word's lowest fields; the other bits count changes
 
 
 class LinkState(IntEnum):
@@ -33,8 +33,8 @@ class Link:
     """One channel's interface on the rig's side.
 
     Attributes:
-        word: list of one: the interface's word, as `watch_link` shows it to other processes.
-        publish: called with the word after each change.
+        word: list of one element, the interface's word, as `watch_link` shows it to other processes.
+        publish: function that is called with the word after each change.
         unplugs: how often the adapter was unplugged.
     """
 
@@ -46,7 +46,7 @@ class Link:
         self.word = [int(self.state)]
 
     def change(self, down: bool | None = None, gone: bool | None = None, bus_off: bool | None = None) -> None:
-        """Take the interface down, its adapter away or its controller off the bus, or undo that; None changes nothing.
+        """Take the interface down, its adapter away or its controller off the bus, or undo this; None changes nothing.
 
         Down and gone also end a bus-off, as on a real controller.
         """
@@ -66,14 +66,14 @@ class Link:
 
 
 class LinkTable:
-    """Words of all channels of a rig at `path`; the rig's side."""
+    """Words of all channels of a rig, which the rig publishes at `path`."""
 
     def __init__(self, path: Path, count: int):
         self._path = path
         self._descriptor = sealed_memory.allocate(path.name, count * _WORD)
         self._map = sealed_memory.map_to_write(self._descriptor)
         self._link = sealed_memory.publish(self._descriptor, path)
-        # A view stores eight bytes at once; struct clears them first, which a reader could see.
+        # A view stores eight bytes at once; struct would clear them first, which a reader could see.
         self._words = memoryview(self._map).cast("Q")
 
     def write(self, index: int, word: int) -> None:
@@ -91,7 +91,7 @@ class LinkTable:
 
 
 def watch_link(path: Path, index: int) -> memoryview:
-    """Map the word of channel number `index`, `[0]` of the result; it stays mapped while the result lives.
+    """Map the word of channel number `index` while the result lives, which has the word as `[0]`.
 
     Raises:
         OSError: the rig has ended.
@@ -107,10 +107,10 @@ def watch_link(path: Path, index: int) -> memoryview:
 class ClientLink:
     """One client's view of its interface. Several threads may call it.
 
-    Unlike the kernel's, each receive on an interface that is down raises, not only the first.
+    Unlike in the kernel, each receive on an interface that is down raises, not only the first.
 
     Args:
-        word: the channel's, a sequence of one, see `Link.word` and `watch_link`.
+        word: word of the channel, a sequence of one element, see `Link.word` and `watch_link`.
         unplugs: how often the adapter had been unplugged when the client connected.
     """
 
@@ -127,7 +127,7 @@ class ClientLink:
             self._state("Error receiving")
 
     def check_send(self, frames: int) -> bool:
-        """Return whether `frames` frames reach the wire; False: they enter the queue of a bus-off, which never empties.
+        """Return whether `frames` frames reach the wire; False: in bus-off they enter a queue that never empties.
 
         Raises:
             can.CanOperationError: the interface is down, its adapter is gone, or its queue is full.

@@ -6,7 +6,7 @@ fault. Bytes and times are identical, because the operations and their order are
 
     control = kp (u* − base) + kd u̇* + tau,    reported position = direction (u + u̇ · ahead) + zero
 
-This loop does a third of the work. numpy is slower: its arrays of seven leave the caches while the physics runs.
+This loop does a third of the work. numpy is slower: arrays of seven numbers leave the caches while the physics runs.
 """
 
 import struct
@@ -24,11 +24,11 @@ from lerobot_robot_yam.rig.devices.thermometer import PERIOD_S
 _LONG, _SHORT = 0xFFFF, 0xFFF  # steps of a frame's fields, see `codec`
 _SPECIAL = b"\xff" * 7  # first bytes of each special command
 _REQUEST = encode_report_request()
-_DATA_SIZE = 8  # bytes at the end of a record
+_DATA_SIZE = 8  # size of the data at the end of a record, bytes
 
 
 class WholeTick:
-    """The motors of a channel, all on a `Drive`, and its handle. size: bytes of a packet."""
+    """Motors of a channel, each on a `Drive`, and the channel's handle. size: size of a packet, bytes."""
 
     def __init__(self, motors: Sequence[SimMotor], handle: SimHandle | None):
         self._motors, self._handle = motors, handle
@@ -45,7 +45,7 @@ class WholeTick:
         """Answer a packet if all motors are plain (`SimMotor.plain_settings`) and the handle is not silent.
 
         Returns:
-            The answer; None if a motor is not plain or the packet has another form, and then nothing was done.
+            The answer; None if a motor is not plain or the packet has another form; nothing has changed then.
         """
         if len(packet) != self.size or _SPECIAL in packet:
             return None
@@ -122,7 +122,7 @@ class WholeTick:
     def _lay_out(self, settings: list[tuple[float, int, int] | None]) -> bool:
         """Store what stays the same from tick to tick; return whether all motors are plain.
 
-        Called again when zeros or identifiers have changed.
+        `answer` calls this again when zeros or identifiers have changed.
         """
         plain = [setting for setting in settings if setting is not None]
         if len(plain) < len(settings):

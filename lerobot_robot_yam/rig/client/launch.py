@@ -29,7 +29,7 @@ _PROBE_TIMEOUT_S = 0.2
 _said: set[tuple[str, str]] = set()  # rigs and options already logged as without effect
 # Names of a rig's files and of its arms' blocks, with the id of the process that made them.
 _MADE_BY = re.compile(r"(?:rig|state)-((?:auto|rig|env)-(\d+)(?:-\d+)?)\.(?!lock$)")
-MAX_PACKET = 1 << 17  # bytes of the longest packet, in both directions
+MAX_PACKET = 1 << 17  # size of the longest packet in either direction, bytes
 
 # Program of a short-lived parent, by which the server becomes a child of init instead of a zombie of this process.
 _DETACH = "import os, sys\nif os.fork(): os._exit(0)\nos.setsid()\nos.execv(sys.executable, sys.argv[1:])"
@@ -85,7 +85,7 @@ def connect(name: str, hello: Mapping[str, Any]) -> tuple[socket.socket, dict[st
 
 
 def checked(answer: dict[str, Any]) -> dict[str, Any]:
-    """Return a rig's answer, or raise the error in it, as the type that it names."""
+    """Return a rig's answer, or raise the error that the answer names."""
     if "error" in answer:
         kind = {"BusError": BusError, "ConfigError": ConfigError}.get(answer.get("kind", ""), RigError)
         raise kind(answer["error"])
@@ -110,11 +110,11 @@ def no_channel(rig: str, name: str, channels: Iterable[str]) -> str:
 def connect_or_start(
     rig: str | None, hello: Mapping[str, Any], scene: str | None = None, options: Mapping[str, Any] | None = None
 ) -> tuple[socket.socket, str, dict[str, Any]]:
-    """Connect to a rig, starting it when it does not run.
+    """Connect to a rig, and start the rig first if it does not run.
 
     Args:
-        rig: see `runtime_files.rig_name`.
-        hello: see `server`.
+        rig: name of the rig, see `runtime_files.rig_name`.
+        hello: first message to the rig, see `server`.
         scene: scene name or path for a rig that is started here.
         options: scene options for a rig that is started here. A running rig keeps its own; differences are logged.
 
@@ -123,7 +123,7 @@ def connect_or_start(
 
     Raises:
         RigError: the rig cannot be started.
-        BusError, ConfigError: wrong scene, option or channel.
+        BusError, ConfigError: the scene, an option or the channel is wrong.
     """
     name, owner = rig_name(rig)
     with contextlib.suppress(ConnectionRefusedError, FileNotFoundError):
@@ -166,7 +166,7 @@ def told_scene(rig: str) -> Scene:
     """Read the scene of a running rig from its file.
 
     Raises:
-        RigError: no such rig runs, or one of another version.
+        RigError: no such rig runs, or the rig has another version.
         ConfigError: the scene's file has changed since the rig's start.
     """
     try:

@@ -39,7 +39,7 @@ def frame_dtype(width: int, height: int) -> np.dtype:
 
 
 def frame_path(rig: str, camera: str, width: int, height: int, fps: int) -> Path:
-    """Return the file of the block with the newest frame; cameras of equal settings share it."""
+    """Return the file of the block with the newest frame; cameras of equal settings share the block."""
     return launch.rig_path(rig, f"camera-{slug(camera)}-{width}x{height}-{fps}")
 
 
@@ -58,7 +58,7 @@ class RigCamera:
         camera: name in the scene.
         width, height: pixels.
         fps: frames a second.
-        rig: which rig, see `runtime_files.rig_name`.
+        rig: name of the rig, see `runtime_files.rig_name`.
         scene: scene of a rig that is started here.
         options: scene options of a rig that is started here.
     """
@@ -86,11 +86,11 @@ class RigCamera:
         return self._block is not None
 
     def connect(self, timeout_s: float = 30.0) -> None:
-        """Reach the rig, starting it when needed, and wait for the first frame. Does nothing when connected.
+        """Connect to the rig, which starts if necessary, and wait for the first frame; do nothing when connected.
 
         Raises:
-            ConfigError: the scene has no such camera, or it cannot have these settings.
-            RigError: no rig, no OpenGL, or no frame within timeout_s.
+            ConfigError: the scene has no such camera, or the camera cannot have these settings.
+            RigError: there is no rig or no OpenGL, or no frame came within timeout_s.
         """
         if self.is_connected:
             return
@@ -110,7 +110,7 @@ class RigCamera:
             raise
 
     def _hear(self) -> None:
-        """Read one packet of the rig. One other than "ready" is an end; each later call raises its reason again."""
+        """Read one packet of the rig, if one has come. After an error in a packet, each call raises that error."""
         assert self._socket is not None
         launch.checked(self._heard)
         try:
@@ -150,7 +150,7 @@ class RigCamera:
         """Return the next frame that no call has returned yet; otherwise as `latest`.
 
         Raises:
-            StaleStateError: no frame within timeout_s; a frame from before the renderer stopped does not count.
+            StaleStateError: no frame came within timeout_s; a frame from before the renderer stopped does not count.
             RigError: not connected, or the rig or its renderer has ended.
         """
         block = self._connected()
@@ -179,7 +179,7 @@ class RigCamera:
         try:
             record = block.read()
             frame = None if record is None else _Frame(int(record["number"]), float(record["stamp_s"]), record["rgb"])
-            self._newest = sequence + sequence % 2, frame  # after an odd number, the frame that the block waited for
+            self._newest = sequence + sequence % 2, frame  # odd: `read` waited for the frame that was being written
             return frame
         except StaleStateError as error:
             self._hear()
@@ -198,7 +198,7 @@ class RigCamera:
         sock, self._socket = self._socket, None
         if sock is not None:
             with contextlib.suppress(OSError):
-                sock.shutdown(socket.SHUT_RDWR)  # ends also the copy in a forked child
+                sock.shutdown(socket.SHUT_RDWR)  # also ends the copy of the socket in a forked child
             sock.close()
         self._seen, self._heard, self._newest = 0, {}, (-1, None)
 

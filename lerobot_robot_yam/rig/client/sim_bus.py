@@ -3,10 +3,10 @@
     can.Bus(interface="yam_sim", channel="follower_left")
 
 Any python-can program can use it. The rig starts on demand and ends with its last client. The keyword `rig` or the
-variable YAM_RIG names it ("auto", the default: the rig of this process).
+variable YAM_RIG names the rig ("auto", the default: the rig of this process).
 
-Like a SocketCAN socket it receives what other clients send after its opening, and loses frames when nobody reads.
-Under an injected fault (`control.RigControl.fault`) it raises the errors of python-can's SocketCAN bus.
+Like a SocketCAN socket, a bus receives what other clients send after its opening, and loses frames when nobody reads.
+Under an injected fault (`control.RigControl.fault`) a bus raises the errors of python-can's SocketCAN bus.
 """
 
 import contextlib
@@ -26,11 +26,11 @@ from lerobot_robot_yam.rig.client import launch
 from lerobot_robot_yam.rig.devices import packets
 from lerobot_robot_yam.rig.devices.packets import Frame, message_of, pack_messages
 
-# Keywords of other interfaces that callers pass to any; ignored here.
+# Keywords of other python-can interfaces, which callers pass to any interface; ignored here.
 _FOREIGN_OPTIONS = frozenset(
     ("bitrate", "data_bitrate", "timing", "single_handle", "local_loopback", "ignore_rx_error_frames", "tseg1_abr")
 )
-_SELECTABLE = 1024  # limit of descriptors for `select`
+_SELECTABLE = 1024  # first descriptor that is too large for `select`
 
 
 class YamSimBus(can.BusABC):
@@ -39,15 +39,15 @@ class YamSimBus(can.BusABC):
     Args:
         channel: a channel of the rig's scene, for example "follower_left".
         can_filters: see `can.BusABC`.
-        rig: rig to use, see `runtime_files.rig_name`.
+        rig: name of the rig, see `runtime_files.rig_name`.
         scene: scene of a rig that is started here.
         fd: only False; the motors speak classic CAN.
         bitrate: only 1 Mbit/s, or None.
         options: scene options of a rig that is started here (`latency_s=0.00025`).
 
     Raises:
-        BusError: no such channel, an unplugged adapter, a wrong bit rate, or CAN FD.
-        ConfigError: unknown option or scene.
+        BusError: there is no such channel, the adapter is unplugged, or bit rate or `fd` is wrong.
+        ConfigError: an option or the scene is unknown.
         RigError: the rig cannot be started.
     """
 
@@ -172,7 +172,7 @@ class YamSimBus(can.BusABC):
         sock, self._socket = self._socket, None
         if sock is not None:
             with contextlib.suppress(OSError):
-                sock.shutdown(socket.SHUT_RDWR)  # ends also the copy in a forked child
+                sock.shutdown(socket.SHUT_RDWR)  # also ends the copy of the socket in a forked child
             sock.close()
 
     @staticmethod
@@ -181,7 +181,7 @@ class YamSimBus(can.BusABC):
 
 
 def _wait(sock: socket.socket, event: int, timeout_s: float | None) -> bool:
-    """Wait for a socket, by select (microseconds), or by poll (milliseconds) for descriptors above 1023."""
+    """Wait for a socket by select (exact to µs), or for descriptors above 1023 by poll (exact to ms)."""
     timeout_s = None if timeout_s is None else max(0.0, timeout_s)
     if 0 <= sock.fileno() < _SELECTABLE:
         reads, writes = ([sock], []) if event == select.POLLIN else ([], [sock])

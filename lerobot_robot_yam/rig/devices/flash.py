@@ -1,6 +1,6 @@
 """Registers of a simulated motor: as set up for an arm, as its flash keeps them, and as STORE writes them.
 
-No public source documents a bad STORE, so its two ways are our choice:
+No public source documents a bad STORE, so the two ways to fail are our choice:
 - "reverts": STORE keeps the register that was written last; the others in RAM return to what flash holds.
 - "cut": the power fails in the middle. Half of the changed registers are in flash, and the motor is silent.
 """
@@ -17,7 +17,7 @@ WAYS = ("all", "reverts", "cut")
 
 
 def factory_registers(motor: ArmMotor | GripperMotor, serial: int) -> dict[int, float | int]:
-    """Return the value of each register of a profile's motor, with `serial` in SN; 0 where nothing depends on it."""
+    """Return the value of each register of a profile's motor, with `serial` in SN; 0 in registers that nothing uses."""
     row = motor_type(motor.type)
     held: dict[int, float | int] = dict.fromkeys(registers.REGISTERS, 0)
     held |= {
@@ -54,8 +54,8 @@ class Flash:
     """Flash of one motor.
 
     Attributes:
-        held: its contents, by register number.
-        way: how it stores, one of `WAYS`.
+        held: register number → stored value.
+        way: effect of a STORE, one of `WAYS`.
         writes: number of STORE commands so far.
     """
 

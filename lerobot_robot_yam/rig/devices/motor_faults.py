@@ -12,7 +12,7 @@ State = tuple[float, float, float]
 
 @dataclass
 class LinkFaults:
-    """Faults between a motor and its driver; without an argument there is none."""
+    """Faults between a motor and its driver; by default there are none."""
 
     silent: bool = False  # no frame is obeyed or answered, as without power
     drop_next: int = 0  # number of answers to lose
@@ -37,7 +37,7 @@ class LinkFaults:
         return self.command_loss_rate > 0.0 and chance.random() < self.command_loss_rate
 
     def spoil(self, answer: Frame, chance: random.Random) -> Sequence[Frame]:
-        """Return the frames that remain of an answer."""
+        """Apply the faults to an answer; return the frames that remain."""
         if self.drop_next > 0:
             self.drop_next -= 1
             return ()
@@ -53,9 +53,9 @@ class LinkFaults:
 
 @dataclass
 class FalseReading:
-    """Offsets (joint sign) of the next `answers` answers, None for all; with `freeze` all repeat the first one.
+    """Offsets (joint sign) on the next `answers` answers, None for all; with `freeze` all repeat the first one.
 
-    They do not reach the motor's own servo.
+    The motor's own servo uses the true values.
     """
 
     position_rad: float = 0.0

@@ -20,15 +20,15 @@ RECORD_SIZE = _RECORD.size
 
 FLAG_EXTENDED = 1
 FLAG_REMOTE = 2
-FLAG_ERROR = 4  # from the interface itself, never on the wire
+FLAG_ERROR = 4  # frame of the interface itself, never on the wire
 
 WAKE = b"\0"  # a packet without frames, after which the receiver checks its link
 
-_OLDEST_SEND_S = 0.05  # older send stamps, of a descheduled sender, count as this old
+_OLDEST_SEND_S = 0.05  # largest age of a send stamp, s; older stamps, of a descheduled sender, count as this old
 
 
 class Frame(NamedTuple):
-    """One CAN frame with its time stamp (`time.monotonic()` s; the module's docstring says of what)."""
+    """One CAN frame with its time stamp, monotonic s: when it was sent or delivered, see the module's docstring."""
 
     stamp_s: float
     id: int
@@ -45,7 +45,7 @@ def pack_one(stamp_s: float, ident: int, data: bytes | bytearray, flags: int) ->
 
 
 def unpack(packet: bytes) -> list[Frame]:
-    """Decode a packet. Raises BusError: it is not a whole number of records."""
+    """Decode a packet. Raises BusError: the packet is not a whole number of records."""
     if len(packet) % RECORD_SIZE:
         raise BusError(f"a packet of {len(packet)} bytes is not made of {RECORD_SIZE}-byte records")
     return [

@@ -1,7 +1,7 @@
 """Simulated encoders on a leader's bus: a teaching handle's, and those of a leader without motors.
 
-Firmware 2.4.0, set to report on request, as far as the driver asks: they send no events. Unlike real ones they
-keep the order of replies to overlapping requests.
+They behave as with firmware 2.4.0, set to report on request, as far as the driver uses it: they send no events. Unlike
+real encoders, they keep the order of replies to overlapping requests.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ _DEVICE = 1
 class SimHandle:
     """Trigger and two buttons, moved by the operator or a test; answers requests on 0x50E.
 
-    device: its number in requests and replies.
+    device: number of the handle in requests and replies.
     """
 
     travel_rad = encoder.TRIGGER_TRAVEL_RAD
@@ -37,7 +37,7 @@ class SimHandle:
         self._eeprom[encoder.EEPROM_ADC_FREQUENCY_LOW] = encoder.ADC_FREQUENCY
 
     def requests(self, data: bytes) -> list[Frame]:
-        """Return the answers of all speaking devices to a frame to 0x50E."""
+        """Return the answers of all speaking devices to a frame with identifier 0x50E."""
         return [answer for device in self._speaking() if (answer := device.request(data)) is not None]
 
     def due_reports(self, now_s: float) -> list[Frame]:
@@ -48,7 +48,7 @@ class SimHandle:
         return [self]
 
     def request(self, data: bytes) -> Frame | None:
-        """Answer a frame to 0x50E; None for settings and unknown requests."""
+        """Answer a frame with identifier 0x50E; return None for settings and unknown requests."""
         if self.silent or len(data) < 2 or data[0] not in (self._device, encoder.ALL_DEVICES):
             return None
         opcode, parameters = data[1], data[2:]
@@ -114,7 +114,7 @@ class SimJointEncoder(SimHandle):
 class SimEncoders(SimHandle):
     """All encoders of a leader without motors, in place of a handle: a device per joint, the last for the trigger.
 
-    They are silent until a request or until their report frequency is set.
+    The encoders are silent until a request or until their report frequency is set.
 
     Attributes:
         silent_devices: indices, from 0, of encoders that neither report nor answer.

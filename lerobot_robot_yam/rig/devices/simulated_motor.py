@@ -32,9 +32,9 @@ from lerobot_robot_yam.rig.devices.thermometer import Thermometer
 from lerobot_robot_yam.rig.world.shafts import Drive, LooseShaft
 from lerobot_robot_yam.rig.world.world import World
 
-_NORMAL = int(Fault.NORMAL)  # a plain number, because an enumeration look-up is slow
+_NORMAL = int(Fault.NORMAL)  # state without a fault, as a plain number: looking up an enumeration is slow
 _RANGES = (Register.PMAX, Register.VMAX, Register.TMAX)
-AHEAD_S = 0.003  # longest time over which a sample is extrapolated
+AHEAD_S = 0.003  # longest time over which a sample is extrapolated, s
 _TWIN_OFFSET_RAD = 0.3  # second motor's angle minus the first one's at the rig's start; our choice
 _TWIN_SERIAL = 100_000  # second motor's serial number minus the first one's
 
@@ -43,9 +43,9 @@ class SimMotor:
     """One motor on one drive.
 
     Args:
-        row: the motor's row in its profile. Its answers have the row's identifier + 16.
+        row: the motor's row in its profile; answers have the row's CAN id + 16.
         zero_rad: motor angle at joint angle 0.
-        log: called with the kind of an event and its details.
+        log: function that is called with the kind and the details of each event.
         serial: content of register SN.
     """
 
@@ -62,7 +62,7 @@ class SimMotor:
         self.name, self.kind, self.direction, self.zero_rad = row.name, row.type, row.direction, zero_rad
         self.fault: int = Fault.DISABLED
         self.faults = LinkFaults()
-        self.sticky_fault = False  # CLEAR does not end the fault
+        self.sticky_fault = False  # whether CLEAR leaves the fault
         self.unpowered = False
         self.bias_nm = 0.0  # see `set_bias`
         self.reading: FalseReading | None = None
@@ -71,7 +71,7 @@ class SimMotor:
         self._start_rad = drive.angle()
         self.ranges = codec.ranges_of(row.type)
         self.thermometer = Thermometer(random.Random(world.scene.options.seed * 1000 + row.can_id))
-        self.last_command_s = 0.0  # simulated time
+        self.last_command_s = 0.0  # simulated time of the last command, s
         self._registers = factory_registers(row, serial)
         self.flash = Flash(self._registers)
         self._written: int | None = None  # the last register written
@@ -82,7 +82,7 @@ class SimMotor:
         return self.fault == _NORMAL
 
     def plain_settings(self) -> tuple[float, int, int] | None:
-        """Return zero and both identifiers if the motor is plain, else None, for `WholeTick`.
+        """Return zero angle and both identifiers if the motor is plain, else None, for `WholeTick`.
 
         Plain means enabled in MIT mode, without faults and with the settings of its type.
         """
@@ -110,7 +110,7 @@ class SimMotor:
     # frames
 
     def command(self, offset: int, data: bytes, at_s: float) -> Frame | None:
-        """Obey and answer a frame to identifier can_id + offset, delivered at `at_s`. Hot: once per frame."""
+        """Obey and answer a frame to identifier can_id + offset, delivered at `at_s`. This runs once per frame."""
         if self.faults.silent:
             return None
         special = codec.SPECIAL_OF.get(data)
@@ -144,9 +144,9 @@ class SimMotor:
         return Frame(0.0, self.master_id, answer)
 
     def feedback(self, at_s: float) -> Frame:
-        """Encode the state at monotonic time `at_s`; the caller sets the frame's stamp. Hot: once per frame.
+        """Encode the state at monotonic time `at_s`; the caller sets the frame's stamp. This runs once per frame.
 
-        The physics may be behind that time by a packet's way over the wire. So the position is extrapolated with the
+        The physics may be behind `at_s` by the time of a packet on the wire. So the position is extrapolated with the
         velocity, which over 3 ms is exact to less than the frame's last bit.
         """
         direction, drive, world = self.direction, self.drive, self.world
@@ -171,7 +171,7 @@ class SimMotor:
     # state
 
     def look_after_itself(self) -> None:
-        """Enter a fault when too hot, or without a command for too long; call it each few ms of simulated time."""
+        """Enter a fault when too hot, or without a command for too long; call this every few ms of simulated time."""
         sim_s = self.world.sim_s
         if self.thermometer.ramp is not None and self.fault in (Fault.NORMAL, Fault.DISABLED):
             hot = self.thermometer.tripped(self._registers[Register.OT_VALUE], sim_s)
@@ -192,8 +192,8 @@ class SimMotor:
     def plug_in_twin(self, angle_rad: float | None = None) -> None:
         """Add a second motor with the same identifiers, which hears each frame and answers after this one.
 
-        It starts limp, with its own registers and a bare shaft at `angle_rad` (joint sign). It obeys MIT commands. Its
-        events are called second_motor_enabled and so on.
+        The second motor starts limp, with its own registers and a bare shaft at `angle_rad` (joint sign), and obeys MIT
+        commands. The names of its events begin with second_: second_motor_enabled and so on.
         """
         angle = self._start_rad + _TWIN_OFFSET_RAD if angle_rad is None else angle_rad
         shaft = LooseShaft(self.world, angle, self.ranges[2])
@@ -218,7 +218,7 @@ class SimMotor:
         self._limp()
 
     def set_register(self, register: int, value: float) -> None:
-        """Overwrite a register, also a read-only one. Raises ConfigError: no such register, or value out of range."""
+        """Overwrite a register, also a read-only one. Raises ConfigError: register or value is impossible."""
         registers.encode_value(register, value)  # checks
         if register in _RANGES and value <= 0:
             raise ConfigError(f"register {registers.REGISTERS[register].name} must be positive, not {value}")
@@ -228,7 +228,7 @@ class SimMotor:
         self._registers_changed()
 
     def power(self, on: bool) -> None:
-        """Switch the power: off, the motor is limp and silent; on again, its registers are those in flash."""
+        """Switch the power off (the motor is limp and silent) or on again (with the registers in flash)."""
         if on and self.unpowered:
             self._registers = dict(self.flash.held)
             self._registers_changed()

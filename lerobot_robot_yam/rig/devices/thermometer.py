@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from lerobot_robot_yam.damiao.tables import Fault
 
 COIL_LIMIT_C = 100.0  # our choice for every motor; the power stage's limit is register OT_VALUE
-_REST_C = (35.5, 40.5)  # power stage, coil; these and the gains are from the vendor's simulation
+_REST_C = (35.5, 40.5)  # power stage and coil at rest; these and the gains are from the vendor's simulation
 _GAIN_C_PER_W = (0.5, 0.8)
-_TIME_CONSTANT_S = (20.0, 60.0)  # our estimate
-PERIOD_S = 0.02  # between two measurements; our choice
+_TIME_CONSTANT_S = (20.0, 60.0)  # power stage and coil; our estimate
+PERIOD_S = 0.02  # time between two measurements, s; our choice
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class Ramp:
 class Thermometer:
     """Power stage ("mos") and coil ("rotor") of one motor, °C.
 
-    held: fixed false readings, to which the motor does not react. ramp: a real change, to which it does. chance: source
-    of the noise. word: the last measurement as the two bytes of a feedback frame.
+    held: fixed false readings, to which the motor does not react. ramp: a real change, to which it reacts. chance:
+    source of the noise. word: the last measurement as the two bytes of a feedback frame.
     """
 
     def __init__(self, chance: random.Random):
@@ -42,7 +42,7 @@ class Thermometer:
         self.word = 0
 
     def read(self, velocity_rad_s: float, torque_nm: float, sim_s: float, sample_s: float) -> tuple[int, int]:
-        """Return the reported power stage and coil of a sample taken at monotonic time `sample_s`, °C.
+        """Return the temperatures of power stage and coil, °C, reported for a sample of monotonic time `sample_s`.
 
         Without a fault this is the formula of the vendor's simulation behind a low-pass filter, because metal does not
         follow the power within a tick.

@@ -21,9 +21,9 @@ from lerobot_robot_yam.rig.operator.task_scripts import make_script
 
 
 class Demonstrator:
-    """Implements `hands.Hands` for the script of a task, and converts its paths into targets.
+    """Hands of a task's script (protocol `hands.Hands`), whose paths become targets.
 
-    rig: with its things laid out. task: a task of its scene. sides: those that have a follower.
+    rig: rig with its things laid out. task: name of a task of the rig's scene. sides: sides with a follower.
 
     Raises:
         ConfigError: the task has no script, or the scene lacks something that the script needs.
@@ -34,7 +34,7 @@ class Demonstrator:
         self._script = make_script(self, rig.scene(), task)
         seen = self.look()
         start = {side: np.append(seen.follower_rad[side], seen.opening[side]) for side in self._sides}
-        # side → joints and opening at times of the rig
+        # side → path of joints and opening, at times of the rig
         self._pulls = {side: Path(np.zeros(1), values[None]) for side, values in start.items()}
         self._wake_s = rig.now()
         self._script_turn, self._our_turn = threading.Semaphore(0), threading.Semaphore(0)
@@ -45,7 +45,7 @@ class Demonstrator:
         self._thread.start()
 
     def targets(self) -> dict[str, np.ndarray]:
-        """Return each follower's target now: joints and opening (n + 1,); its start until its hand moves.
+        """Return each follower's target now: joints and opening (n + 1,); until its hand moves, the start.
 
         Raises:
             YamError: the script failed.
@@ -78,7 +78,7 @@ class Demonstrator:
         self.done = True
         self._our_turn.release()
 
-    # the operator's hands
+    # methods of the protocol `Hands`, which the operator's script calls
 
     def now(self) -> float:
         return self._rig.now()

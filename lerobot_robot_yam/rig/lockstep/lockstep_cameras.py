@@ -14,7 +14,7 @@ from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.server.child_processes import CameraService
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
-_TIMEOUT_S = 60.0  # the computer's time, in which the renderer also builds its world
+_TIMEOUT_S = 60.0  # longest wait for the renderer, in the computer's time; it also builds its world
 
 _renderers: dict[str, "LockstepRenderer"] = {}
 
@@ -34,14 +34,14 @@ class LockstepRenderer:
         names = [camera.name for camera in rig.device.scene.cameras]
         self._service = CameraService(rig.name, names, on_demand=True)
         tell_scene(rig.name, rig.scene_name, rig.options)
-        self._drawn: tuple[int, int] | None = None  # restarts and physics steps of the newest pictures
+        self._drawn: tuple[int, int] | None = None  # numbers of restarts and of physics steps at the newest pictures
         self._answers: dict[Any, dict[str, Any]] = {}
 
     def open(self, client: "LockstepCamera", hello: dict[str, Any]) -> Path:
         """Start drawing a camera; return the path of the block with its newest frame.
 
         Raises:
-            ConfigError: unknown camera or impossible settings.
+            ConfigError: the camera is unknown, or its settings are impossible.
             RigError: no OpenGL.
         """
         self._rig.show()  # the renderer opens the world's block at its start
@@ -97,10 +97,10 @@ class LockstepCamera:
         return self._block is not None
 
     def connect(self) -> None:
-        """Start drawing the camera. Does nothing when connected.
+        """Start drawing the camera; do nothing when connected.
 
         Raises:
-            ConfigError: the scene has no such camera, or it cannot have these settings.
+            ConfigError: the scene has no such camera, or the camera cannot have these settings.
             RigError: no OpenGL.
         """
         if self._block is None:

@@ -3,8 +3,8 @@
     rig = LockstepRig("tasks", arms=["follower_left", "follower_right"])
     bus = can.Bus(interface="yam_lockstep", channel="follower_left", rig=rig.name)
 
-It has the world, motors and wires of the live rig, without sockets, and does not depend on the computer's clock or
-load: the same calls give the same bits, as fast as the machine allows.
+The rig has the world, motors and wires of the live rig, without sockets, and does not depend on the computer's clock
+or load: the same calls give the same bits, as fast as the machine allows.
 """
 
 import itertools
@@ -29,7 +29,7 @@ from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations, perfo
 from lerobot_robot_yam.rig.world.world import WorldBlock
 
 BEGIN_S = 100.0  # the rig's time when it starts
-_STEP_S = 0.004  # physics in one go, as in the live rig
+_STEP_S = 0.004  # longest time that is simulated in one go, s, as in the live rig
 _PATIENCE_S = 60.0  # longest wait of a receiver without a time-out
 
 _rigs: dict[str, "LockstepRig"] = {}
@@ -52,7 +52,7 @@ class LockstepRig(RigOperations):
         at_close: functions that `close` calls.
 
     Raises:
-        ConfigError: unknown scene or option.
+        ConfigError: the scene or an option is unknown.
     """
 
     def __init__(self, scene: str | Path | None = None, **options: Any):
@@ -115,8 +115,8 @@ class LockstepBus(can.BusABC):
         rig: name of a `LockstepRig` of this process.
 
     Raises:
-        ConfigError: no such rig.
-        BusError: no such channel.
+        ConfigError: there is no such rig.
+        BusError: there is no such channel.
     """
 
     def __init__(self, channel: str, can_filters: Any = None, *, rig: str | None = None, **foreign_options: Any):

@@ -1,4 +1,4 @@
-"""A scripted operator's eyes, hands and clock: those of a live rig, or of a simulation that runs faster than time."""
+"""A scripted operator's eyes, hands and clock: those of a live rig, or of a faster simulation."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ class Sight:
         joints: jointed furniture → position, m or rad.
         leader_rad, follower_rad: side → joints (n,); without leaders both are the follower's.
         opening: side → opening of the follower's gripper, 0 … 1.
-        willing: all arms are energised, and no arm has worked against the hand.
+        willing: whether all arms are energised, and no arm has worked against the hand.
     """
 
     things: Mapping[str, Pose]
@@ -61,7 +61,7 @@ class Sight:
 
 
 def sight_of(state: Mapping[str, Any], sides: Iterable[str]) -> Sight:
-    """Build the sight from a state of `RigOperations.state`; sides: those with a follower."""
+    """Build the sight from a state of `RigOperations.state`; sides: sides with a follower."""
     arms, sides = state["arms"], tuple(sides)
     things = {**state["furniture"], **state["props"]}
     followers = {side: arms[f"follower_{side}"] for side in sides}
@@ -81,7 +81,7 @@ def _willing(arm: Mapping[str, Any]) -> bool:
 
 
 class Hands(Protocol):
-    """Seam between scripts and rigs; implemented for the live rig, in lock-step, and in tests."""
+    """Interface between scripts and rigs; implemented for the live rig, in lock-step, and in tests."""
 
     def now(self) -> float: ...
 
@@ -98,7 +98,7 @@ class Hands(Protocol):
 
 
 class Interrupted(Exception):  # noqa: N818 - not an error: the session ended
-    """Raised when the arms are switched off or resist the hand."""
+    """Interruption of a script: the arms are switched off or resist the hand."""
 
 
 def see(hands: Hands) -> Sight:
@@ -115,6 +115,6 @@ def see(hands: Hands) -> Sight:
 
 
 def pause(hands: Hands, seconds: float) -> Sight:
-    """Wait, then return `see`."""
+    """Wait, then return the sight as `see` does."""
     hands.wait(max(0.0, seconds))
     return see(hands)

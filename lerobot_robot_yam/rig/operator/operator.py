@@ -2,9 +2,9 @@
 
     python -m lerobot_robot_yam.rig.operator.operator --rig NAME --task pick_and_place
 
-It moves the leaders by hand only: with limited force, against and with their own gravity compensation. It begins when
-all arms are energised, stops when one is not, and begins again; it ends with the rig. `pick_and_place` goes on without
-end. A task of the scene is attempted again and again, each time strewn by the next seed.
+The operator moves the leaders by hand only: with limited force, against and with their own gravity compensation. It
+begins when all arms are energised, stops when one is not, and begins again; it ends with the rig. `pick_and_place` goes
+on without end. A task of the scene is attempted again and again, each time laid out by the next seed.
 """
 
 import argparse
@@ -27,11 +27,11 @@ logger = logging.getLogger(__name__)
 
 _READY_S = 1.0  # a person's wait before taking hold
 _POLL_S = 0.1
-_VERDICT_S = 2.0  # wait for the verdict, for which a prop has to rest for a while
+_VERDICT_S = 2.0  # longest wait for the verdict, s: a prop must rest for a while first
 
 
 class RigHands:
-    """Implements `hands.Hands` on a live rig. Raises ConfigError: its scene lacks a side's leader or follower."""
+    """Hands on a live rig (protocol `hands.Hands`). Raises ConfigError: the scene lacks a leader or a follower."""
 
     def __init__(self, rig: RigOperations, scene: dict[str, Any]):
         self._rig, self._sides = rig, sides_of(scene)
@@ -81,7 +81,7 @@ def operate(rig: RigControl, task: str) -> None:
     """Do the task whenever all arms are energised, until the rig ends.
 
     Raises:
-        ConfigError: unknown task, or a scene that lacks something that the task needs.
+        ConfigError: the task is unknown, or the scene lacks something that the task needs.
         RigError: the rig has ended.
     """
     scene = rig.scene()

@@ -16,16 +16,16 @@ from lerobot_robot_yam.rig.operator.worker import Worker
 
 logger = logging.getLogger(__name__)
 
-_GRIP_M = np.array([0.0, 0.0, 0.005])  # grasp above the centre: a leaning tool's tips go deeper
-_BESIDE_M = 0.07  # distance to a place below which a prop is there
+_GRIP_M = np.array([0.0, 0.0, 0.005])  # offset of the grasp from the prop's centre: a leaning tool's tips go deeper
+_BESIDE_M = 0.07  # distance from a place below which a prop counts as being at the place
 _ABOUT_M = np.array([0.045, 0.035, 0.0])  # largest random offset of the prop from its place
 _QUARTER_RAD = np.pi / 4  # largest random turn; covers all turns of a cube
-_WAIT_M = np.array([0.05, 0.08, 0.07])  # free arm's largest offset from home, outward in x
-_WAIT_RAD = 0.5  # largest turn of its tool
+_WAIT_M = np.array([0.05, 0.08, 0.07])  # free arm's largest offset from home: in x both ways, in y outward, in z up
+_WAIT_RAD = 0.5  # largest turn of a waiting tool
 _STROLL_S = 1.1  # least duration of a free arm's way to another waiting place
-_AHEAD_S = 0.25  # lead of its start before the other arm's fingers close or open
+_AHEAD_S = 0.25  # lead of a free arm's start before the other arm arrives, and closes or opens its fingers
 _GIVE_UP = 5  # failures in a row until the prop is put back
-_PAST_MIDDLE_M = 0.10  # reach beyond the middle of an arm that carries the prop straight to its own end
+_PAST_MIDDLE_M = 0.10  # how far beyond the middle an arm fetches a prop that it carries to its own end
 
 
 class PickAndPlace(Script):
@@ -48,7 +48,7 @@ class PickAndPlace(Script):
         self._random = np.random.default_rng(setup.seed)
 
     def work(self) -> bool:
-        """Carry the prop one step towards its goal; return True when it got there."""
+        """Carry the prop one step towards its goal; return True when the prop got there."""
         prop = self.look_at(self._prop.name)
         if self._is_at(prop, self._goal):
             self._goal = "A" if self._goal == "B" else "B"

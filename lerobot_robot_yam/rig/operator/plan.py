@@ -20,7 +20,7 @@ _SPEED_RAD_S, _ACCELERATION_RAD_S2 = 1.2, 7.0  # limits of each joint
 _SAMPLES = 33
 _EASE_S = 0.4
 _TRANSFER_S = 0.4  # least duration of a transfer
-# Spans in which the tool rises, travels and sinks, as fractions of a transfer: overlaps round the corners.
+# Spans in which the tool rises, travels and sinks, as fractions of a transfer: their overlaps round the corners.
 _RISE, _TRAVEL, _SINK = (0.0, 0.42), (0.16, 0.84), (0.58, 1.0)
 
 
@@ -50,7 +50,7 @@ class Path:
         return np.array([np.interp(t_s, self.times_s, column) for column in self.q_rad.T])
 
     def rest(self, t_s: float) -> "Path":
-        """Return the path after t_s, from a standstill: its first `_EASE_S` are stretched to twice as long."""
+        """Return the path after t_s, from a standstill: the first `_EASE_S` of it take twice as long."""
         left = self.times_s[-1] - t_s
         if left <= 0.0:
             return Path(np.array([0.0, 0.1]), np.stack([self.end_rad, self.end_rad]))
@@ -62,12 +62,12 @@ class Path:
 
 
 class ArmPlanner:
-    """Plans for one arm standing on the table. A pose or path with a point out of reach raises RigError.
+    """Planner for one arm that stands on the table. A pose or path with a point out of reach raises RigError.
 
     Args:
         model: the arm with its gripper, base at the origin, as `arm.model.build_model` returns it.
-        base_m: base in the world, (3,); also an attribute.
-        yaw_rad: base heading.
+        base_m: position of the base in the world, (3,); also an attribute.
+        yaw_rad: heading of the base.
         seed_rad: (n,) bent pose from which the inverse kinematics starts; None for the middle of the joint ranges.
         leads: joints that go ahead when the arm unfolds: from the elbow on.
         tilt_rad: lean of the tool back from straight down.
@@ -117,7 +117,7 @@ class ArmPlanner:
         return float(prop_yaw_rad + part * np.round((natural - prop_yaw_rad) / part))
 
     def solve(self, position_m: np.ndarray, yaw_rad: float, q_near_rad: np.ndarray) -> np.ndarray | None:
-        """Return the joints (n,) that put `grasp_site` there, close to q_near_rad; None when out of reach."""
+        """Return the joints (n,) that put `grasp_site` at a tool pose, close to q_near_rad; None when out of reach."""
         yaw = yaw_rad - self._yaw
         c, s = np.cos(yaw), np.sin(yaw)
         down, ahead = np.cos(self._tilt), np.sin(self._tilt)
@@ -186,7 +186,7 @@ class ArmPlanner:
         turned: Callable[[float], float],
         least_s: float,
     ) -> Path:
-        """Plan a path with the tool at point(s), turned by turned(s) of the way to a yaw, for s = 0 … 1."""
+        """Plan a path with the tool at point(s), turned by the share turned(s) of the way to a yaw, s = 0 … 1."""
         _, yaw = self.tool(start_rad)
         turn = (yaw_rad - yaw + np.pi) % (2 * np.pi) - np.pi
         near = np.asarray(start_rad, float)

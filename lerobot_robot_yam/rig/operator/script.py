@@ -21,7 +21,7 @@ from lerobot_robot_yam.system.strict_yaml import parse
 logger = logging.getLogger(__name__)
 
 PUT_DOWN_M = 0.002  # height above its place at which a prop is released
-_LIFTED_M = 0.03  # least rise of a held prop; one that rose less has slipped
+_LIFTED_M = 0.03  # least rise of a held prop; a prop that rose less has slipped
 _TRIES = 4
 SIDES = ("left", "right")
 
@@ -31,11 +31,11 @@ class Setup:
     """A task, and the things and arms for it.
 
     Attributes:
-        things: props and furniture by name.
+        things: name → prop or piece of furniture.
         planners: side → planner of its follower.
         homes_m: side → waiting place of its tool, (3,).
-        places_m: named points, (3,).
-        seed: for the operator's random choices.
+        places_m: name → point, (3,).
+        seed: seed of the operator's random choices.
     """
 
     task: Task
@@ -96,7 +96,7 @@ def make_setup(scene: Mapping[str, Any], task: str) -> Setup:
 
 
 class Script(ABC):
-    """Does one task, as often as requested. Each method may raise Interrupted: the arms are switched off.
+    """Script of one task, which may be repeated. Each method may raise Interrupted: the arms are switched off.
 
     Args:
         hands: the operator's eyes, hands and clock.
@@ -104,8 +104,8 @@ class Script(ABC):
 
     Attributes:
         height_m: height of the tool on its way over the table.
-        endless: `work` continues from its own end, without placing things and without a verdict.
-        workers: side → its arm.
+        endless: whether `work` continues where it ended, without placing things and without a verdict.
+        workers: side → worker of that side.
     """
 
     height_m: ClassVar[float] = 0.125
@@ -139,7 +139,7 @@ class Script(ABC):
 
     @abstractmethod
     def work(self) -> bool:
-        """Try once, and return whether it looks done. Raises RigError: a point is out of reach."""
+        """Try the task once, and return whether the task looks done. Raises RigError: a point is out of reach."""
 
     def _retreat(self) -> None:
         for worker in self.workers.values():
@@ -177,7 +177,7 @@ class Script(ABC):
         return region is not None and bool(np.linalg.norm(off[:2]) < region.radius_m)
 
     def goal(self) -> Pose:
-        """Return the pose at which the last stage's prop shall end: middle of its region, turned as its frame."""
+        """Return the pose at which the last stage's prop shall end: middle of a region, turned as its frame."""
         region = self.setup.last.inside
         if region is None:
             raise ConfigError(f"task {self.setup.task.name}: its last stage needs a region inside which the prop ends")
@@ -188,5 +188,5 @@ class Script(ABC):
 
 
 def lifted(prop: str, from_m: float, by_m: float = _LIFTED_M) -> Callable[[Sight], bool]:
-    """Return the test, for `Worker.carry`, whether a prop has risen above the height `from_m` of its place."""
+    """Make a test for `Worker.carry`: whether a prop is `by_m` above the height `from_m` of its place."""
     return lambda sight: bool(sight.things[prop].position_m[2] - from_m > by_m)

@@ -24,20 +24,20 @@ _DRAWER_AWAY_M = 0.04  # rise of the fingers from the handle of an open drawer
 _PULL_S = 1.2  # duration of opening a drawer
 _MIDDLE = "middle"
 _HAND_AWAY_M = 0.04
-_CLEAR_S = 0.5  # the giver's lead before the bar is moved
+_CLEAR_S = 0.5  # time for the giver to move away before the bar is moved, s
 _PEG_LIFTED_M = 0.02
-_HOVER_M = 0.008  # height of the peg's foot above the rim before it enters
+_HOVER_M = 0.008  # height of the peg's foot above the rim before the peg enters
 _AIM_M, _AIM_RAD, _AIMS = 0.0005, 0.02, 6
 _ABOVE_M = 0.010
 _ENTRIES = 3
-_ENTERED_M = 0.008  # depth from which the peg is in the hole, not on its rim
+_ENTERED_M = 0.008  # depth of the peg's foot from which the peg is in the hole, not on its rim
 _PEG_AWAY_M = 0.05
 
 
 class LiftAndPlace(Script):
     """Script that lifts a prop with the nearest arm and puts it in its region.
 
-    Prop and region are those of the last stage of success; the prop is grasped at its first grip.
+    The last stage of success names prop and region; the prop is grasped at its first grip.
     """
 
     def work(self) -> bool:
@@ -55,9 +55,9 @@ class LiftAndPlace(Script):
 
 
 class Drawer(Script):
-    """Script that opens a drawer: it grasps the handle and pulls it straight along its joint.
+    """Script that opens a drawer: it grasps the handle and pulls straight along the drawer's joint.
 
-    Joint and opening are those of the last stage of success; the handle is the first grip.
+    The last stage of success names the joint and how far to open it; the drawer's first grip is the handle.
     """
 
     def work(self) -> bool:
@@ -108,7 +108,7 @@ class Handover(Script):
         return self._lay(taker, takes)
 
     def _grips(self, giver: Worker) -> tuple[Grip, Grip]:
-        """Return the giver's grip, which is the nearer one, and the taker's."""
+        """Return the giver's grip, which is nearer to the giver, and the taker's grip."""
         bar, base = self.look_at(self._bar), giver.planner.base_m
         both = [self.grip_of(self._bar, number) for number in range(2)]
         near, far = sorted(both, key=lambda grip: float(np.linalg.norm(bar.point(grip.point_m) - base)))
@@ -152,7 +152,8 @@ def _turned(local_m: np.ndarray, yaw_rad: float) -> np.ndarray:
 class Insertion(Script):
     """Script that puts a peg into the hole of a block.
 
-    Peg and block are prop and frame of the last stage of success; the hole's rim is the block's first grip.
+    The last stage of success names the peg as its prop, and the block as its region's frame; the block's first grip is
+    the hole's rim.
     """
 
     height_m = 0.15
@@ -175,7 +176,7 @@ class Insertion(Script):
         if not worker.carry(target, yaw, lifted(self._peg, peg.position_m[2], _PEG_LIFTED_M)):
             return False
         if not any(self._enter(worker) for _ in range(_ENTRIES)):
-            worker.carry(point, grasp_yaw, lambda sight: True)  # back to its place for another try
+            worker.carry(point, grasp_yaw, lambda sight: True)  # back to the peg's place for another try
             worker.open()
             return False
         worker.open()
@@ -199,7 +200,7 @@ class Insertion(Script):
         return rim.position_m + [0.0, 0.0, _HOVER_M] - peg.position_m, float(turn)
 
     def _enter(self, worker: Worker) -> bool:
-        """Aim, and lower the peg into the hole; return False when it stands on the rim."""
+        """Aim, and lower the peg into the hole; return False when the peg stands on the rim."""
         worker.approach(self._off, _AIM_M, _AIM_RAD, _AIMS, above_m=_ABOVE_M)
         depth = float(self.grip_of(self._block).point_m[2] - self._region.center_m[2])
         point, yaw = worker.planner.tool(worker.q)
@@ -219,14 +220,14 @@ CATALOG: dict[str, type[Script]] = {
     "insertion": Insertion,
     "pick_and_place": PickAndPlace,
 }
-"""Class of each name in `tasks.SCRIPTS`, and of `tasks.PICK_AND_PLACE`."""
+"""Name → class of the script, for `tasks.SCRIPTS` and `tasks.PICK_AND_PLACE`."""
 
 
 def make_script(hands: Hands, scene: Mapping[str, Any], task: str) -> Script:
-    """Make the script of a task of a scene, given as `RigOperations.scene` returns it.
+    """Make the script of a task. scene: description of the scene, as `RigOperations.scene` returns it.
 
     Raises:
-        ConfigError: no such task, or the scene lacks something that the operator needs.
+        ConfigError: there is no such task, or the scene lacks something that the operator needs.
     """
     setup = make_setup(scene, task)
     if setup.task.does not in CATALOG:

@@ -16,31 +16,31 @@ _AIMS = 3
 _BIAS_M = 0.03
 _AT_HOME_RAD = 1e-3
 _LOOK_S = 0.05
-_LAG_RAD = 0.35  # lag of a follower that for _STALL_S counts as not following
+_LAG_RAD = 0.35  # lag of a follower that counts as not following if it lasts for _STALL_S
 _STALL_S = 0.4
 _ARRIVED_RAD = 0.05
 _STILL_RAD = 0.004  # largest motion between two looks that counts as rest
 _SETTLE_S = 0.8
 _PATIENCE_S = 20.0
 _TRIGGER_S = 0.3
-_FINGERS_REST = 0.01  # the same for the fingers, in parts of the stroke
+_FINGERS_REST = 0.01  # largest motion of the fingers between two looks that counts as rest, share of the stroke
 
 Off = Callable[[Sight], tuple[np.ndarray, float]]
-"""Returns the tool's remaining way: (3,) m in the world and a turn about the vertical, rad."""
+"""Function that returns the tool's remaining way: (3,) m in the world and a turn about the vertical, rad."""
 
 
 class Worker:
     """The arm of one side. Each method may raise Interrupted, or RigError for a point out of reach.
 
     Args:
-        planner: the side's follower's.
+        planner: planner of the side's follower.
         home_m: (3,) waiting place of the tool.
         height_m: height of the tool on its way over the table.
 
     Attributes:
-        q: (n,) joints of the hand, or those at the end of its path.
+        q: (n,) joints of the hand at the end of its path.
         home_rad: (n,) the waiting pose.
-        holds: the trigger is squeezed.
+        holds: whether the trigger is squeezed.
     """
 
     def __init__(self, hands: Hands, side: str, planner: ArmPlanner, home_m: np.ndarray, height_m: float):
@@ -60,7 +60,7 @@ class Worker:
     def reach(self, point_m: np.ndarray, yaw_rad: float) -> None:
         """Move over the table and down to a point; then correct until the follower's tool is there.
 
-        Friction and imperfect gravity compensation leave it a few millimetres off; later moves include this bias.
+        Friction and imperfect gravity compensation leave the tool a few millimetres off; later moves include this bias.
         """
         self.set_off(point_m + self._bias, yaw_rad)
         self.wait()
@@ -72,7 +72,7 @@ class Worker:
     def approach(
         self, off: Off, within_m: float = _AIM_M, within_rad: float = np.inf, tries: int = _AIMS, above_m: float = 0.0
     ) -> bool:
-        """Move by `off` until it is small; return whether it is.
+        """Move by the way that `off` returns until this way is small; return whether it is.
 
         above_m: approach from this far above each time, so that friction always pulls the same way.
         """
@@ -104,7 +104,7 @@ class Worker:
         self._squeeze(0.0)
 
     def carry(self, point_m: np.ndarray, yaw_rad: float, lifted: Callable[[Sight], bool]) -> bool:
-        """Carry a held thing to a tool pose, and settle there; return whether it is still held, see `holds_on`."""
+        """Carry a held thing to a tool pose, and settle there; return whether the thing is still held."""
         self.set_off(point_m + self._bias, yaw_rad)
         if not self.holds_on(lifted):
             return False
@@ -113,7 +113,7 @@ class Worker:
         return True
 
     def holds_on(self, lifted: Callable[[Sight], bool]) -> bool:
-        """Carry a thing halfway along the path; if `lifted` is False there, stop, open and return False."""
+        """Carry a thing halfway along the path; if `lifted` returns False there, stop, open and return False."""
         assert self._path is not None
         self._follow(0.5 * self._path[1].duration_s)
         if lifted(see(self._hands)):
@@ -125,7 +125,7 @@ class Worker:
         return False
 
     def go_home(self) -> None:
-        """Start towards the waiting pose, unless the arm is there."""
+        """Start towards the waiting pose, unless the arm has it already."""
         if np.abs(self.q - self.home_rad).max() < _AT_HOME_RAD:
             return
         try:
