@@ -1,4 +1,4 @@
-"""Referees of an environment: they lay the scene out before an episode, and judge it."""
+"""Referees of an environment, which lay the scene out before an episode, and judge the episode."""
 
 import importlib
 import logging
@@ -20,30 +20,30 @@ from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 
 logger = logging.getLogger(__name__)
 
-_REMIND_S = 20.0
-_ENDLESS_S = 86_400.0
+_REMIND_S = 20.0  # period of reminding the operator while the referee waits for a key, s
+_ENDLESS_S = 86_400.0  # the rig's time limit of a task, s: a day, since the environment ends episodes by their steps
 Judge = Callable[[Mapping[str, Any]], bool | None]
 """Judges an observation: True for success, False for failure, None for undecided."""
 
 
 class Verdict(NamedTuple):
-    """State of an episode: success, and whether it is over."""
+    """State of an episode: whether it is a success, and whether it is over."""
 
     success: bool = False
     over: bool = False
 
 
 class Referee:
-    """Referee that lets each episode run on; base class of the others.
+    """Referee that lets each episode run on; base class of the other referees.
 
-    scene: lays the scene out instead.
+    scene: referee that lays the scene out in place of this one; None without one.
     """
 
     def __init__(self, scene: "Referee | None" = None):
         self._scene = scene
 
     def arrange(self, seed: int | None) -> None:
-        """Lay the scene out for an episode; the arms are out of the way.
+        """Lay the scene out for an episode, while the arms are out of the way.
 
         Raises:
             YamError: the scene cannot be laid out.
@@ -52,7 +52,7 @@ class Referee:
             self._scene.arrange(seed)
 
     def verdict(self, observation: Mapping[str, Any]) -> Verdict:
-        """Judge the episode by an observation."""
+        """Judge the present episode by an observation."""
         return Verdict()
 
     def close(self) -> None:
@@ -62,9 +62,9 @@ class Referee:
 
 
 class RigReferee(Referee):
-    """A virtual rig's own task, laid out and judged by the rig.
+    """Referee for a virtual rig's own task, which the rig lays out and judges.
 
-    task: a task of the rig's scene. It fails by itself only after a day: the environment counts its steps.
+    task: name of a task of the rig's scene.
     """
 
     def __init__(self, rig: RigOperations, task: str):
@@ -82,14 +82,14 @@ class RigReferee(Referee):
         return Verdict(success, success or bool(state["failed"]))
 
 
-_KEYS = {Meaning.NEXT: "space", Meaning.SUCCESS: "s", Meaning.FAILURE: "f"}  # keys of a page's requests
+_KEYS = {Meaning.NEXT: "space", Meaning.SUCCESS: "s", Meaning.FAILURE: "f"}  # request of a page → key in its place
 
 
 class OperatorReferee(Referee):
-    """A person lays the scene out and judges, by keys or at a page: space goes on, s is success, f failure.
+    """Person who lays the scene out and judges, by keys or at a page: space goes on, s is success, f failure.
 
     Raises:
-        ConfigError: there is no keyboard to listen to.
+        ConfigError: there is no keyboard.
     """
 
     def __init__(self, task: str, scene: Referee | None = None):
@@ -151,7 +151,7 @@ def find_judge(name: str) -> Judge:
         ConfigError: there is no such function.
     """
     module, _, function = name.partition(":")
-    if (here := os.getcwd()) not in sys.path:  # a console script has its own folder there instead
+    if (here := os.getcwd()) not in sys.path:  # a console script has its own folder in sys.path instead
         sys.path.append(here)
     try:
         judge: Judge = getattr(importlib.import_module(module), function)

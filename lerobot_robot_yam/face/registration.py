@@ -1,12 +1,12 @@
-"""Our types in LeRobot's registries, without importing LeRobot where it is not used.
+"""Registration of our types with LeRobot, without importing LeRobot where no program uses it.
 
 `lerobot.robots.config` alone takes seconds and loads torch, and our own processes (control loop, virtual rig) import
-this package too. So each of our config modules is imported right after the LeRobot module that holds its registry, now
-or later. Each LeRobot command loads the registries that it needs.
+this package too. So each of our config modules is imported right after the LeRobot module with the registry that it
+uses: at once if that is loaded already, else as soon as a LeRobot command loads it.
 
-Other plugins use some of our names. So each device has a spare name, and a name that is taken costs only that name.
+Other plugins use some of our type names. So each device has a spare name, and is still usable if its name is taken.
 
-The same moment serves the messages of `start_messages`.
+The messages of `start_messages` are shown at the same moment.
 """
 
 import importlib
@@ -21,7 +21,7 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.start_messages import refuse_unreadable, shorten_page_about_ffmpeg, warn_if_newer
 from lerobot_robot_yam.system.other_plugins import distribution_of, is_foreign, mixture
 
-# LeRobot's modules that hold a registry, and our modules that register types there.
+# LeRobot's module that holds a registry → our modules that register types there.
 REGISTRIES = {
     "lerobot.robots.config": ("lerobot_robot_yam.config_yam_follower",),
     "lerobot.teleoperators.config": (
@@ -36,11 +36,11 @@ REGISTRIES = {
 }
 
 logger = logging.getLogger(__name__)
-_registering: set[str] = set()  # modules that have called `register_as`, so ours, not another plugin's
+_registering: set[str] = set()  # modules that have called `register_as`: ours, not those of another plugin
 
 
 def register() -> None:
-    """Register our types with LeRobot's registries, loaded now or later.
+    """Register our types with LeRobot's registries: at once with those that are loaded, later with the others.
 
     Raises:
         ConfigError: another distribution has put its own files over ours.
@@ -50,7 +50,7 @@ def register() -> None:
 
 
 def register_types(lerobot_module: str) -> None:
-    """Register the types of one registry, whose module `lerobot_module` is loaded.
+    """Register our types with the registry of `lerobot_module`, which is loaded.
 
     Raises:
         ConfigError: another distribution has put its own files over ours.

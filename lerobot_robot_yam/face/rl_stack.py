@@ -1,14 +1,14 @@
-"""What LeRobot's RL stack (`lerobot.rl`) needs of our devices: a follower's motor bus, a leader's events and steps.
+"""Parts of our devices for LeRobot's RL stack (`lerobot.rl`): a follower's motor bus, a leader's events and steps.
 
-The actions of a leader are steps of the follower's tool along x, y and z, and its gripper:
+The action of a leader is a step of the follower's tool along x, y and z, and a command for its gripper:
 
-    delta_x, delta_y, delta_z      -1 … 1, of the longest step of a frame, in the frame of the arm's base
+    delta_x, delta_y, delta_z      -1 … 1, share of the longest step per frame, along the axes of the arm's base
     gripper                        0 opens, 1 stops, 2 closes
 
-LeRobot's own names of the gripper's values are reversed: those arms' grippers close by rising values.
+LeRobot's own names of the gripper's values are the other way round, for arms whose grippers close by rising values.
 
 A step is the motion of the leader's tool since the person took over, less the steps given before. So the follower does
-not jump to the leader, and motion beyond one step's length comes with the next ones.
+not jump to the leader, and motion beyond the length of one step follows in the next steps.
 """
 
 import logging
@@ -33,16 +33,16 @@ from lerobot_robot_yam.state.records import ArmState
 
 logger = logging.getLogger(__name__)
 
-# A write of the motor bus
-_THERE = 2e-3  # rad, or share of the stroke: distance to the target that counts as arrived
-_MOVES = 1e-4  # rad, or share of the stroke: least change from tick to tick that counts as motion
-_BLOCKED_S = 0.5  # without motion of the set-point, as in an emergency stop or at the workspace's edge
-_TICK_S = 0.01
+# Constants of `MotorBus.sync_write`
+_THERE = 2e-3  # distance from the target at which the arm counts as arrived, rad or share of the stroke
+_MOVES = 1e-4  # least change of the set-point from tick to tick that counts as motion, rad or share of the stroke
+_BLOCKED_S = 0.5  # time without motion that ends the wait, s, as in an emergency stop or at the workspace's edge
+_TICK_S = 0.01  # period of sending the target, s
 
-# Events
-_PERIOD_S = 0.005  # between two reads of the handles; LeRobot reads ten times a second
-_RESET_S = 0.5  # pause of LeRobot's calls that means that it has reset the arm
-_END_S = 1.0
+# Constants of `TeleopEventWatch`
+_PERIOD_S = 0.005  # period of reading the handles, s; LeRobot reads events ten times a second
+_RESET_S = 0.5  # pause between LeRobot's calls that shows that LeRobot has reset the arm, s
+_END_S = 1.0  # longest wait for the end of the thread, s
 _EVENTS = {
     Meaning.SUCCESS: (TeleopEvents.SUCCESS,),
     Meaning.FAILURE: (TeleopEvents.TERMINATE_EPISODE,),
@@ -52,16 +52,16 @@ _EVENTS = {
 }
 _ENDINGS = (TeleopEvents.TERMINATE_EPISODE, TeleopEvents.SUCCESS, TeleopEvents.RERECORD_EPISODE)
 
-# Steps of the tool
-_OPENS, _CLOSES = 0.0, 2.0
-_HALF = 0.5
-_AFRESH_S = 0.5  # pause of actions after which steps begin anew: follower and hand have moved
+# Constants of `ToolSteps`
+_OPENS, _CLOSES = 0.0, 2.0  # LeRobot's values of a gripper that opens, and of one that closes
+_HALF = 0.5  # opening below which a trigger counts as squeezed, and a gripper as closed
+_AFRESH_S = 0.5  # pause between actions after which steps begin anew, s: follower and hand may have moved
 
 
 class MotorBus:
     """Motors of one follower arm, by the names and in the units of its features.
 
-    arms: the follower's. send: its `send_action`.
+    arms: arms of the follower. send: `send_action` of the follower.
     """
 
     def __init__(self, arms: ArmGroup, send: Callable[[Mapping[str, Any]], Mapping[str, float]]):
@@ -78,10 +78,10 @@ class MotorBus:
         return {name: place for place, name in enumerate(arms.motors)}
 
     def sync_read(self, register: str) -> dict[str, float]:
-        """Read Present_Position of each motor: degrees, the gripper 0 closed … 1 open.
+        """Read the register Present_Position of each motor: degrees, the gripper 0 closed … 1 open.
 
         Raises:
-            ActionError: another register, which these motors do not have.
+            ActionError: `register` is another one, which these motors do not have.
             YamError: the arm is silent or has failed.
         """
         self._check(register, "Present_Position", "leave add_current_to_observation off")
@@ -90,13 +90,13 @@ class MotorBus:
         return {key.removesuffix(".pos"): value for key, value in values.items()}
 
     def sync_write(self, register: str, values: Mapping[str, Any]) -> None:
-        """Move the arm to Goal_Position, and wait until its set-point is there or no longer moves.
+        """Move the arm to the values of Goal_Position, and wait until its set-point is there or no longer moves.
 
         LeRobot writes the way to its reset pose in 0.75 s and then nothing for seconds; without the wait a slower arm
         would hold halfway.
 
         Raises:
-            ActionError: another register, or wrong motors or values; nothing was sent.
+            ActionError: `register` is another one, or motors or values are wrong; nothing was sent.
             YamError: the arm is silent or has failed.
         """
         self._check(register, "Goal_Position", "it is the only one that can be written")
@@ -117,13 +117,13 @@ class MotorBus:
 
 
 class TeleopEventWatch:
-    """Watches the handles and gates of a leader device, from the first call on.
+    """Watch of the handles and gates of a leader device, from the first call on.
 
-    A person intervenes from the button `correct` to the next press of it, or to `go_on`; and while all leaders with a
-    gate are lifted.
+    A person intervenes from a press of the button `correct` to its next press, or to a press of `go_on`; and while all
+    leaders with a gate are lifted.
 
     Args:
-        meanings: button, such as left_bottom → its meaning.
+        meanings: name of a button, such as left_bottom → its meaning.
         read: returns the newest state of each arm by its prefix.
     """
 
@@ -204,13 +204,13 @@ class ToolSteps:
     """Keys and actions of one leader, as steps of the tool (see the module's docstring).
 
     Args:
-        arms: the leader.
-        models: profiles of its follower.
+        arms: group with the leader's arm.
+        models: profiles of the follower's arm.
         step_m: longest step along an axis, `end_effector_step_sizes` of LeRobot's config.
         opening: returns the target opening of the follower's gripper, 0 closed … 1 open.
 
     Raises:
-        ConfigError: two leaders, or a follower without a gripper.
+        ConfigError: there are two leaders, or the follower has no gripper.
     """
 
     def __init__(self, arms: ArmGroup, models: Models, step_m: float, opening: Callable[[], float]):
@@ -235,7 +235,7 @@ class ToolSteps:
         return {"dtype": "float32", "shape": (len(names),), "names": names}
 
     def begin(self) -> None:
-        """Restart the steps: nobody moves the follower by this leader."""
+        """Restart the steps, since nobody moves the follower by this leader."""
         self._anchor = None
 
     def action(self, vector: np.ndarray) -> dict[str, float]:

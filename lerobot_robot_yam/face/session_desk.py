@@ -1,7 +1,7 @@
 """Desk that shows a page what the LeRobot command in this process does, and receives the page's requests.
 
-A thread of its own does all work, a few times a second. So it neither slows the command nor waits while LeRobot
-saves: a request is not carried out late, in another phase.
+A thread of its own does all work of the desk, a few times a second. So the desk neither slows the command nor waits
+while LeRobot saves: a request is not carried out late, in another phase.
 """
 
 import contextlib
@@ -33,14 +33,14 @@ from lerobot_robot_yam.system.runtime_files import runtime_dir
 logger = logging.getLogger(__name__)
 
 _LIVE = (Phase.RECORDING, Phase.AUTONOMOUS, Phase.CORRECTING)  # phases in which a data set may grow
-_LATE = 1.5  # periods after which a tick counts as late, as in `EpisodeFigures`
-_RECENT_S = 5.0  # span over which the rate is computed
-_KEPT = 4096  # most ticks that wait to be counted
-_TOLD_S = 0.5
-_WAIT_S = 0.25
-_PAUSE_S = 0.05  # between two batches of requests
-_COMPLAIN_S = 10.0
-_END_S = 2.0
+_LATE = 1.5  # number of periods after which a tick counts as late, as in `EpisodeFigures`
+_RECENT_S = 5.0  # span of time over which the rate is computed, s
+_KEPT = 4096  # largest number of ticks that wait to be counted
+_TOLD_S = 0.5  # period of telling the page what the command does, s
+_WAIT_S = 0.25  # longest wait for requests, s
+_PAUSE_S = 0.05  # pause between two batches of requests, s
+_COMPLAIN_S = 10.0  # least time between two warnings of malformed requests, s
+_END_S = 2.0  # longest wait for the end of the thread, s
 
 
 class TickPace:
@@ -56,19 +56,19 @@ class TickPace:
         self._late = 0
 
     def tick(self) -> None:
-        """Note an observation of the loop."""
+        """Note the time of an observation that the loop makes."""
         self._new.append(time.perf_counter())
 
     def count(self, run: float, began_s: float, fps: float) -> tuple[float | None, int]:
-        """Count ticks per second over the last 5 s, and late ticks of this run of the loop.
+        """Count the ticks per second over the last 5 s, and the late ticks of this run of the loop.
 
         Args:
-            run: distinguishes it from the run before.
+            run: number that distinguishes this run of the loop from the run before.
             began_s: start of the run, on `time.perf_counter`.
             fps: ticks per second that the command asks for.
 
         Returns:
-            The rate, None before there are two ticks, and the number of late ticks.
+            The rate, 1/s, None before the second tick; and the number of late ticks.
         """
         if run != self._run:
             self._run, self._late = run, 0
@@ -97,10 +97,10 @@ class CommandFacts:
     def __init__(self, name: str, config: Any, pace: TickPace):
         self.name, self._config, self._pace = name, config, pace
         self._disk = DiskLeft()
-        self._first: int | None = None  # episodes of the data set before this session
+        self._first: int | None = None  # number of episodes in the data set before this session
 
     def look(self) -> dict[str, Any]:
-        """Return all known facts, ready for JSON; unknown ones are left out."""
+        """Return all known facts, by name, ready for JSON; unknown facts are left out."""
         if self.name == EVALUATION:
             known = self._evaluation()
         else:
@@ -187,11 +187,11 @@ def _queues(writer: Any) -> dict[str, Any]:
     return found
 
 
-_one = threading.Lock()  # one desk per process, as environments of lerobot-eval may have several robots
+_one = threading.Lock()  # allows one desk per process: environments of lerobot-eval may have several robots
 
 
 class SessionDesk:
-    """Desk of one robot, from its connect to its disconnect. Does nothing under other programs, and never raises."""
+    """Desk of one robot, from connect to disconnect. The desk does nothing under other programs, and never raises."""
 
     def __init__(self) -> None:
         self._pace = TickPace()
@@ -249,7 +249,7 @@ class SessionDesk:
                     self._ends.wait(_PAUSE_S)
                 if time.monotonic() - told_s >= _TOLD_S:
                     told_s = time.monotonic()
-                    with contextlib.suppress(OSError):  # a full disk; the page shows the status's age
+                    with contextlib.suppress(OSError):  # such as a full disk; the page shows how old the status is
                         post.tell(facts.look())
         except Exception as error:
             logger.warning("no page shows this command from now on: %r", error)

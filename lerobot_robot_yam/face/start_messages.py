@@ -1,10 +1,10 @@
-"""Messages of a LeRobot command as soon as it loads our types:
+"""Messages that a LeRobot command shows as soon as it loads our types:
 
 - LeRobot is newer than tested.
-- The command's config file is no YAML. LeRobot's reader ends with a traceback that names neither line nor cause.
-- FFmpeg is not installed, instead of LeRobot's page about it: torchcodec tries FFmpeg 4 to 8, and LeRobot logs all
-  attempts before it reads videos with PyAV, which has an FFmpeg of its own. The page stays if anything but missing
-  libraries was the reason.
+- The command's config file is no YAML. LeRobot's reader would end with a traceback that names neither line nor cause.
+- FFmpeg is not installed. One line replaces LeRobot's page about this: torchcodec tries FFmpeg 4 to 8, and LeRobot logs
+  all attempts before it reads videos with PyAV, which has an FFmpeg of its own. The page stays if there was any other
+  reason than missing libraries.
 """
 
 import functools
@@ -17,11 +17,11 @@ from pathlib import Path
 NEWEST_TESTED = "0.6.2"  # the repository's state of August 2026; 0.6.1 is the package index's newest
 
 _OPTION = "--config_path="
-_BAD_OPTIONS = 2  # exit status of a command that refuses its options, as argparse has it
+_BAD_OPTIONS = 2  # exit status of a command that refuses its options, the same as argparse's
 
 _BEGIN, _END = "[start of libtorchcodec loading traceback]", "[end of libtorchcodec loading traceback]"
 _ATTEMPT = re.compile(r"^FFmpeg version \d+:\n", re.MULTILINE)
-# The innermost exception of an attempt: the system's loader has not found FFmpeg.
+# Innermost exception of an attempt of which the cause is that the system's loader has not found FFmpeg.
 _MISSING = re.compile(r"^OSError: lib(?:av|sw)\w+\.so\.\d+: cannot open shared object file: No such file", re.MULTILINE)
 _INSTEAD = "FFmpeg's libraries are not installed: LeRobot reads videos with PyAV, which does as well"
 
@@ -45,7 +45,7 @@ def warn_if_newer() -> None:
 
 
 def _release(version: str) -> tuple[int, ...]:
-    """Return the first three numbers of a version, without suffixes of pre-releases and builds."""
+    """Return the first three numbers of a version, without the suffix of a pre-release or build."""
     return tuple(int(number) for number in re.findall(r"\d+", version)[:3])
 
 

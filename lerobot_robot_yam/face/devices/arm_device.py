@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class ArmDevice(Uncopied):
-    """Mixin for LeRobot's `Robot` and `Teleoperator`."""
+    """Mixin for a `Robot` or `Teleoperator` of LeRobot with our arms."""
 
     name: str
     id: str | None
@@ -50,7 +50,7 @@ class ArmDevice(Uncopied):
         """Set whether actions are joints, or poses of the tools of `models`.
 
         Raises:
-            ConfigError: no such kind, or an arm that has no tool pose.
+            ConfigError: there is no such kind, or an arm has no tool pose.
         """
         self._models = models
         if kind == "joint":
@@ -64,7 +64,7 @@ class ArmDevice(Uncopied):
 
     @cached_property
     def action_features(self) -> dict[str, type]:
-        """`joint_1.pos`, `joint_2.pos` … (or `ee_x.pos` …), `gripper.pos`; for two arms with `left_`, then `right_`."""
+        """Features `joint_1.pos` … (or `ee_x.pos` …), `gripper.pos`; for two arms with `left_`, then `right_`."""
         return dict.fromkeys(self._space.keys, float)
 
     @property
@@ -82,7 +82,7 @@ class ArmDevice(Uncopied):
         """Search the stops of gripper motors and store them. Nothing may be between the fingers.
 
         Raises:
-            YamError: a search failed.
+            YamError: the search of a gripper failed.
         """
         self._arms.calibrate()
 

@@ -31,7 +31,7 @@ _running: "list[ArmGroup]" = []  # connected groups of this process
 
 
 class _Side:
-    """One arm of the group, and the place of its values in the group's vector."""
+    """Arm of the group, and the place of its values in the group's vector."""
 
     def __init__(self, prefix: str, config: ArmConfig, session: ArmSession, start: int, handles: bool):
         self.name = config.name
@@ -54,17 +54,17 @@ class ArmGroup:
 
     Args:
         device: LeRobot's type name, for messages.
-        arms: configuration by feature prefix, in canonical order: {"": …} or {"left_": …, "right_": …}.
-        use_degrees: joints in degrees towards LeRobot; the gripper stays 0 … 1.
+        arms: feature prefix → configuration, in canonical order: {"": …} or {"left_": …, "right_": …}.
+        use_degrees: whether joints are in degrees towards LeRobot; grippers stay 0 … 1.
         isolation: where the control loop runs, see `ArmSession`.
         handles: for leaders, prefixes of arms whose trigger counts as a gripper, if they have a handle; None for
             followers.
 
     Attributes:
         motors: names of the values in canonical order, such as `left_joint_1`.
-        keys: the action's keys: the same with `.pos`.
-        is_joint: (n,) which of the values are angles; the others are grippers.
-        paused: followers hold until they get a new target, see `pause_followers`.
+        keys: keys of an action: these names with `.pos`.
+        is_joint: (n,) whether each value is an angle; the others are openings of grippers.
+        paused: whether followers hold until they get a new target, see `pause_followers`.
         give_action: for connected leaders, returns their present action; None for followers.
         recognise: for connected leaders, returns the joints (n,) of their last action, and for each arm whether a
             given action has them; None if no arm's are in it.
@@ -131,13 +131,13 @@ class ArmGroup:
 
         Args:
             calibrate: False before a calibration (lerobot-calibrate): the grippers' stops are not searched, and known
-                ones that do not fit are set aside.
-            action_keys: keys of the device's actions. A leader's and a follower's in this process have to be the same.
-            models: likewise.
-            give_action, recognise: a leader's, see `ArmGroup`.
+                stops that do not fit are set aside.
+            action_keys: keys of the device's actions; a leader and a follower of one process need the same keys.
+            models: profiles to which the actions refer; a leader and a follower of one process need matching profiles.
+            give_action, recognise: functions of a leader, see `ArmGroup`.
 
         Raises:
-            YamError: the reason; nothing is energised.
+            YamError: an arm cannot be driven; nothing is energised.
         """
         tell_what_is_kept()
         self._action_keys, self._models, self.paused = list(action_keys), models, False
@@ -170,15 +170,15 @@ class ArmGroup:
                 )
 
     def check_followers(self) -> None:
-        """Refuse followers that this process cannot lead. Raises ConfigError, ChannelInUseError: which and why."""
+        """Refuse followers that this process cannot lead; raises as `pair_check.check_followers` does."""
         others = [side.key for other in _running if not other._leads for side in other.sides]
         if any(side.follower_key for side in self.sides):
             check_followers([side.hardware.config for side in self.sides], others)
 
     def stop(self) -> None:
-        """Land all arms and disconnect. Idempotent; signals do not hurry it.
+        """Land all arms and disconnect. Idempotent; signals do not cut the landing short.
 
-        A LeRobot command that disconnects one device disconnects the others next, so their arms begin to land now, too.
+        A LeRobot command that disconnects one device disconnects the others next, so all arms begin to land now.
         """
         self._leave()
         try:
@@ -236,12 +236,12 @@ class ArmGroup:
         """Find leaders of this process that gave this action last, so that followers can follow them at loop rate.
 
         Args:
-            action: for all arms; one arm's values may be a leader's and the other's another source's.
+            action: action of all arms; the values of one arm may come from a leader, and of the other from elsewhere.
             joints_of: computes the joints (n,) of other sources.
 
         Returns:
-            The joints (n,) of the action, and for each arm the channel key of its leader, None if that has no follower
-            or has not given the action; None if no leader has.
+            The joints (n,) of the action, and for each arm the channel key of its leader, None if that leader has no
+            follower or has not given the action. None in place of both if no leader has given the action.
         """
         for other in _running:
             if other.recognise is None or not any(side.follower_key for side in other.sides):
@@ -260,7 +260,7 @@ class ArmGroup:
         return None
 
     def follower_state(self, key: str) -> ArmState | None:
-        """Return the state of the follower with this channel key; None if it is not this process's or has failed."""
+        """Return the state of the follower with this channel key; None if it is not in this process, or has failed."""
         for other in _running:
             for side in other.sides:
                 if side.key == key and not other._leads:
@@ -269,15 +269,15 @@ class ArmGroup:
         return None
 
     def follower_opening(self) -> float:
-        """Return the first follower's target opening, 0 closed … 1 open; open without a gripper or follower."""
+        """Return the first follower's target opening, 0 closed … 1 open; 1 without a gripper or follower."""
         states = [other.newest()[0] for other in _running if not other._leads]
         opening = states[0].gripper_setpoint if states else None
         return 1.0 if opening is None else opening
 
     def pause_followers(self) -> None:
-        """Have the followers of this process brake and hold until a new target comes, not the last one again.
+        """Have the followers of this process brake and hold until a target comes that differs from the last one.
 
-        It is used when a held leader is about to be led to a follower: LeRobot pauses then, but still sends its last
+        Called when a held leader is about to be led to a follower: LeRobot pauses then, but still sends its last
         action.
         """
         for other in _running:
@@ -312,14 +312,14 @@ class ArmGroup:
         return self.newest()
 
     def newest(self) -> list[ArmState]:
-        """Return `observe` without waiting, for modes and set-points."""
+        """Return the newest state of each arm without waiting, for modes and set-points; raises as `observe` does."""
         return [self[side].newest() for side in self.sides]
 
     def vector(self, action: Mapping[str, object]) -> np.ndarray:
         """Return the values of a LeRobot action in canonical order and SI units, (n,).
 
         Raises:
-            ActionError: missing or unknown keys, values that are not finite numbers, degrees instead of radians.
+            ActionError: keys are missing or unknown, values are not finite, or are degrees instead of radians.
         """
         vector = validate_action(self.device, action, self.keys) / self.scale
         if not self._use_degrees:

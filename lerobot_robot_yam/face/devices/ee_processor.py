@@ -35,13 +35,13 @@ _GRIPPER_KEYS = {"joints": "gripper.pos", "tool": "gripper.pos", "ee": "ee.gripp
 
 @dataclass
 class _ArmStep(ProcessorStep):
-    """Base of the steps: it replaces the keys of one arm, and the gripper's key.
+    """Base of the steps, which replace the keys of one arm, and the gripper's key.
 
     Attributes:
         arm, gripper: profile names.
-        site: site whose pose is meant, tcp_site or grasp_site.
+        site: site whose pose the keys give, tcp_site or grasp_site.
         prefix: prefix of all keys.
-        use_degrees: joint keys are in degrees, as with the robot's option of this name.
+        use_degrees: whether joint keys are in degrees, as with the robot's option of this name.
     """
 
     arm: str = "yam"
@@ -57,7 +57,7 @@ class _ArmStep(ProcessorStep):
 
     def __post_init__(self) -> None:
         self._kinematics = YamKinematics(self.arm, self.gripper, self.site)
-        self._axes = {"tool": downward(self._kinematics), "ee": np.eye(3)}  # zero of a pose's rotation
+        self._axes = {"tool": downward(self._kinematics), "ee": np.eye(3)}  # rotation that counts as zero
         self._unit = np.pi / 180.0 if self.use_degrees else 1.0
         self._joints = tuple(f"joint_{i + 1}.pos" for i in range(len(self._kinematics.lower)))
         keys = {"joints": self._joints, "tool": _TOOL, "ee": _EE}
@@ -65,7 +65,7 @@ class _ArmStep(ProcessorStep):
         self._gripper_keys = _GRIPPER_KEYS[self.reads], _GRIPPER_KEYS[self.writes]
 
     def get_config(self) -> dict[str, Any]:
-        """Return the arguments that make the step again."""
+        """Return the arguments with which LeRobot makes the step again."""
         return asdict(self)
 
     def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
@@ -77,10 +77,10 @@ class _ArmStep(ProcessorStep):
         return pose_to_vector(pose, self._axes[self.writes])
 
     def __call__(self, transition: EnvTransition) -> EnvTransition:
-        """Convert the action, the observation, or both: those with the arm's keys.
+        """Convert the action, the observation, or both, whichever has the arm's keys.
 
         Raises:
-            ActionError: neither has the keys, some are missing, or their values are no pose.
+            ActionError: neither has these keys, some keys are missing, or the values are no pose.
         """
         source = [self.prefix + key for key in self._source]
         changed, found = transition.copy(), False
@@ -104,7 +104,7 @@ class _ArmStep(ProcessorStep):
     def transform_features(
         self, features: dict[PipelineFeatureType, dict[str, PolicyFeature]]
     ) -> dict[PipelineFeatureType, dict[str, PolicyFeature]]:
-        """Replace the same keys in the description of the data."""
+        """Replace these keys in the description of the data."""
         kinds = {
             TransitionKey.ACTION: (PipelineFeatureType.ACTION, FeatureType.ACTION),
             TransitionKey.OBSERVATION: (PipelineFeatureType.OBSERVATION, FeatureType.STATE),
@@ -123,7 +123,7 @@ class _ArmStep(ProcessorStep):
 @ProcessorStepRegistry.register("yam_joints_to_ee")
 @dataclass
 class YamJointsToEE(_ArmStep):
-    """Forward kinematics: joints to LeRobot's `ee.*`, in actions and observations."""
+    """Forward kinematics, from joints to LeRobot's `ee.*`, in actions and observations."""
 
     reads, writes = "joints", "ee"
 
@@ -131,9 +131,10 @@ class YamJointsToEE(_ArmStep):
 @ProcessorStepRegistry.register("yam_ee_to_joints")
 @dataclass
 class YamEEToJoints(_ArmStep):
-    """Inverse kinematics: an action in LeRobot's `ee.*` to joints.
+    """Inverse kinematics, from an action in LeRobot's `ee.*` to joints.
 
-    Starts from the joints in the transition's observation and follows its own path from there, until `reset`.
+    The first solution starts from the joints in the transition's observation, each further one from the solution
+    before, until `reset`.
     """
 
     reads, writes = "ee", "joints"
@@ -151,14 +152,14 @@ class YamEEToJoints(_ArmStep):
         return self._tool.follow(vector_to_pose(values, self._axes["ee"]), q) / self._unit
 
     def reset(self) -> None:
-        """Begin a new path: the next action is not connected to those before."""
+        """Begin a new path, since the next action does not continue the actions before."""
         self._tool.begin()
 
 
 @ProcessorStepRegistry.register("yam_tool_to_ee")
 @dataclass
 class YamToolToEE(_ArmStep):
-    """The keys of a robot with `action_space: ee` to LeRobot's `ee.*`, in actions and observations."""
+    """Conversion of a robot's keys with `action_space: ee` to LeRobot's `ee.*`, in actions and observations."""
 
     reads, writes = "tool", "ee"
 
@@ -166,7 +167,7 @@ class YamToolToEE(_ArmStep):
 @ProcessorStepRegistry.register("yam_ee_to_tool")
 @dataclass
 class YamEEToTool(_ArmStep):
-    """LeRobot's `ee.*` to the keys of a robot with `action_space: ee`, in actions and observations."""
+    """Conversion of LeRobot's `ee.*` to a robot's keys with `action_space: ee`, in actions and observations."""
 
     reads, writes = "ee", "tool"
 

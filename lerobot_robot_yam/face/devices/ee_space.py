@@ -5,7 +5,7 @@
     gripper.pos                        as with joints, if there is a gripper
 
 with prefixes `left_` and `right_` for two arms. `arm.tool_pose` defines the rotation vector. The names end in .pos
-because lerobot-rollout drops others. `EeSpace` has the `keys`, `vector`, `action` and `begin` of `ArmGroup`.
+because lerobot-rollout drops other names. `EeSpace` has `keys`, `vector`, `action` and `begin` as `ArmGroup` does.
 """
 
 import logging
@@ -24,19 +24,19 @@ from lerobot_robot_yam.state.modes import Mode
 
 logger = logging.getLogger(__name__)
 
-_JUMP_M = 0.1  # distance between two poses (a radian counts 0.1 m) that begins a new path
-_SEARCHES = 12  # most attempts at the first pose of a path, about 1 ms each; usually one or two
-_ATTEMPTS = 4  # most attempts at each further pose; usually one
-_REACH_RAD = 0.7  # largest turn of a joint there, so that the arm never swings round to its other side
-_WORTH_SAYING_M = 1e-3  # error from which a pose counts as out of reach
-_QUIET = 30  # poses within reach, about a second, after which the next warning may come
+_JUMP_M = 0.1  # distance between two poses from which a new path begins, m (a radian counts 0.1 m)
+_SEARCHES = 12  # largest number of attempts at the first pose of a path, about 1 ms each; usually one or two
+_ATTEMPTS = 4  # largest number of attempts at each further pose; usually one
+_REACH_RAD = 0.7  # largest turn of a joint between poses, rad, so that the arm never swings round to its other side
+_WORTH_SAYING_M = 1e-3  # error from which a pose counts as out of reach, m
+_QUIET = 30  # number of poses within reach, about a second, after which the next warning may come
 
 
 class EeSpace:
     """Keys, observations and actions of a group of arms by the poses of the tools of `models`.
 
     Raises:
-        ConfigError: an arm without joints.
+        ConfigError: an arm has no joints.
     """
 
     def __init__(self, arms: ArmGroup, models: Models):
@@ -60,10 +60,10 @@ class EeSpace:
     def vector(self, action: Mapping[str, object]) -> np.ndarray:
         """Return joints and grippers, in canonical order and SI units, that put the tools at the poses of an action.
 
-        For a pose out of reach they are those of the nearest pose that the arm reaches.
+        For a pose out of reach, these are the joints at the nearest pose that the arm reaches.
 
         Raises:
-            ActionError: missing or unknown keys, values that are not finite numbers or no pose.
+            ActionError: keys are missing or unknown, values are not finite numbers, or are no pose.
             YamError: an arm is silent or has failed.
         """
         vector = validate_action(self._arms.device, action, self.keys)
@@ -81,7 +81,7 @@ class EeSpace:
 
 
 class Tool:
-    """Tool of one arm: converts joints to the six numbers and back."""
+    """Tool of one arm, which converts joints to the six `TOOL_NUMBERS` and back."""
 
     def __init__(self, name: str, kinematics: YamKinematics):
         self._name = name
@@ -99,17 +99,18 @@ class Tool:
         self._before = None
 
     def joints(self, numbers: np.ndarray, setpoint: np.ndarray) -> np.ndarray:
-        """Return `follow` for `numbers` (6,) instead of a pose."""
+        """Return the joints of `follow` for `numbers` (6,) instead of a pose."""
         return self.follow(vector_to_pose(numbers, self._reference), setpoint)
 
     def follow(self, pose: np.ndarray, setpoint: np.ndarray) -> np.ndarray:
         """Return joints (n,) rad for a pose (4, 4), or for the nearest pose that the arm reaches.
 
-        A path begins at the arm's set-point (n,) rad and goes on from its own solutions, which keep its branch; an arm
-        that lags behind would not. Only a pose far from the set-point may have any solution.
+        The search for a path's first solution starts from the arm's set-point (n,) rad, each further search from the
+        solution before: that keeps the branch, while an arm that lags behind would not. Only for a first pose far from
+        the set-point may the solution be on any branch.
 
         Raises:
-            ActionError: no pose.
+            ActionError: `pose` is no valid pose.
         """
         begins = self._before is None or pose_distance_m(self._before, pose) > _JUMP_M
         if begins:

@@ -1,4 +1,4 @@
-"""Names of a robot's values in LeRobot's features, in the canonical order: left joints, left gripper, right ones."""
+"""Names of a robot's values in LeRobot's features, in canonical order: left joints, left gripper, right joints …"""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -28,7 +28,7 @@ def motor_names(prefix: str, joints: int, gripper: bool) -> list[str]:
 
 
 def motors_of(arms: Mapping[str, ArmConfig]) -> list[str]:
-    """Return the names of the motors of arms by prefix. Raises ConfigError: unknown arm or gripper."""
+    """Return the names of the motors of arms by prefix. Raises ConfigError: an arm or gripper is unknown."""
     return [key.removesuffix(".pos") for key in action_keys(arms, "joint")]
 
 

@@ -1,8 +1,9 @@
-"""Followers that a hand moves, by the teleoperator `yam_hand_guide` of the same process.
+"""Followers that a hand moves, with the teleoperator `yam_hand_guide` in the same process.
 
-LeRobot connects both, reads the teleoperator's action and gives it to the follower. The action is the pose to which the
-hand has led the follower: from the first action on its arms float, and only their grippers obey. Any other action, such
-as a policy's, ends the guidance: the arms hold, and follow it. Without any action they hold after `command_timeout_s`.
+LeRobot connects follower and teleoperator, reads the teleoperator's action and sends it to the follower. The action is
+the pose to which the hand has led the follower: from the first action on the arms float, and only grippers obey. Any
+other action, such as a policy's, ends the guidance: the arms hold, and follow that action. Without any action the arms
+hold after `command_timeout_s`.
 """
 
 import contextlib
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-_announced: "HandGuidance | None" = None  # that of this process's connected teleoperator
+_announced: "HandGuidance | None" = None  # guidance of this process's connected teleoperator
 
 
 class HandGuidance:
@@ -43,7 +44,7 @@ class HandGuidance:
         """Offer the connected teleoperator to the next follower of this process.
 
         Raises:
-            ConfigError: another one is connected already.
+            ConfigError: another teleoperator of this kind is connected already.
         """
         global _announced
         if _announced is not None and _announced is not self:
@@ -61,7 +62,7 @@ class HandGuidance:
         """Guide a follower that is about to be energised.
 
         Raises:
-            ConfigError: its action keys are not the teleoperator's, or another follower is guided already.
+            ConfigError: follower and teleoperator have different action keys, or another follower is guided already.
         """
         if self._arms is not None and self._arms is not arms and self._arms.connected:
             raise ConfigError(f"{self._device}: guides {self._follower} already; disconnect that first")
@@ -107,12 +108,12 @@ class HandGuidance:
         return dict(self._given)
 
     def opening(self, arm: int) -> float:
-        """Return the set-point of the gripper of an arm by number, 0 closed … 1 open; open without one."""
+        """Return the set-point of the gripper of an arm (by number), 0 closed … 1 open; 1 without a follower."""
         asked = None if self._arms is None else self._arms.newest()[arm].gripper_setpoint
         return 1.0 if asked is None else asked
 
     def _float(self, arms: ArmGroup) -> None:
-        """Have all arms float. An arm that holds again, and is pulled at, keeps holding until it is released."""
+        """Let all arms float. An arm that holds again while a hand pulls at it holds until the hand lets go."""
         first, self._guides = not self._guides, True
         waits = ""
         for side, state in zip(arms.sides, arms.newest(), strict=True):
@@ -135,10 +136,10 @@ class HandGuidance:
         self._waits = bool(waits)
 
     def take(self, action: Mapping[str, Any]) -> np.ndarray | None:
-        """Pass the last action on, which moves only grippers, so that the arms float on.
+        """Pass on an action if it is the teleoperator's last one: only grippers move, and the arms go on floating.
 
         Returns:
-            Its joints and grippers (n,); None for any other action, at which the arms hold.
+            The action's joints and grippers (n,); None for any other action, after which the arms hold.
         """
         given, arms = self._given, self._arms
         if arms is None or not self._guides:

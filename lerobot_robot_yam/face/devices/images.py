@@ -1,6 +1,6 @@
-"""The cameras of a run config: the rig of a rendered one, opening a single one, and the newest images of all.
+"""Cameras of a run config: finding the rig of a rendered camera, opening a camera, and reading the newest images.
 
-Images that are somewhat late are waited for.
+Reading waits for images that are somewhat late.
 """
 
 import dataclasses
@@ -24,23 +24,23 @@ from lerobot_robot_yam.system.runtime_files import rig_name
 
 logger = logging.getLogger(__name__)
 
-# A busy machine or USB bus makes images late now and then, which should not end a recording. Waiting leaves the
-# machine to the processes that make images; going on with old ones, up to LeRobot's 0.5 s, would keep it busy.
+# Largest age of a fresh image, s; the second for slow cameras. A busy machine or USB bus makes images late now and
+# then, which should not end a recording. A program that waits leaves the machine to the processes that make images.
 _FRESH_S, _FRESH_SLOW_S = 0.2, 0.4
-_FRESH_FRAMES = 2.0  # the same in frames of a slow camera, up to the second limit
-LATE_S = 0.6  # wait after which LeRobot's own limit of the age counts
-# Age of the image of a dead camera, ms. It is reported within the second that docs/faults.md promises, if this
-# process gets its time; while another process has the machine, all cameras are merely slow.
+_FRESH_FRAMES = 2.0  # largest age of a fresh image in frames of a slow camera, up to _FRESH_SLOW_S
+LATE_S = 0.6  # length of a wait after which LeRobot's own limit of an image's age counts, s
+# Age of an image at which its camera counts as dead, ms. A dead camera is reported within the second that
+# docs/faults.md promises, if this process gets its time; while others have the machine, all cameras are merely slow.
 _DEAD_MS = 800
-PATIENCE_S = 3.0
-_GLANCE_S = 0.005
-_RENEWAL_S = 0.011  # longest wait for an image that is due: a third of LeRobot's usual period, less than its sleep
-_RENEWAL_FRAMES = 1 / 3  # the same, in frames of a camera
-_POLL_S = 0.001  # between two looks for an image that is due
-_SAMPLE = 8  # pixels between two that are compared
-_ASLEEP_S = 0.1  # gap between two looks that shows that other processes had the machine
-_TOLD_S = 30.0  # between two warnings of late images; on a busy machine each one waits
-_REGISTER = ("lerobot.cameras.opencv", "lerobot.cameras.realsense")  # as LeRobot's commands import them
+PATIENCE_S = 3.0  # longest wait for a fresh image, s
+_GLANCE_S = 0.005  # pause before a late image is read again, s
+_RENEWAL_S = 0.011  # longest wait for an image that is due, s: a third of LeRobot's usual period, less than its sleep
+_RENEWAL_FRAMES = 1 / 3  # share of a camera's period, at its end, in which the next image is due
+_POLL_S = 0.001  # pause between two reads of an image that is due, s
+_SAMPLE = 8  # step of the rows and columns that are compared, pixels
+_ASLEEP_S = 0.1  # time between two reads that shows that other processes had the machine, s
+_TOLD_S = 30.0  # least time between two warnings of late images, s: on a busy machine each read waits
+_REGISTER = ("lerobot.cameras.opencv", "lerobot.cameras.realsense")  # modules that LeRobot's commands import, too
 _SCENE_OPTIONS = {field.name for field in dataclasses.fields(Options)}
 
 
@@ -66,8 +66,8 @@ def open_camera(name: str, options: Mapping[str, Any], arms: Iterable[ArmConfig]
 
     Args:
         name: the camera's name in messages.
-        options: as in a run config, with its type.
-        arms: that config's; a camera `yam_sim` shows their rig.
+        options: options of the camera as in a run config, with its type.
+        arms: arms of that config; a camera `yam_sim` shows their rig.
 
     Raises:
         ConfigError: LeRobot does not accept these options.
@@ -97,7 +97,7 @@ def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraCon
         Images by feature name, depth as `<name>_depth`; and the message about a wait, empty without one.
 
     Raises:
-        StaleStateError: a camera has no image, or its image is older than 0.8 s, or too old for `PATIENCE_S`; names it.
+        StaleStateError: a camera has no image, or its image is older than 0.8 s, or was late for `PATIENCE_S`.
     """
     begin = glance = time.monotonic()
     waited_s = watched_s = 0.0
@@ -122,10 +122,10 @@ def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraCon
 
 
 class ImageReader:
-    """Reads the newest images of cameras repeatedly, each of them once if possible.
+    """Reader of the newest images of cameras, which reads each image only once if possible.
 
-    A camera and a loop of one rate drift past each other. Where they meet, an image comes just before one read and just
-    after the next, and every second one would be read twice. So an image that is due is waited for, a third of a frame.
+    Camera and loop have the same rate, but drift. At times an image comes just before one read and the next image just
+    after the next read, so images would be read twice. So a read waits a third of a frame for an image that is due.
     """
 
     def __init__(self, cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]):
@@ -135,7 +135,7 @@ class ImageReader:
         self._told_s, self._untold = -math.inf, 0  # last warning of a wait, and waits since
 
     def read(self) -> tuple[dict[str, Any], bool]:
-        """Return the images of `newest_images`, and whether any was waited for."""
+        """Return the images of `newest_images`, and whether this call has waited for any."""
         images, late = newest_images(self._cameras, self._configs)
         waited = bool(late)
         if late:
@@ -147,7 +147,7 @@ class ImageReader:
             waited, now = True, time.monotonic()
             try:
                 images |= _read(due, self._configs, None)
-            except StaleStateError:  # the next call raises it, if the image stays away
+            except StaleStateError:  # the next call raises this error again, if the image stays away
                 break
             due = {name: camera for name, camera in due.items() if self._is_due(name, images, now)}
         for name in self._cameras:

@@ -1,4 +1,4 @@
-"""Checks of leader and follower before they are energised: it can be led from here, and their actions mean the same."""
+"""Checks before leader and follower are energised: this process can lead, and the actions of both mean the same."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -27,8 +27,8 @@ class Spoken:
     Attributes:
         device: name in messages.
         action_keys: keys of the device's actions.
-        use_degrees: angles are degrees.
-        models: profiles of the arms whose joints or tools are meant.
+        use_degrees: whether angles are in degrees.
+        models: profiles of the arms whose joints or tools the actions mean.
     """
 
     device: str
@@ -38,7 +38,7 @@ class Spoken:
 
 
 def check_pair(one: Spoken, other: Spoken) -> None:
-    """Refuse two devices whose actions differ in space, keys, unit or arm. Raises ConfigError: names the difference."""
+    """Refuse two devices that do not fit. Raises ConfigError: their actions differ in space, keys, unit or arm."""
     both = f"{one.device} and {other.device}"
     spaces = {space_of(spoken.action_keys) for spoken in (one, other)}
     if "delta" in spaces and under_a_command():
@@ -72,7 +72,7 @@ def check_followers(leaders: Sequence[ArmConfig], driven: Collection[str]) -> No
         driven: channel keys of the arms that this process drives.
 
     Raises:
-        ConfigError: there is no such CAN interface.
+        ConfigError: the follower's channel is no CAN interface of this computer.
         ChannelInUseError: another process drives the follower.
     """
     holders = sessions(runtime_dir())

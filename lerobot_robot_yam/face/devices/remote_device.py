@@ -1,4 +1,4 @@
-"""Devices whose arms are another computer's: their options, and the calls that need files of that computer.
+"""Devices whose arms another computer drives: their options, and the calls that need files of that computer.
 
 LeRobot loads this module at its start, so slow imports come later.
 """
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(kw_only=True)
 class RemoteOptions:
-    """Which computer has the arms."""
+    """Options that say which computer has the arms."""
 
     host: str = option("the computer that has the arms, where yam-host runs: NAME or ADDRESS, or with :PORT")
     key: str | None = option(
@@ -67,5 +67,5 @@ class RemoteDevice:
 
     @check_if_not_connected
     def calibrate(self) -> None:
-        """Refuse. Raises ConfigError: the files are the host's."""
+        """Refuse. Raises ConfigError: the host has the files."""
         raise ConfigError("calibrate the arms on their own computer: lerobot-calibrate with the rig's file there")
