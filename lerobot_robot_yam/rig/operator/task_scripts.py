@@ -220,7 +220,7 @@ CATALOG: dict[str, type[Script]] = {
     "insertion": Insertion,
     "pick_and_place": PickAndPlace,
 }
-"""Name → class of the script, for `tasks.SCRIPTS` and `tasks.PICK_AND_PLACE`."""
+"""Class of each name in `tasks.SCRIPTS`, and of `tasks.PICK_AND_PLACE`."""
 
 
 def make_script(hands: Hands, scene: Mapping[str, Any], task: str) -> Script:

@@ -26,7 +26,7 @@ _TRIGGER_S = 0.3
 _FINGERS_REST = 0.01  # largest motion of the fingers between two looks that counts as rest, share of the stroke
 
 Off = Callable[[Sight], tuple[np.ndarray, float]]
-"""Function that returns the tool's remaining way: (3,) m in the world and a turn about the vertical, rad."""
+"""Returns the tool's remaining way: (3,) m in the world and a turn about the vertical, rad."""
 
 
 class Worker:
