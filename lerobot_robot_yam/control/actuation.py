@@ -21,18 +21,18 @@ class Actuation:
 
     Args:
         hardware: the arm.
-        interface: its motors.
+        interface: the arm's motors.
         status: mode, trouble and orders of the arm.
-        gravity: its model, if that has been made before.
+        gravity: the arm's gravity model, if one was made before.
 
     Attributes:
-        estimate: what is known of its joints.
-        commands: (n, 5) in joint coordinates, that go out next.
+        estimate: measured state of the arm's joints.
+        commands: (n, 5) commands of the next `send`, in joint coordinates.
         finding: result of the last `check`.
-        limp: motors that are being enabled, by index: they get no torque.
-        landing: the landing under way; `landing_response` owns it.
-        grips: while it floats its gripper keeps to the set-point: a hand guides it.
-        assist: acts beside its weight while it floats.
+        limp: indices of motors that are being enabled; they get no torque.
+        landing: the landing under way, which `landing_response` owns; None without one.
+        grips: whether the gripper keeps to the set-point while a hand guides the floating arm.
+        assist: torque and damping beside gravity compensation while the arm floats; None: none.
     """
 
     def __init__(
@@ -63,21 +63,21 @@ class Actuation:
 
     @property
     def q(self) -> np.ndarray:
-        """(n,) measured, rad; the gripper 0 closed … 1 open."""
+        """Measured joint positions (n,), rad; the gripper 0 closed … 1 open."""
         return self.estimate.q
 
     @property
     def opening(self) -> float:
-        """How far the gripper is open, 0 closed … 1 open: wide open as long as its stops are unknown."""
+        """Opening of the gripper, 0 closed … 1 open; 1 as long as its stops are unknown."""
         return 1.0 if self.gripper is None or self.gripper.stops is None else float(self.q[-1])
 
     @property
     def sunk(self) -> np.ndarray:
-        """(joints,) bool, see `ArmSetPoint`; of the landing under way, too."""
+        """Joints (joints,) that have sunk unheard, see `ArmSetPoint`; those of the landing under way, too."""
         return self.setpoint.sunk if self.landing is None else self.setpoint.sunk | self.landing.sunk
 
     def end_landing(self) -> None:
-        """Land no more; what has sunk stays so."""
+        """End the landing; joints that have sunk stay sunk."""
         self.setpoint.sunk, self.landing = self.sunk, None
         self.setpoint.accelerate_as_usual()
 
@@ -92,20 +92,20 @@ class Actuation:
         """Put this tick's commands on the wire.
 
         Raises:
-            BusError: the channel does not take them.
-            ActionError: they are not finite.
+            BusError: the channel does not take the frames.
+            ActionError: the commands are not finite.
         """
         self._interface.send(self.commands)
         self.bus_loss.clear()
 
     def compute_command(self, now: float, dt: float) -> None:
-        """From state and set-point to the commands of the next `send`. now, dt: s."""
+        """Compute the commands of the next `send` from state and set-point. now, dt: s."""
         self.commands = self._law.compute(now, dt, self.landing, self.grips, self.assist)
         if self.limp:
             self.commands[self.limp, mit_laws.KP :] = 0.0
 
     def enter(self, mode: Mode) -> None:
-        """Change the mode; only TRACK keeps the gains of a target. Raises LifeCycleError: not from the present mode."""
+        """Change the mode; only TRACK keeps a target's gains. Raises LifeCycleError: the present mode forbids this."""
         self.status.check(mode)
         if mode is Mode.LAND:
             self.impedance.live.reset()  # landings are made for the configured gains
@@ -117,20 +117,20 @@ class Actuation:
     def use_gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
         """Use the gains (n,) of a target, NaN or None as configured.
 
-        A softer arm may have been left behind. Stiffer gains pull no harder than the arm was pulled before, or than it
-        lags with its own gains.
+        A soft arm may be far from its set-point. Stiffer gains then pull no harder than the soft ones did, or than the
+        arm's own gains do at its usual lag.
         """
         before = self.impedance.kp
         self.impedance.gains(kp, kd)
         self.setpoint.pull_no_harder(before, self.impedance.kp, kp is not None)
 
     def change_gains(self, kp: np.ndarray, kd: np.ndarray) -> None:
-        """Go over to other gains (n,) of its own, NaN as configured, so that no torque jumps; targets keep theirs."""
+        """Change the arm's own gains (n,), NaN as configured, so that no torque jumps; gains of targets stay."""
         self.setpoint.pull_no_harder(self.impedance.kp, np.where(np.isnan(kp), self.hardware.kp, kp), False)
         self.impedance.live.change(kp, kd)
 
     def repeat(self) -> None:
-        """Command what went out last, at rest: after a defect of our own code nothing is computed again."""
+        """Repeat the last commands at zero speed: after a defect of our own code nothing is computed again."""
         self.commands = self._interface.sent.copy()
         self.commands[:, mit_laws.DQ] = 0.0
 

@@ -1,7 +1,7 @@
 """The controller of one arm: requests, targets, troubles and the emergency stop move it from mode to mode.
 
-It has no clock and waits for nothing. `actuation` has what moves the arm; `bring_up`, `landing_response`,
-`fault_response` and `stop_response` have what leads from one mode to another.
+The controller has no clock and waits for nothing. `actuation` moves the arm; `bring_up`, `landing_response`,
+`fault_response` and `stop_response` lead from one mode to another.
 """
 
 import logging
@@ -36,13 +36,13 @@ from lerobot_robot_yam.system.few_values import largest
 
 logger = logging.getLogger(__name__)
 
-_HEAT_PERIOD_S = 0.1  # temperatures change slowly
-_UNHEARD_S = 0.03  # seven ticks
+_HEAT_PERIOD_S = 0.1  # period of checking temperatures, s: they change slowly
+_UNHEARD_S = 0.03  # age of the oldest reply at which the set-point stops, s: seven ticks
 _HELD = (Mode.BRING_UP, Mode.HOLD, Mode.TRACK, Mode.FAULT)
 
 
 class ArmController:
-    """Drives the motors of one channel.
+    """Controller of the motors of one channel.
 
     Bring-up: `inspect` (energises nothing), `bring_up.energise`. Then each tick: `send`, `collect`, `measure`,
     `decide`, the set-point's `step`, `actuation.compute_command`.
@@ -50,11 +50,11 @@ class ArmController:
     Args:
         hardware: the arm.
         bus: an open bus; the controller does not close it.
-        gravity: the arm's model, if that has been made before.
+        gravity: the arm's gravity model, if one was made before.
 
     Attributes:
-        lead: what a leader does for its follower; None if it leads none.
-        coupling: with the leader that a follower follows at loop rate.
+        lead: a leader's part in teleoperation; None if the arm leads no follower.
+        coupling: link to the leader that this arm may follow at loop rate.
     """
 
     def __init__(self, hardware: ResolvedArm, bus: can.BusABC, gravity: GravityModel | None = None):
@@ -81,16 +81,16 @@ class ArmController:
 
     @property
     def clock(self) -> Clock:
-        """The clock of its channel."""
+        """The clock of the arm's channel."""
         return self.interface.chain.clock
 
     @property
     def wire_s(self) -> float:
-        """How long one tick of its motors occupies the wire, s."""
+        """Time for which the frames of one tick occupy the wire, s."""
         return self.interface.chain.expected_wire_s
 
     def send(self) -> None:
-        """Put this tick's commands on the wire; the last good ones instead of some that cannot be encoded."""
+        """Send this tick's commands, or the last good ones where these cannot be encoded."""
         self._talk(self._send)
 
     def _send(self) -> None:
@@ -103,15 +103,15 @@ class ArmController:
             self.actuation.send()
 
     def drain(self) -> None:
-        """Take the replies that have arrived, without waiting."""
+        """Process the replies that have arrived, without waiting."""
         self._talk(self.interface.chain.drain)
 
     def collect(self, until_s: float) -> None:
-        """Take the replies to this tick's commands; wait until then for stragglers."""
+        """Process the replies to this tick's commands; wait for late ones until `until_s`."""
         self._talk(lambda: self.interface.chain.collect(until_s))
 
     def _talk(self, work: Callable[[], object]) -> None:
-        """Send or receive frames; the channel may be lost."""
+        """Run `work`, which sends or receives frames; respond to a lost channel."""
         try:
             work()
         except BusError as error:
@@ -123,12 +123,12 @@ class ArmController:
         """Check that everything is there and as configured. Sends no command that moves or energises anything.
 
         Raises:
-            YamError: names the part that is not.
+            YamError: a part is missing or differs; the message names it.
         """
         self.interface.inspect()
 
     def adopt(self, record: np.ndarray, now: float) -> None:
-        """Take over from a loop that has died, and land. `record`: the state that it has published last.
+        """Take over from a loop that has died, and land. `record`: the last state that it published.
 
         An arm of which no motor is enabled is left alone.
         """
@@ -141,7 +141,7 @@ class ArmController:
             return
         arm.setpoint.adopt(record)
         self.landing.land(now, Trouble.CONTROL_DEAD, "its control process has died; the stand-by lands it")
-        arm.compute_command(now, 0.0)  # or the first tick would send zeros
+        arm.compute_command(now, 0.0)  # else the first tick would send zeros
 
     def abandon(self) -> None:
         """Cut torque during bring-up, over the next ticks: the arm was limp before and has not left its pose."""
@@ -149,7 +149,7 @@ class ArmController:
             self.landing.switch_off()
 
     def measure(self, now: float) -> None:
-        """From the replies to the state of the arm; trouble is answered as the table says."""
+        """Update the arm's state from the replies; answer trouble as the table in `state.faults` says."""
         arm, status = self.actuation, self.status
         arm.estimate.read()
         if self.interface.handle is not None:
@@ -171,7 +171,7 @@ class ArmController:
             arm.assist = self.lead.assist
 
     def _derate(self, now: float, monitor: ThermalMonitor) -> None:
-        """Let warm motors press and move less, unless they land; hot ones land."""
+        """Let an arm with warm motors press and move less, unless it lands; land one with hot motors."""
         arm, status, heat = self.actuation, self.status, self._heat
         if heat is None or now >= self._heat_due_s:
             heat = self._heat = monitor.check(now, arm.chain.temp_mos_c, arm.chain.temp_rotor_c)
@@ -183,17 +183,17 @@ class ArmController:
         if heat.stage:
             status.limited |= Limited.HEAT
             if heat.stage is Stage.HOT and status.mode is Mode.FAULT:
-                self.landing.end(now)  # while the other motors still obey
+                self.landing.end(now)  # land while the other motors still obey
             elif heat.stage is Stage.HOT and not status.must_land:
                 self.faults.suffer(Trouble.HOT, heat.message, now)
 
     def stop_reason(self, now: float) -> str:
-        """Why everything has to stop, empty when it has not: the handle's button, or too much effort."""
+        """Return why everything has to stop (the handle's button, too much effort); empty if nothing has to."""
         handle = self.interface.handle
         return self._stop.reason(now, NO_HANDLE.buttons if handle is None else handle.raw_buttons)
 
     def decide(self, now: float) -> None:
-        """Decide on the mode, and where the set-point goes. It is stepped after that."""
+        """Decide on the mode and on the set-point's goal; the loop steps the set-point afterwards."""
         arm, status = self.actuation, self.status
         if status.letting_go:
             return
@@ -218,7 +218,7 @@ class ArmController:
             arm.hold_here()
         if status.mode is Mode.TRACK:
             if now - arm.estimate.oldest_s() > _UNHEARD_S + arm.chain.round_trip.one_way_s:
-                arm.setpoint.stop()  # or it would run ahead of an arm that does not hear, which would hurry after it
+                arm.setpoint.stop()  # else it would run ahead of an arm that hears nothing and hurries after it later
         if arm.landing is not None:
             self.landing.advance(now)
         elif status.mode in (Mode.HOLD, Mode.TRACK):
@@ -235,14 +235,14 @@ class ArmController:
         kd: np.ndarray | None = None,
         age_s: float = 0.0,
     ) -> bool:
-        """A new target (n,), gripper 0 … 1, given `age_s` ago; taken while holding or tracking only. True when taken.
+        """Accept a target (n,), gripper 0 … 1, given `age_s` ago, while holding or tracking; return whether it was.
 
-        An arm that is guided by hand takes the gripper's part, and floats on.
+        An arm that is guided by hand floats on; only its gripper goes to the target.
         """
         arm, status = self.actuation, self.status
         if status.mode is Mode.FLOAT and arm.grips and not status.halted:
             self._last_target_at = now
-            arm.setpoint.set_target(target, now)  # the joints' is where they are, again at each tick
+            arm.setpoint.set_target(target, now)  # each tick resets the joints' targets to where they are
             return True
         if status.mode not in (Mode.HOLD, Mode.TRACK) or status.halted:
             return False
@@ -264,7 +264,7 @@ class ArmController:
         setpoint = arm.setpoint
         if not coupling.advance(now, (setpoint.q, setpoint.dq), arm.q):
             return
-        if coupling.number:  # else it only comes to rest, which no caller has asked for
+        if coupling.number:  # else the set-point only comes to rest, which no caller has asked for
             self._last_target_at = now
             if not arm.impedance.own_gains:
                 arm.use_gains()
@@ -276,21 +276,21 @@ class ArmController:
         setpoint.track(coupling.target, coupling.velocity, now)
 
     def change_gains(self, kp: np.ndarray, kd: np.ndarray) -> None:
-        """Go over to other gains (n,) of its own, NaN as configured. Raises LifeCycleError: the arm lands."""
+        """Change the arm's own gains (n,), NaN as configured. Raises LifeCycleError: the arm lands."""
         if self.mode is Mode.LAND:
             raise LifeCycleError(f"{self.name}: it lands with the configured gains; change them once it is up again")
         self.actuation.change_gains(kp, kd)
 
     def held_back(self, by: str) -> None:
-        """The workspace holds the set-point back, `by` names the parts; empty when it does not."""
+        """Note that the workspace holds the set-point back; `by` names the parts, empty if nothing does."""
         if self._progress.by_workspace(by):
             self.status.limited |= Limited.WORKSPACE
 
     def request(self, request: Request, now: float) -> None:
-        """Change mode as the caller asks; while `status.busy` goes on with that, `status.refusal` tells its end.
+        """Change the mode as requested. While `status.busy` that goes on; then `status.refusal` says how it ended.
 
         Raises:
-            YamError: not from the present mode, or it cannot be done.
+            YamError: the present mode forbids the request, or it cannot be done.
         """
         arm, status = self.actuation, self.status
         if request is Request.LAND:
@@ -318,7 +318,7 @@ class ArmController:
                 arm.enter(Mode.FLOAT)
             arm.grips = request is Request.GUIDE and status.mode is Mode.FLOAT
             if arm.grips:
-                self._last_target_at = now  # it goes on for as long as targets come
+                self._last_target_at = now  # guiding goes on as long as targets come
         elif request is Request.CALIBRATE_GRIPPER:
             if arm.gripper is None:
                 raise MotorError(f"{self.name}: {arm.hardware.gripper.name} has no motor to calibrate")

@@ -11,18 +11,18 @@ class ArmStatus:
 
     Args:
         name: for messages.
-        floats: the arm floats, rather than holds, unless something else is asked of it: a leader.
+        floats: whether the arm floats by default, as leaders do, rather than holds.
 
     Attributes:
-        trouble, message: why it is in FAULT, or lands.
-        limited: what keeps it from doing what it is told.
-        stopped: the emergency stop is latched. The loop says so before anything is asked or decided.
-        must_land: it lands as soon as the emergency stop is released.
-        halted: it takes no targets until it is re-armed, because the other arm is in trouble.
-        stops_afloat: during the emergency stop that is latched it floats, rather than holds.
-        rearming: its motors are being re-armed; a landing waits for that.
-        letting_go: its torque is being cut.
-        refusal: why what was requested last was not done; else empty.
+        trouble, message: why the arm is in FAULT, or lands.
+        limited: what keeps the arm from reaching its target.
+        stopped: whether the emergency stop is latched; the loop sets this before each tick's decisions.
+        must_land: whether the arm lands as soon as the emergency stop is released.
+        halted: whether the arm refuses targets until it is re-armed, because the other arm is in trouble.
+        stops_afloat: whether the arm floats, rather than holds, during the latched emergency stop.
+        rearming: whether the arm's motors are being re-armed; a landing waits for that.
+        letting_go: whether the arm's torque is being cut.
+        refusal: why the last request was not done; else empty.
     """
 
     def __init__(self, name: str, floats: bool):
@@ -47,16 +47,16 @@ class ArmStatus:
 
     @property
     def busy(self) -> bool:
-        """Whether what was requested last takes more ticks; nothing else is requested meanwhile."""
+        """Whether the last request takes more ticks; no other one is accepted meanwhile."""
         return self.rearming or self.letting_go
 
     @property
     def afloat(self) -> bool:
-        """Whether only the model carries it."""
+        """Whether the arm floats, carried by its gravity model alone."""
         return self._mode is Mode.FLOAT or (self._mode is Mode.STOPPED and self.stops_afloat)
 
     def check(self, mode: Mode) -> None:
-        """Raises LifeCycleError: the table of transitions does not lead from the present mode to this one."""
+        """Check a change of mode. Raises LifeCycleError: no transition leads from the present mode to `mode`."""
         if mode not in TRANSITIONS[self._mode]:
             possible = ", ".join(sorted(mode.name.lower() for mode in TRANSITIONS[self._mode])) or "nothing"
             way = f"{self._mode.name.lower()} to {mode.name.lower()}"

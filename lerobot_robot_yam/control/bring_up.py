@@ -9,11 +9,11 @@ from lerobot_robot_yam.errors import ChannelInUseError, MotorError, YamError
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 
-_ENABLE_TICKS = 20  # in which a motor has to say that it is enabled: an answer may get lost
+_ENABLE_TICKS = 20  # ticks within which a motor has to report that it is enabled: a reply may get lost
 
 
 class BringUp:
-    """Bring-up of one arm. after: the mode in which it ends."""
+    """Bring-up of one arm, which ends in the mode `after`."""
 
     def __init__(self, actuation: Actuation, interface: JointInterface, floating: FloatMonitor):
         self._actuation, self._interface, self._floating = actuation, interface, floating
@@ -31,12 +31,12 @@ class BringUp:
         where = f"{arm.name} ({arm.config.channel})"
         self._status.check(Mode.BRING_UP)
         arm.chain.drain()
-        if arm.chain.foreign_commands:  # since it was listened to; they hold the arm perhaps
+        if arm.chain.foreign_commands:  # it may hold the arm
             raise ChannelInUseError(
                 f"{arm.name}: another driver commands the motors on {arm.config.channel}; stop it and try again"
             )
         self._status.enter(Mode.BRING_UP)
-        arm.chain.feedback.believe(range(arm.hardware.n))  # since it was inspected, a hand may have moved a limp arm
+        arm.chain.feedback.believe(range(arm.hardware.n))  # a hand may have moved the arm
         arm.setpoint.start()
         silent = yield from self._interface.enable(range(arm.hardware.n))
         if silent:
@@ -55,7 +55,7 @@ class BringUp:
             raise MotorError(f"{where}: {finding.message}")
 
     def advance(self, now: float) -> tuple[Trouble, str] | None:
-        """One tick: leave bring-up once the gripper's stops are known. Returns the trouble that prevents it."""
+        """Advance one tick: leave bring-up once the gripper's stops are known. Return the trouble that prevents it."""
         arm = self._actuation
         if arm.gripper is not None and arm.gripper.searching:
             try:

@@ -20,7 +20,7 @@ RELEASE_FIRST = "the emergency stop is latched: look at the arms, then `yam-esto
 
 
 class FaultResponse:
-    """Responses of one arm."""
+    """Responses of one arm to trouble."""
 
     def __init__(
         self, rearm: Rearm, actuation: Actuation, landing: LandingResponse, bring_up: BringUp, floating: FloatMonitor
@@ -28,15 +28,15 @@ class FaultResponse:
         self._actuation, self._status = actuation, actuation.status
         self._landing, self._bring_up, self._floating = landing, bring_up, floating
         self._rearm = rearm
-        self._rearming: Generator[None] | None = None  # under way
+        self._rearming: Generator[None] | None = None  # re-arming under way
         self._halted_afloat = False
         self._news: Trouble | None = None
-        self._peer: ArmStatus | None = None  # because of which it was halted
+        self._peer: ArmStatus | None = None  # arm whose trouble halted this one
 
     def suffer(self, trouble: Trouble, message: str, now: float) -> None:
-        """Answer trouble as the table says, and have the other arms told.
+        """Answer trouble as the fault table says, and note it for the other arms.
 
-        An arm that holds in trouble or lands goes on with that.
+        An arm that already holds in trouble, or lands, continues to do so.
         """
         arm, status = self._actuation, self._status
         if status.mode in (Mode.FAULT, Mode.LAND) or status.letting_go:
@@ -52,7 +52,7 @@ class FaultResponse:
         arm.enter(Mode.FAULT)
 
     def fail(self, error: Exception) -> None:
-        """Hold with the last commands that went out, at rest: something in our own code broke."""
+        """Hold with the last commands that were sent, at rest, after an error in our own code."""
         arm, status = self._actuation, self._status
         if status.ended or status.letting_go:
             logger.critical("%s: internal error; it has no torque", arm.name, exc_info=error)
@@ -68,18 +68,18 @@ class FaultResponse:
         arm.repeat()
 
     def lose_bus(self, error: BusError, now: float) -> None:
-        """The channel takes nothing: the motors keep the last command until their own watchdogs act."""
+        """Respond to a channel that takes no frames: the motors keep the last command until their own watchdogs act."""
         trouble = self._actuation.bus_loss.note(error, now)
         if trouble is not None:
             self.suffer(trouble, str(error), now)
 
     def take_news(self) -> Trouble | None:
-        """Trouble that has come up since the last call."""
+        """Return the trouble that has come up since the last call."""
         news, self._news = self._news, None
         return news
 
     def halt(self, peer: ArmStatus) -> None:
-        """Hold, and take no targets until both are re-armed: the other arm is in trouble."""
+        """Hold, and refuse targets until both arms are re-armed: `peer` is in trouble."""
         status = self._status
         self._peer = peer
         if status.mode in (Mode.HOLD, Mode.TRACK, Mode.FLOAT, Mode.STOPPED, Mode.BRING_UP):
@@ -91,12 +91,12 @@ class FaultResponse:
                 self._actuation.hold_here()
 
     def rearm(self) -> None:
-        """Enable again what has failed, and hold the measured pose; `advance` does it, `status.rearming` meanwhile.
+        """Begin to enable failed motors again and to hold the measured pose; `advance` goes on while `status.rearming`.
 
-        An arm whose own trouble has ended goes on holding as long as the other one is in trouble.
+        An arm whose own trouble has ended goes on holding as long as the other arm is in trouble.
 
         Raises:
-            LifeCycleError: this trouble needs a new connection, or the arm holds because of another that is in trouble.
+            LifeCycleError: this trouble needs a new connection, or the arm holds because another arm is in trouble.
         """
         arm, status = self._actuation, self._status
         if status.mode is Mode.LAND or status.must_land:
@@ -112,8 +112,8 @@ class FaultResponse:
         self._release()
 
     def advance(self) -> None:
-        """One tick of a re-arming. If it fails, `status.refusal` says why, and what obeys holds where it is."""
-        work, self._rearming = self._rearming, None  # an error in our own code ends it, too
+        """Advance a re-arming by one tick. If it fails, `status.refusal` says why, and motors that obey hold."""
+        work, self._rearming = self._rearming, None  # an error in our own code ends the re-arming, too
         if work is None:
             return
         self._status.rearming = False
@@ -138,7 +138,7 @@ class FaultResponse:
         peer, self._peer = self._peer, None
         status.halted, self._halted_afloat = False, False
         status.trouble, status.message, status.limited = None, "", Limited.NOTHING
-        if peer is not None and peer.trouble is not None:  # it was in trouble, too
+        if peer is not None and peer.trouble is not None:  # the peer was in trouble, too
             self.halt(peer)
 
     def _check_rearm(self) -> None:

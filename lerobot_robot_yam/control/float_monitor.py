@@ -1,12 +1,12 @@
-"""Whether an arm may float, and whether one that floats runs away.
+"""Checks whether an arm may float, and whether a floating arm runs away.
 
-An arm may float if it would stay where it is: the torque r that holds it, beyond its model's, is friction.
+An arm may float if it would stay where it is, because the torque r that holds it beyond its model's is friction:
 
     r = tau − w,  w = gravity model · gravity factor
 
 While floating, the motors give w and nothing holds the arm against r any more, but friction. An arm that lies needs
 less than its model says, but nothing presses it down either: its motors give w, r is 0, and it may float. Where w is
-too much they must pull it down, and r shows it.
+too much, motors that hold the arm must pull it down, and r shows that.
 """
 
 import math
@@ -21,23 +21,23 @@ from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import LifeCycleError
 from lerobot_robot_yam.system.few_values import largest
 
-_PATIENCE_S = 2.0  # for a hand that has held the arm up so far to let it go
-_AT_STOP_RAD = 0.05  # zeros and stops of real arms are off by a few hundredths
+_PATIENCE_S = 2.0  # longest wait for a hand that holds the arm up to let go, s
+_AT_STOP_RAD = 0.05  # distance from a limit that counts as its stop: zeros of real arms are off by a few hundredths
 _STILL_RAD_S = 0.15
-_KNOWN_S = 0.2  # of standing still: what is left of the jerk of coming to rest
-_MEMORY_S = 1.0  # for which the torques before a motion count: a joint that slips for a moment proves nothing
+_KNOWN_S = 0.2  # time of standing still before torques count, s: the jerk of coming to rest fades
+_MEMORY_S = 1.0  # how long torques from before a motion count, s: a joint that slips for a moment proves nothing
 _SMOOTH_S = 0.06
-_WRONG_SHARE = 0.2  # of w; real arms are 10 to 20 % off their models (vendor's gravity factors: 1.0 … 1.2)
-_WRONG_NM = 0.02  # of the motor's range, 0.56 Nm of a DM4340: twice the friction that the vendor compensates
+_WRONG_SHARE = 0.2  # share of w that may be wrong: models are 10 to 20 % off (vendor's gravity factors: 1.0 … 1.2)
+_WRONG_NM = 0.02  # share of the motor's range that may be wrong, 0.56 Nm of a DM4340: twice the vendor's friction
 CHECK = "check payload_mass_kg, gravity_factor, arm, gripper and base_tilt_rad"
 
 
 class GravityBalance:
-    """Compares the torques of n joints. Ask once per tick while the arm is held, `reset` when it is not.
+    """Comparison of n joints' torques with the model. Advance once per tick while the arm is held, `reset` when not.
 
     Args:
         names: (n,) names of the joints, for messages.
-        range_nm: (n,) torque range of their motors.
+        range_nm: (n,) torque range of the joints' motors.
     """
 
     def __init__(self, names: Sequence[str], range_nm: np.ndarray):
@@ -50,16 +50,16 @@ class GravityBalance:
         self._known_until = -math.inf
 
     def reset(self) -> None:
-        """The arm is not held any more, or not by all its motors."""
+        """Forget all torques: the arm is not held any more, or not by all its motors."""
         self._still_since, self._known_until = math.inf, -math.inf
 
     def advance(self, now: float, tau_nm: np.ndarray, weight_nm: np.ndarray, dq: np.ndarray) -> None:
-        """One tick of an arm that is held.
+        """Process one tick of an arm that is held.
 
         Args:
             now: s.
-            tau_nm, weight_nm: (n,) measured torque, and w.
-            dq: (n,) rad/s.
+            tau_nm, weight_nm: (n,) measured torque, and the model's torque w.
+            dq: (n,) speed, rad/s.
         """
         dt, self._before = now - self._before, now
         if largest(dq) > _STILL_RAD_S:
@@ -74,12 +74,12 @@ class GravityBalance:
         self._weight = weight_nm
 
     def verdict(self, now: float, unknown: np.ndarray | None = None, memory_s: float = 0.0) -> str | None:
-        """Names the joints that would run away; "" when the arm may float, None while that is unknown.
+        """Return a message that names the joints that would run away; "" if the arm may float, None while unknown.
 
         Args:
             now: s.
-            unknown: (n,) rad, direction in which a stop may hold the joint, 0 where none does: not judged.
-            memory_s: time for which an arm that moves is judged by the torques before, s.
+            unknown: (n,) direction in which a stop may hold the joint, else 0; torque that way is not judged.
+            memory_s: time for which a moving arm is judged by its torques from before the motion, s.
         """
         if not now - self._still_since > _KNOWN_S and now - self._known_until >= memory_s:
             return None
@@ -98,7 +98,7 @@ class GravityBalance:
 
 
 class FloatMonitor:
-    """Monitors one arm. Call `watch` once per tick, before the other methods."""
+    """Monitor of one arm. Call `watch` once per tick, before the other methods."""
 
     def __init__(self, estimate: JointEstimate, impedance: Impedance, hardware: ResolvedArm):
         self._estimate, self._impedance, self._hardware = estimate, impedance, hardware
@@ -109,7 +109,7 @@ class FloatMonitor:
         self._awaited_since: float | None = None
 
     def watch(self, now: float, held: bool, afloat: bool) -> str:
-        """One tick of an arm that is `held` by all its motors, or `afloat`, or neither.
+        """Process one tick of an arm that is `held` by all its motors, or `afloat`, or neither.
 
         Returns:
             A message that names the joint that runs away; empty when none does.
@@ -121,7 +121,7 @@ class FloatMonitor:
         else:
             self._balance.reset()
         joint = self._impedance.float_speed.runs_away if afloat else None
-        if joint is None or not self._impedance.carries(self._estimate.q[self._j], joint):  # a shove drives it
+        if joint is None or not self._impedance.carries(self._estimate.q[self._j], joint):  # a shove moves it
             return ""
         return (
             f"{self._names[joint]} goes on at {dq[joint]:.1f} rad/s though it is damped, and is held now; {CHECK}. "
@@ -129,10 +129,10 @@ class FloatMonitor:
         )
 
     def settled(self) -> str | None:
-        """Why an arm that has just been energised, and holds where it was, does not float; "" when it may.
+        """Return why a just energised arm that holds its pose may not float; "" when it may, None while unknown.
 
-        None: not known yet, ask again at the next tick. A hand may still hold the arm up, and let go of it soon. A hand
-        that moves the arm all the time holds it.
+        After None ask again at the next tick: a hand may still hold the arm up, and let go soon. An arm that a hand
+        moves all the time may float, since the hand holds it.
         """
         if self._awaited_since is None:
             self._awaited_since = self._now
@@ -143,12 +143,12 @@ class FloatMonitor:
         return verdict or ""
 
     def check(self, arm: str) -> None:
-        """Refuse to let an arm float that would run away. `arm` for the message.
+        """Refuse to let an arm float that would run away. `arm`: its name, for the message.
 
-        A joint at an end of its range may be pressed onto its stop: that weighs nothing.
+        Torque that presses a joint onto the stop at an end of its range does not count.
 
         Raises:
-            LifeCycleError: names joints and torques.
+            LifeCycleError: joints would run away; the message names joints and torques.
         """
         if not self._names:
             return

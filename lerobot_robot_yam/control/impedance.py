@@ -16,15 +16,15 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.system.few_values import all_of, largest
 
-_GLIDE_S = 0.5  # time in which gains go over to others
-_SOFT_FADE_S = 0.3  # time in which the friction of soft joints is fed forward, and no more
-_STILL_RAD_S = 1e-3  # a set-point that is slower rests
-_WORTH_SAYING_RAD = 0.01  # rest lies on a limit for some joints
-_RUBS = 0.05  # of the torque limit, 1.4 Nm of a DM4340: what friction holds back
-_MOST_KD = 5.0  # Nm s/rad, the most that the motors take: what is still unsupported sinks slowly
-_PLANNED_SHARE = 0.9  # of the torque limit, for the set-point; the rest is for what models do not know
-_LEAST_SHARE = 0.2  # of the acceleration: a set-point must always be able to brake
-_AHEAD_TICKS = 1.5  # from a sample to the middle of the tick during which its command holds
+_GLIDE_S = 0.5  # time in which gains change to others, s
+_SOFT_FADE_S = 0.3  # time in which the friction feed-forward of soft joints fades in or out, s
+_STILL_RAD_S = 1e-3  # speed below which a set-point counts as at rest, rad/s
+_WORTH_SAYING_RAD = 0.01  # way beyond a limit that is reported, rad: some joints rest on a limit
+_RUBS = 0.05  # share of the torque limit that friction may hold back: 1.4 Nm of a DM4340
+_MOST_KD = 5.0  # largest damping that the motors take, Nm s/rad: what is still unsupported sinks slowly
+_PLANNED_SHARE = 0.9  # share of the torque limit that a set-point may use; the rest is for what models do not know
+_LEAST_SHARE = 0.2  # least share of the acceleration: a set-point must always be able to brake
+_AHEAD_TICKS = 1.5  # ticks from a sample to the middle of the tick during which its command holds
 
 
 Assist = tuple[np.ndarray, np.ndarray]
@@ -35,19 +35,19 @@ class Inputs(NamedTuple):
     """What the commands of one tick are computed from.
 
     Attributes:
-        now, dt: s.
+        now, dt: time, and time since the last tick, s.
         q, dq: (n,) of the motors, gripper in rad.
-        before: the same of each motor's sample before, NaN before there is one.
-        gripper: its measured rate and torque, strokes/s and Nm.
+        before: q and dq of each motor's previous sample, NaN without one.
+        gripper: the gripper's measured rate and torque, strokes/s and Nm.
         asked, asked_ddq: (2, n) position and speed of the set-point, (n,) its acceleration.
         mode: present mode of the arm.
-        whole: all motors can be relied on.
-        feed_nm: (n,) that carries the arm along its set-point, see `Impedance.feed_forward`; empty while it floats.
-        learns: the arm lands and hangs off its set-point: what its model misses is learnt.
-        fade: (joints,) shares of stiffness with feed-forward, and of the landing's damping, that are left while
-            landing ends; None: the arm's own.
+        whole: whether all motors can be relied on.
+        feed_nm: (n,) torque that carries the arm, see `Impedance.feed_forward`; empty while it floats.
+        learns: whether a landing arm that hangs off its set-point learns the torque that its model misses.
+        fade: (joints,) remaining shares of stiffness with feed-forward, and of the landing's damping, while a landing
+            ends; None: the arm's own gains.
         assist: torque and damping beside the weight while the arm floats, within the torque limits; None: none.
-        grips: while the arm floats its gripper keeps to its set-point; else it is free, too.
+        grips: whether the gripper of a floating arm keeps to its set-point; else the gripper is free, too.
     """
 
     now: float
@@ -68,9 +68,9 @@ class Inputs(NamedTuple):
 
 
 class LiveGains:
-    """Gains of n motors that a caller changes while the arm is energised: they glide, and no torque jumps.
+    """Gains of n motors that a caller changes while the arm is energised: gradually, so that no torque jumps.
 
-    kp(t) = kp0 + (kp1 - kp0) t / T, kd alike: damping that suits both ends suits the way between them, too.
+    kp(t) = kp0 + (kp1 - kp0) t / T, kd alike: damping that suits both ends suits all gains between, too.
 
     Args:
         kp, kd: (n,) as configured, Nm/rad and Nm s/rad.
@@ -86,24 +86,24 @@ class LiveGains:
 
     @property
     def kp(self) -> np.ndarray:
-        """(n,) Nm/rad."""
+        """Present stiffness (n,), Nm/rad."""
         stiffness: np.ndarray = self._now[0]
         return stiffness
 
     @property
     def kd(self) -> np.ndarray:
-        """(n,) Nm s/rad."""
+        """Present damping (n,), Nm s/rad."""
         damping: np.ndarray = self._now[1]
         return damping
 
     def change(self, kp: np.ndarray, kd: np.ndarray) -> None:
-        """Begin to go over to these (n,); NaN is as configured."""
+        """Begin to change to these gains (n,); NaN means as configured."""
         wanted = np.array((kp, kd))
         self._goal = np.where(np.isnan(wanted), self._configured, wanted)
         self._step = (self._goal - self._now) / _GLIDE_S
 
     def advance(self, dt: float) -> bool:
-        """Go on for `dt` s. True while they change."""
+        """Advance the gains by `dt` s; return whether they change."""
         if self._now is self._goal:
             return False
         way, step = self._goal - self._now, self._step * dt
@@ -112,49 +112,49 @@ class LiveGains:
         return True
 
     def reset(self) -> None:
-        """As configured, at once."""
+        """Return to the configured gains at once."""
         self._now = self._goal = self._configured
 
 
 class Impedance:
-    """Makes commands of one arm, (n, 5) in joint coordinates, and tells what limits them.
+    """Computation of one arm's commands, (n, 5) in joint coordinates, and of what limits them.
 
     Args:
         hardware: the arm.
-        gravity: its model; None for a gripper alone.
-        gripper: its gripper's axis, if it has a motor.
+        gravity: the arm's gravity model; None for a gripper alone.
+        gripper: the gripper's axis, if it has a motor.
 
     Attributes:
-        live: its own gains, which a caller may change.
+        live: the arm's own gains, which a caller may change.
         weight_nm: (joints,) what the model says that the arm weighs, as of the last commands.
-        coupled: it follows a leader at loop rate. Then the friction of soft joints is fed forward, as the profile has
-            it, unless the configuration says how much.
+        coupled: whether the arm follows a leader at loop rate. Then the profile's friction of soft joints is fed
+            forward, unless the configuration sets friction.
     """
 
     def __init__(self, hardware: ResolvedArm, gravity: GravityModel | None, gripper: Gripper | None):
         self._hardware, self._gravity, self._gripper = hardware, gravity, gripper
         self.live = LiveGains(hardware.kp, hardware.kd)
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
-        self.own_gains = True  # as configured, and not those of a target
+        self.own_gains = True  # gains are as configured, not those of a target
         self._of_target = False
         self._exact = hardware.config.track_integral
         self._sag = Sag(hardware)
         self._rubs = bool(hardware.coulomb_nm.any())
-        # Friction takes a soft joint 10 mrad off a target that moves, and makes it stick where that turns.
+        # Friction holds a soft joint 10 mrad off a moving target, and makes it stick where the target turns.
         soft = hardware.kp[: hardware.joints] < SOFT_NM_RAD
         asked = hardware.config.coulomb_friction_nm is not None
         self._soft_nm = np.where(soft & (not asked), hardware.arm.coulomb_friction_nm, 0.0)
         self._soft_share = 0.0
         self.coupled = False
         self._clipped = False
-        # Nothing is sent beyond: the gripper keeps its own stops.
+        # No position beyond these is sent; the gripper keeps its own stops.
         beyond = np.append(np.full(hardware.joints, RANGE_TOLERANCE_RAD), [np.inf] * hardware.has_gripper)
         self._lower, self._upper = hardware.lower - beyond, hardware.upper + beyond
         self.weight_nm: np.ndarray = np.zeros(hardware.joints)
         self.float_speed = mit_laws.FloatDamping(hardware.config.float_speed_rad_s, hardware.joints)
 
     def gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
-        """Use these gains (n,) of a target from now on; NaN or None means its own ones."""
+        """Use these gains (n,) of a target from now on; NaN or None means the arm's own ones."""
         hw, own = self._hardware, self.live
         self.kp = own.kp if kp is None else np.where(np.isnan(kp), own.kp, kp)
         self.kd = own.kd if kd is None else np.where(np.isnan(kd), own.kd, kd)
@@ -163,28 +163,28 @@ class Impedance:
 
     @property
     def sag_nm(self) -> np.ndarray:
-        """(joints,) Nm with which it carries what the gravity model misses."""
+        """Torque (joints,), Nm, that carries what the gravity model misses."""
         return self._sag.nm
 
     def explains(self, q: np.ndarray, error: np.ndarray) -> bool:
-        """Whether a model that is wrong about the arm's weight can be why it hangs `error` (joints,) rad behind."""
+        """Return whether a model of a wrong weight can explain that the arm hangs `error` (joints,) rad behind."""
         hw, j = self._hardware, slice(self._hardware.joints)
         missed = np.abs(self.kp[j] * error + self.sag_nm)
         return all_of(missed <= self._may_weigh_nm(q) + _RUBS * hw.torque_limit_nm[j])
 
     def carries(self, q: np.ndarray, joint: int) -> bool:
-        """Whether the joint carries a weight at q (joints,): those upright arms turn on do not."""
+        """Return whether the joint carries a weight at q (joints,); the base joint of an upright arm does not."""
         return bool(self._may_weigh_nm(q)[joint] > _RUBS * self._hardware.torque_limit_nm[joint])
 
     def _may_weigh_nm(self, q: np.ndarray) -> np.ndarray:
-        """(joints,) Nm by which a model may be wrong: all that it says, and the heaviest load."""
+        """Return the torque (joints,), Nm, by which a model may be wrong: all that it says plus the heaviest load."""
         if self._gravity is None:
             return np.zeros(self._hardware.joints)
         load_nm: np.ndarray = PAYLOAD_MOST_KG * np.abs(self._gravity.torque_per_kg(q))
         return load_nm + np.abs(self._gravity.torque(q))
 
     def float_free(self, inputs: Inputs) -> tuple[np.ndarray, Limited]:
-        """Gravity-compensated free motion, pushed back gently beyond the joint limits."""
+        """Compute commands that let the arm float, gravity-compensated, pushed back gently beyond the joint limits."""
         hw, q, dq = self._hardware, inputs.q, inputs.dq
         out = np.zeros((hw.n, 5))
         j = slice(hw.joints)
@@ -198,7 +198,7 @@ class Impedance:
             out[j, mit_laws.KD] += inputs.assist[1]
         share = self.float_speed.share(dq[j], inputs.dt)
         if share is not None:
-            # Within what the torque limit leaves: the clip would turn a speed that was read wrongly into a real one.
+            # Damping keeps within what the torque limit leaves: the clip would turn a misread speed into a real one.
             room = np.maximum(hw.torque_limit_nm[j] - np.abs(tau[j]), 0.0) / np.maximum(np.abs(dq[j]), 1e-9)
             out[j, mit_laws.KD] = np.minimum(out[j, mit_laws.KD] + share * (_MOST_KD - hw.idle_kd[j]), room)
         wall = mit_laws.soft_wall(
@@ -212,7 +212,7 @@ class Impedance:
         return self._clip(out, inputs, limited)
 
     def follow(self, inputs: Inputs) -> tuple[np.ndarray, Limited]:
-        """Hold or track the set-point."""
+        """Compute commands that hold or track the set-point."""
         hw, dt, mode = self._hardware, inputs.dt, inputs.mode
         out = np.zeros((hw.n, 5))
         j = slice(hw.joints)
@@ -240,7 +240,7 @@ class Impedance:
         return self._clip(out, inputs, limited)
 
     def sink(self, commands: np.ndarray, joints: np.ndarray) -> None:
-        """Leave these joints, (joints,) bool, only damping of their commands."""
+        """Reduce the commands of these joints, (joints,) bool, to damping."""
         mit_laws.sink(commands[: self._hardware.joints], joints, _MOST_KD)
 
     def _grip(self, out: np.ndarray, inputs: Inputs) -> Limited:
@@ -254,7 +254,7 @@ class Impedance:
         return mit_laws.friction(dq, self._hardware.coulomb_nm) if self._rubs else 0.0
 
     def _weight(self, q: np.ndarray) -> np.ndarray:
-        """(n,) Nm that carry the arm at rest."""
+        """Return the torque (n,), Nm, that carries the arm at rest."""
         hw = self._hardware
         tau = np.zeros(hw.n)
         if self._gravity is not None:
@@ -263,9 +263,9 @@ class Impedance:
         return tau
 
     def feed_forward(self, inputs: Inputs) -> tuple[np.ndarray, float | None]:
-        """Torque (n,) Nm that carries the arm along the set-point, with its speed and acceleration.
+        """Compute the torque (n,), Nm, that carries the arm along the set-point, with its speed and acceleration.
 
-        Without the latter two these gains answer a quick start with up to twice the set-point's speed.
+        Without terms for speed and acceleration the arm answers a quick start with up to twice the set-point's speed.
 
         Returns:
             The torque, and the share to which the set-point's acceleration has to be held back, None as long as there
@@ -292,7 +292,7 @@ class Impedance:
         return tau, share
 
     def _clip(self, out: np.ndarray, inputs: Inputs, limited: Limited) -> tuple[np.ndarray, Limited]:
-        """Within the torque limits and the joints' ranges: a reading beyond those takes no command along."""
+        """Clip commands to torque limits and joint ranges; a reading beyond a range does not drag its command along."""
         q = np.minimum(np.maximum(inputs.q, self._lower), self._upper)
         self._clipped = mit_laws.clip_torque(out, q, inputs.dq, self._hardware.torque_limit_nm, inputs.before)
         out[:, mit_laws.Q] = np.minimum(np.maximum(out[:, mit_laws.Q], self._lower), self._upper)
@@ -300,7 +300,7 @@ class Impedance:
 
 
 def gravity_model(hardware: ResolvedArm) -> GravityModel | None:
-    """Model of an arm; None for a gripper alone."""
+    """Return the gravity model of an arm; None for a gripper alone."""
     if not hardware.joints:
         return None
     return GravityModel(hardware.arm, hardware.gripper, load=hardware.load, tilt_rad=hardware.tilt_rad)

@@ -17,8 +17,8 @@ from lerobot_robot_yam.state.modes import Mode
 logger = logging.getLogger(__name__)
 
 _END_AGAIN_S = 1.0
-_OFF_S = 0.05  # wait for motors to say that they are off, s; what the adapter takes is added
-_UNREACHABLE_S = 1.0  # beyond their watchdog, the motors have let go: there is nothing left to land
+_OFF_S = 0.05  # wait for motors to report that they are off, s; the adapter's delay is added
+_UNREACHABLE_S = 1.0  # time out of reach, s, after which the motors' watchdogs have let go and nothing is left to land
 
 
 class LandingResponse:
@@ -31,7 +31,7 @@ class LandingResponse:
         self._unreachable_since: float | None = None
 
     def land(self, now: float, trouble: Trouble | None = None, message: str = "") -> None:
-        """Begin to land. An arm that lands or is off already is left alone; an emergency stop is waited for."""
+        """Begin to land. An arm that lands or is off already is left alone; an emergency stop delays the landing."""
         arm, status = self._actuation, self._status
         if status.mode in (Mode.LAND, Mode.OFF):
             return
@@ -46,7 +46,7 @@ class LandingResponse:
         if arm.gripper is not None:
             arm.gripper.stop_search()
         joints = arm.hardware.joints
-        for joint in np.flatnonzero(~np.isfinite(arm.setpoint.q)):  # a defect of our own code: it goes on from here
+        for joint in np.flatnonzero(~np.isfinite(arm.setpoint.q)):  # after a defect of our own code
             arm.setpoint.start_one(int(joint))
         if joints:
             arm.landing = Landing(arm.hardware, arm.q[:joints], arm.setpoint, now)
@@ -54,7 +54,7 @@ class LandingResponse:
             self.switch_off()  # a gripper alone falls nowhere
 
     def end(self, now: float) -> None:
-        """Land because the caller is gone. Ask every tick: after a fault on its way the arm tries again."""
+        """Land because the caller is gone. Call every tick: after a fault on its way the arm tries again."""
         status = self._status
         if now < self._end_again_at or status.rearming or (status.mode is Mode.FAULT and status.stopped):
             return
@@ -62,23 +62,23 @@ class LandingResponse:
         self.land(now, status.trouble, status.message)
 
     def cancel(self) -> None:
-        """Land no more."""
+        """End the landing."""
         self._actuation.end_landing()
 
     def _obeys_unbelieved(self) -> bool:
-        """Whether a motor answers, though its readings are not used: it has its torque, and must be brought down."""
+        """Return whether a motor with distrusted readings answers: it has torque, and must be brought down."""
         chain = self._actuation.chain
         return bool((chain.distrusted & (chain.missed == 0)).any())
 
     def _pulls(self) -> np.ndarray:
-        """(joints,) the way, -1 or 1, in which its weight pulls a joint that is not heard and may obey; else 0."""
+        """Return (joints,) the way, -1 or 1, in which weight pulls a joint that is not heard and may obey; else 0."""
         arm, weight_nm = self._actuation, self._actuation.impedance.weight_nm
         heavy = np.abs(weight_nm) > arm.hardware.arm.coulomb_friction_nm
         unheard = arm.estimate.unheard()[: arm.hardware.joints] & ~arm.setpoint.sunk
         return np.where(unheard & heavy, -np.sign(weight_nm), 0.0)
 
     def advance(self, now: float) -> None:
-        """Move the set-point of a landing on; cut torque once that moves nothing."""
+        """Advance a landing by one tick; cut torque once the arm has landed."""
         arm, status, landing = self._actuation, self._status, self._actuation.landing
         if landing is None:
             return
@@ -105,10 +105,10 @@ class LandingResponse:
             self.switch_off()
 
     def switch_off(self) -> None:
-        """Cut torque, over the next ticks. Only from a landed pose, or where the arm was limp a moment ago.
+        """Cut torque over the next ticks. Call this only in a landed pose, or where the arm was limp a moment ago.
 
         Raises:
-            LifeCycleError: not from the present mode.
+            LifeCycleError: the present mode forbids it.
         """
         self._status.check(Mode.OFF)
         self._status.letting_go = True
@@ -120,7 +120,7 @@ class LandingResponse:
         self._interface.instead = dict.fromkeys(range(self._actuation.hardware.n), SpecialCommand.DISABLE)
 
     def let_go(self, now: float) -> None:
-        """One tick of switching off: the arm is off once every motor has said so, or has had the time to."""
+        """Advance switching off by one tick: the arm is off once every motor has reported so, or its time is over."""
         arm, status = self._actuation, self._status
         on = np.flatnonzero(arm.chain.fault == Fault.NORMAL)
         if len(on) and now < self._off_by_s:

@@ -25,29 +25,29 @@ from lerobot_robot_yam.state.records import BlockPair
 
 logger = logging.getLogger(__name__)
 
-_STRAGGLER_S, _STRAGGLER_MOST_S = 0.0008, 0.002  # how long beyond the expected wire time a reply is waited for
-_MOMENT_S = 0.0004  # for the replies, where this process woke up so late that their time is over
-_EARLY_S = 0.0002  # before the wire is through: what has come is decoded while the last frames travel
-_WAKE_UP_S = 0.00006  # a sleep takes this much longer than asked, typically
-_LAWS_S = 0.0008  # states and laws of two arms take half of it where nothing else runs
-_BREATH_S = 0.0001  # for other processes: the kernel stops a real-time process that never sleeps for 50 ms at a time
-_MOST_DT_S = 0.012  # after a pause the set-points go on from where they were, not in one leap
+_STRAGGLER_S, _STRAGGLER_MOST_S = 0.0008, 0.002  # usual and longest wait for late replies, s
+_MOMENT_S = 0.0004  # least wait for the replies, s, where this process woke up too late
+_EARLY_S = 0.0002  # time before the wire is idle, s, when decoding begins while the last frames travel
+_WAKE_UP_S = 0.00006  # typical delay of waking up from a sleep, s
+_LAWS_S = 0.0008  # time kept for states and laws, s: two arms take half of it on an idle machine
+_BREATH_S = 0.0001  # least sleep per tick, s: the kernel stops real-time processes that never sleep for 50 ms at a time
+_MOST_DT_S = 0.012  # longest step of the set-points, s: after a pause they go on without a leap
 _STOPPED_EARLY = (
     "the emergency stop was latched while the arms came up; they land when it is released: look at them, then "
     "`yam-estop release`, and connect again"
 )
-_GUARDED = (Mode.HOLD, Mode.TRACK)  # a landing ends where the arm touches itself
+_GUARDED = (Mode.HOLD, Mode.TRACK)  # modes with a workspace guard; a landing ends where the arm touches itself
 
 
 class ControlLoop:
-    """Runs the arms of one robot until all are off.
+    """Loop that runs the arms of one robot until all are off.
 
     Args:
-        controllers: inspected, not yet energised.
-        blocks: in the same order.
+        controllers: one per arm, inspected, not yet energised.
+        blocks: shared blocks of each arm, in the same order.
         rate_hz: ticks per second; 0 runs as fast as the wire allows.
-        workspace: keeps driven arms clear; a loop that only lands them needs no guard.
-        stop: the emergency stop that it heeds; None: this user's.
+        workspace: guard that keeps driven arms clear; a loop that only lands arms needs none.
+        stop: the emergency stop that the loop obeys; None: this user's.
     """
 
     def __init__(
@@ -66,13 +66,13 @@ class ControlLoop:
         self._stop = stop or EmergencyStop()
         self._workspace = workspace
         self._clock = controllers[0].clock
-        self._failure = ""  # of the bring-up
+        self._failure = ""  # why bring-up failed
         self._ready = True  # no arm is coming up, as in a stand-by
         self._tick = 0
-        self._last = 0.0  # when the laws were asked last
+        self._last = 0.0  # when set-points were stepped last, s
 
     def start(self) -> None:
-        """Energise every arm, or leave all of them limp. Raises YamError: names what failed."""
+        """Energise every arm, or leave all of them limp. Raises YamError: bring-up failed; the message says why."""
         self._ready = False
         begun: list[tuple[ArmController, ControllerBlocks]] = []
 
@@ -82,13 +82,13 @@ class ControlLoop:
                 for _ in controller.bring_up.energise():
                     self._start_tick(begun)
         except BaseException:
-            for controller, _ in begun:  # they were limp a moment ago and have not moved
+            for controller, _ in begun:  # these arms were limp and have not moved
                 controller.abandon()
             self.run()
             raise
 
     def _start_tick(self, begun: Sequence[tuple[ArmController, ControllerBlocks]]) -> None:
-        """One tick of the start: command the arms that are up, and the next one; tell a stand-by of them."""
+        """Run one tick of the start: command the arms that are up, and the next one; publish their states."""
         self._tick += 1
         begin = self._clock.now()
         refuse_stopped(begun[-1][0].name, self._stop)
@@ -113,9 +113,9 @@ class ControlLoop:
         """Tick until every arm is off, step by step: each step sleeps until the next deadline and ticks once.
 
         Args:
-            on_ready: called once: when every arm has left bring-up, with ""; or when that has failed and the arms begin
-                to land, with what has failed.
-            must_land: asked every tick; once it says True all arms land and the loop ends.
+            on_ready: called once: with "" when every arm has left bring-up, or with what failed when the arms begin to
+                land.
+            must_land: called every tick; once it returns True all arms land and the loop ends.
 
         Raises:
             YamError: bring-up failed. The arms have landed then.
@@ -152,11 +152,11 @@ class ControlLoop:
                 deadline = now
 
     def _think(self, on_ready: Callable[[str], None], collect_until: float) -> None:
-        """From replies to states for the callers, and commands for the next `_send_all`.
+        """Turn replies into states for the callers, and into commands for the next `_send_all`.
 
         Args:
             on_ready: see `ticks`.
-            collect_until: how long a reply may take.
+            collect_until: time until which replies are awaited, s.
         """
         self._tick += 1
         arms = list(zip(self._controllers, self._blocks, strict=True))
@@ -175,7 +175,7 @@ class ControlLoop:
             self._ready = self._bring_up(on_ready)
 
     def _guard(self, controller: ArmController, work: Callable[..., None], *arguments: Any) -> None:
-        """Work on one arm. It must be commanded even if the work fails: an arm without commands falls."""
+        """Run `work` for one arm. An arm must be commanded even if the work fails: an arm without commands falls."""
         try:
             work(controller, *arguments)
         except Exception as error:
@@ -191,7 +191,7 @@ class ControlLoop:
                         peer.faults.halt(controller.status)
 
     def _stopped(self, now: float) -> bool:
-        """Whether the emergency stop is latched; a handle's button and an effort limit latch it."""
+        """Return whether the emergency stop is latched; a handle's button and an effort limit latch it."""
         for controller in self._controllers:
             reason = controller.stop_reason(now)
             if reason:
@@ -202,7 +202,7 @@ class ControlLoop:
         return self._stop.latched
 
     def _measure(self, controller: ArmController, blocks: ControllerBlocks, collect_until: float, tick: int) -> None:
-        """Publish an arm's state as soon as it is complete: a sample ages."""
+        """Read and publish an arm's state at once, since samples age."""
         if not controller.status.ended:
             controller.collect(collect_until)
             controller.measure(self._clock.now())
@@ -216,7 +216,7 @@ class ControlLoop:
             controller.decide(now)
 
     def _advance(self, now: float, dt: float) -> None:
-        """Move the set-points on, clear of each other and of what the workspaces forbid."""
+        """Step the set-points, clear of each other and of what the workspaces forbid."""
         try:
             if self._workspace is None:
                 for controller in self._controllers:
@@ -241,7 +241,7 @@ class ControlLoop:
         if not controller.status.ended:
             controller.actuation.compute_command(now, dt)
         if controller.mode is not blocks.published_mode:
-            blocks.publish(self._clock.now(), tick)  # a waiting caller looks at once
+            blocks.publish(self._clock.now(), tick)  # a waiting caller sees it at once
 
     def _active(self) -> list[ArmController]:
         return [controller for controller in self._controllers if not controller.status.ended]
@@ -252,11 +252,11 @@ class ControlLoop:
 
     @staticmethod
     def _patience(through_s: float, next_s: float) -> float:
-        """Until when to wait for replies: the wire ends at `through_s`, and the laws need time before `next_s`."""
+        """Return when to stop waiting for replies: the wire is idle at `through_s`, laws need time before `next_s`."""
         return min(max(through_s + _STRAGGLER_S, next_s - _LAWS_S), through_s + _STRAGGLER_MOST_S)
 
     def _await_wire(self, sent_s: float) -> None:
-        """Wait until the wire should be through with what was sent; most replies are decoded by then."""
+        """Wait until the frames sent at `sent_s` should have passed the wire; decode most replies before that."""
         through_s = sent_s + self._wire_s
         self._clock.sleep(max(_BREATH_S, through_s - _EARLY_S - self._clock.now()))
         for controller in self._active():
@@ -266,7 +266,7 @@ class ControlLoop:
             self._clock.sleep(left_s)
 
     def _bring_up(self, on_ready: Callable[[str], None]) -> bool:
-        """True when all arms have left bring-up; when one fails they all land, since a hand may have let go by now."""
+        """Return whether all arms have left bring-up; if one fails all land, since a hand may have let go by now."""
         modes = [controller.mode for controller in self._controllers]
         if not self._failure:
             if Mode.FAULT in modes:
@@ -285,7 +285,7 @@ class ControlLoop:
         """Log how the loop did and remove the state blocks.
 
         Args:
-            stand_by: a stand-by takes over arms that are still in the air; it needs their blocks.
+            stand_by: whether a stand-by takes over arms that are still in the air, and needs their blocks.
         """
         lost = {c.name: int(c.interface.chain.lost.sum()) for c in self._controllers}
         logger.info("control loop: %s; lost replies %s", self.statistics.summary(), lost)
@@ -301,7 +301,7 @@ def build(arms: Sequence[ResolvedArm], keys: Sequence[str], buses: Sequence, pai
     """Build controllers on open buses and inspect them: what can be refused without torque is refused here.
 
     Raises:
-        YamError: names the part that is not as configured.
+        YamError: a part is not as configured; the message names it.
     """
     controllers = [ArmController(arm, bus) for arm, bus in zip(arms, buses, strict=True)]
     for controller, lead in zip(controllers, make_leads(arms), strict=True):

@@ -13,15 +13,15 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.system.few_values import any_of
 
-_TOLD_AFLOAT = Limited.JOINT_LIMIT | Limited.TORQUE  # told as long as it lasts
+_TOLD_AFLOAT = Limited.JOINT_LIMIT | Limited.TORQUE  # limits reported only while they last
 
 
 class ModeCommand:
-    """Computes commands from what is known of the arm and where it shall be.
+    """Computation of commands from an arm's state and set-point.
 
     Args:
         hardware, status, estimate, setpoint, impedance: parts of one arm.
-        gripper: its gripper's axis, if it has a motor.
+        gripper: the gripper's axis, if it has a motor.
     """
 
     def __init__(
@@ -37,10 +37,10 @@ class ModeCommand:
         self._estimate, self._setpoint, self._impedance = estimate, setpoint, impedance
 
     def compute(self, now: float, dt: float, landing: Landing | None, grips: bool, assist: Assist | None) -> np.ndarray:
-        """Commands (n, 5) in joint coordinates.
+        """Compute commands (n, 5) in joint coordinates.
 
         Args:
-            now, dt: s.
+            now, dt: time, and time since the last tick, s.
             landing: the landing under way, if any.
             grips, assist: see `Inputs`; used while the arm floats.
         """
@@ -52,7 +52,7 @@ class ModeCommand:
             self._catch(now, landing)
             commands = self._follow(now, dt, landing)
         if pressed and self._gripper is not None and not self._gripper.force_limited:
-            # The object that it pressed on is gone: it goes on at its own speed, not in one leap after the set-point.
+            # The object in the gripper is gone: fingers go on at their own speed, without a leap to the set-point.
             if grips or not status.afloat:
                 setpoint.start_one(self._hardware.n - 1)
             if not status.afloat:
@@ -75,7 +75,7 @@ class ModeCommand:
 
     def _float(self, now: float, dt: float, grips: bool, assist: Assist | None) -> np.ndarray:
         status = self._status
-        self._setpoint.float_along(grips)  # whatever ends the floating finds the set-point where the arm is
+        self._setpoint.float_along(grips)  # the set-point is where the arm is when floating ends
         if status.limited:
             status.limited &= ~_TOLD_AFLOAT
         if status.mode is not Mode.FLOAT or not self._estimate.all_usable:
@@ -99,14 +99,14 @@ class ModeCommand:
         return commands
 
     def _tell(self, limited: Limited) -> None:
-        """Add to what is told about the arm. Mostly nothing, and flags take long to combine."""
+        """Add to the reported limits, if there are any: flags take long to combine."""
         if limited:
             self._status.limited |= limited
 
     def _catch(self, now: float, landing: Landing | None) -> None:
-        """Catch joints that come free, unless they lie or sink already, and tell of it for a while."""
+        """Catch joints that come free, unless the arm lies or sinks already, and report that for a while."""
         status = self._status
         if (landing is None or landing.fade is None) and self._setpoint.catch(now):
-            status.limited |= Limited.CAME_FREE  # each new target tells anew what limits the arm
-        elif status.limited:  # while an arm holds, no target comes to take it back
+            status.limited |= Limited.CAME_FREE  # until a new target resets the limits
+        elif status.limited:  # while an arm holds, no target resets it
             status.limited &= ~Limited.CAME_FREE

@@ -1,10 +1,10 @@
-"""Re-arming of one arm in trouble, over ticks: judge what its failed motors say, enable those that have let go, hold.
+"""Re-arming of an arm in trouble, tick by tick: judge what failed motors answer, enable those that have let go, hold.
 
-    listen   what failed motors say is kept apart, and not used, until it is judged: nothing is believed of one answer
-    judge    refused: motors that contradict themselves, that swing, or that are answered for twice
-    compare  refused: motors that had power all the time, and say to be where they cannot be
-    enable   clear the faults of those that have let go; nothing but commands goes to a silent motor: it may still hold
-    hold     where they are by now, until all are well
+    listen   keep answers of failed motors apart, unused until they are judged: a single answer proves nothing
+    judge    refuse motors whose answers contradict each other, that swing, or for which two motors answer
+    compare  refuse motors that had power all the time and report a position where they cannot be
+    enable   clear the faults of motors that have let go; a silent one gets commands only, since it may still hold
+    hold     hold the measured pose until all motors are well
 
 At every tick the arm is commanded as before; a motor that is being enabled is commanded no torque.
 """
@@ -20,20 +20,20 @@ from lerobot_robot_yam.damiao.receiver import FeedbackStore
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
 from lerobot_robot_yam.errors import MotorError
 
-_LISTEN_S = 0.05  # longest time to listen, s, beyond what the adapter takes: an answer may get lost
-_LISTEN_TICKS = 3  # shortest: an answer may be another motor's,
-_AGREE = 2  # or garbled; so many have to agree
-_MISSED = 10  # questions in a row without an answer: the motor is silent
-_DOUBLED = 2  # answers beyond the questions that tell of a second motor; one may be a late one
-_HOLD_TICKS = 8  # within which every motor has to be well
-_SWINGS_RAD_S = 1.0  # a joint without torque that hangs still is slower
-_TOO_FAST_RAD_S = 10.0  # in such a swing it is not armed: to be held at once would be a blow
-_PUSHED_RAD = 0.5  # a hand or a load can push a joint this far from a set-point that it holds
-_OFF_SHARE = 0.15  # share of a motor's range by which its torque may differ from what its command gives where it is
+_LISTEN_S = 0.05  # longest time to listen, s: an answer may get lost; the adapter's delay is added
+_LISTEN_TICKS = 3  # shortest time to listen, ticks: an answer may be another motor's
+_AGREE = 2  # answers that have to agree: one may be garbled
+_MISSED = 10  # unanswered questions in a row after which a motor counts as silent
+_DOUBLED = 2  # surplus answers that reveal a second motor; one may be late
+_HOLD_TICKS = 8  # ticks within which every motor has to be well
+_SWINGS_RAD_S = 1.0  # speed above which a joint without torque swings
+_TOO_FAST_RAD_S = 10.0  # speed above which no joint is re-armed: to hold it at once would be a blow
+_PUSHED_RAD = 0.5  # how far a hand or a load can push a joint off a set-point that it holds
+_OFF_SHARE = 0.15  # share of its range by which a motor's torque may differ from its command's
 
 
 class Rearm:
-    """Re-arms one arm."""
+    """Re-arming of one arm."""
 
     def __init__(self, actuation: Actuation, interface: JointInterface):
         self._actuation, self._interface, self._chain = actuation, interface, interface.chain
@@ -41,11 +41,11 @@ class Rearm:
         self._where = f"{actuation.name} ({actuation.config.channel})"
 
     def run(self) -> Generator[None, None, list[int]]:
-        """Re-arm, one step a tick; returns the motors that had failed.
+        """Re-arm, one step a tick; return the motors that had failed.
 
         Raises:
-            MotorError: a motor is where its joint cannot be, contradicts itself, moves too fast to be armed, two answer
-                for it: then nothing has changed. Or one still does not obey: then those hold that do.
+            MotorError: a motor reports an impossible position, contradicts itself or moves too fast, or two answer:
+                nothing has changed. Or a motor still does not obey: then those that do hold.
         """
         arm, chain, trial = self._actuation, self._chain, self._chain.listen()
         failed = np.flatnonzero(~arm.estimate.usable).tolist()
@@ -57,7 +57,7 @@ class Rearm:
         self._compare([i for i in heard if i not in off], trial)
         chain.feedback.adopt(trial, heard)
         arm.estimate.read()
-        self._interface.resolve([i for i in off if i < self._hardware.joints])  # without power it forgets its turn
+        self._interface.resolve([i for i in off if i < self._hardware.joints])  # they forget their turn without power
         arm.estimate.read()
         yield from self._enable(off)
         for _ in range(_HOLD_TICKS):
@@ -68,15 +68,15 @@ class Rearm:
             raise MotorError(f"{self._where}: cannot re-arm: {arm.finding.message}")
         asked = arm.setpoint.q.copy()
         arm.setpoint.start_joints()
-        for motor in set(failed) - set(off):  # it holds on to where it was sent
+        for motor in set(failed) - set(off):  # these still hold where they were sent
             arm.setpoint.reseed(motor, float(asked[motor]))
         return failed
 
     def _listen(self, motors: Sequence[int], trial: FeedbackStore) -> Generator[None, None, list[int]]:
-        """Listen until each of these motors has answered often enough, or is silent; returns those that are heard.
+        """Listen until each of these motors has answered often enough, or is silent; return those that answer.
 
         Raises:
-            MotorError: names motors that cannot be believed.
+            MotorError: motors cannot be believed; the message names them.
         """
         chain = self._chain
         believed_rad_s, limp = chain.velocity_rad_s, chain.fault != Fault.NORMAL
@@ -95,11 +95,11 @@ class Rearm:
             news = trial.stamp_s > stamp_s
             answers, stamp_s = answers + news, trial.stamp_s
             fastest_rad_s = np.where(news, np.maximum(fastest_rad_s, np.abs(trial.velocity_rad_s)), fastest_rad_s)
-        if (chain.duplicates - chain.lost - doubled_before >= _DOUBLED).any():  # which is ours, nobody knows
+        if (chain.duplicates - chain.lost - doubled_before >= _DOUBLED).any():  # nobody knows which is ours
             raise MotorError(f"{self._where}: motors answer twice; look for a second arm on the channel")
         too_fast = fastest_rad_s > _TOO_FAST_RAD_S
         too_fast[self._hardware.joints :] = False  # a gripper weighs next to nothing
-        # Not even that a motor has let go is believed of one answer. To clear its fault would cut its torque.
+        # One answer does not even prove that a motor has let go, and clearing its fault would cut its torque.
         garbled = (answers < _AGREE) | (trial.rejected > 0)
         heard = [i for i in motors if not silent[i]]
         refused = [i for i in heard if too_fast[i] or garbled[i]]
@@ -109,9 +109,9 @@ class Rearm:
         return heard
 
     def _refusal(self, refused: Sequence[int], swings_rad_s: np.ndarray) -> MotorError:
-        """Error that names motors that swing, or whose answers do not fit: one that swings may meet its stop.
+        """Return the error that names swinging motors, which may have met a stop, or motors whose answers do not fit.
 
-        swings_rad_s: (n,) speed of those without torque, else 0.
+        swings_rad_s: (n,) speed of motors without torque, else 0.
         """
         swinging = [i for i in refused if i < self._hardware.joints and swings_rad_s[i] > _SWINGS_RAD_S]
         if swinging:
@@ -124,17 +124,17 @@ class Rearm:
         return MotorError(f"{self._where}: {what}; {remedy}")
 
     def _compare(self, motors: Sequence[int], trial: FeedbackStore) -> None:
-        """Compare what motors with power say with their last command.
+        """Compare the readings of motors with power with their last command.
 
         Raises:
-            MotorError: some say to be where they cannot have got from where they were sent last, and from where they
-                were believed. Or they work with another torque than their last command gives there,
+            MotorError: a motor reports a position that it cannot have reached from its last command and its believed
+                position, or another torque than its last command gives there,
                 kp (q* − q) + kd (dq* − dq) + tau: a joint that was pushed away pulls back.
         """
         sent, specs, direction = self._interface.sent, self._hardware.motors, self._hardware.direction
         q, dq, tau = self._interface.position(trial.position_rad), trial.velocity_rad_s, trial.torque_nm * direction
         low = high = sent[:, mit_laws.Q]
-        if self._actuation.gripper is not None:  # what it presses on may have kept it from where it was sent
+        if self._actuation.gripper is not None:  # an object may have kept the gripper from where it was sent
             believed = float(self._actuation.estimate.motor_q[-1])
             low, high = low.copy(), high.copy()
             low[-1], high[-1] = min(low[-1], believed), max(high[-1], believed)
@@ -155,7 +155,7 @@ class Rearm:
             raise MotorError(f"{self._where}: {told}; {advice}")
 
     def _enable(self, motors: Sequence[int]) -> Iterator[None]:
-        """Enable motors that have let go, without torque; their set-points are where they sag to."""
+        """Enable motors that have let go, without torque; their set-points follow as they sag."""
         arm = self._actuation
         joints = [i for i in motors if i < self._hardware.joints]
         arm.limp = list(motors)

@@ -1,4 +1,4 @@
-"""The control loop's end of an arm's shared blocks: publish state, take targets and requests."""
+"""The control loop's end of an arm's shared blocks: publish state, read targets and requests."""
 
 import logging
 import os
@@ -22,13 +22,13 @@ _EACH_TICK_AT, _EACH_TICK = EACH_TICK
 
 
 class ControllerBlocks:
-    """Connects one controller with its two blocks, and lets others watch its states.
+    """Connection of one controller with its two blocks; others can watch its states.
 
     Args:
         controller: the arm.
-        key: by which others find its states.
-        pair: its blocks.
-        adopt: the last state of a loop that has died: its block is carried on, readers notice nothing.
+        key: name by which others find the arm's states.
+        pair: the arm's blocks of states and commands.
+        adopt: the last state of a loop that has died; its block stays in use, so that readers notice nothing.
     """
 
     def __init__(self, controller: ArmController, key: str, pair: BlockPair, adopt: np.ndarray | None = None):
@@ -57,26 +57,26 @@ class ControllerBlocks:
         self._asked = self._answered = int(self._record["request_sequence"])
         self._ended = False
         self.published_mode = Mode.OFFLINE
-        self._coupled = False  # as published last
+        self._coupled = False  # whether coupled, as published last
         self._slots = hardware.slots
-        # Views of the record: to find a field by its name takes longer than to fill it.
+        # Views of the record: finding a field by its name takes longer than filling it.
         self._measured = [self._record[field][self._slots] for field in _MEASURED]
         self._sunk = self._record["sunk"][: hardware.joints]
         self._handle: tuple = (controller.handle.trigger, *controller.handle.buttons, controller.handle.stamp_s)
-        self._well = False  # the motors, as published last
-        self._seldom: tuple | None = None  # as published last, of what seldom changes
+        self._well = False  # whether all motors were well, as published last
+        self._seldom: tuple | None = None  # seldom changing values, as published last
 
     def read_target(self, now: float) -> None:
         """Give the controller what the caller has written since the last tick."""
         sequence, status = self._commands.sequence(), self._controller.status
         if sequence == self._seen or status.busy:
             return
-        command = self._commands.glance()  # never waits for a caller that is held up, or dies, in the middle
+        command = self._commands.glance()  # without waiting for a caller that hangs or dies while writing
         if command is None:
             return
         self._seen = sequence
         record, controller = self._record, self._controller
-        if command["request_sequence"] > self._asked:  # an older one has been taken back since
+        if command["request_sequence"] > self._asked:  # an older request has been withdrawn
             self._asked, status.refusal = int(command["request_sequence"]), ""
             controller.coupling.end()
             try:
@@ -114,7 +114,7 @@ class ControllerBlocks:
         chain, estimate = arm.chain, arm.estimate
         self._ended = status.mode is Mode.OFF
         self.published_mode = status.mode
-        if not self._ended:  # the handle of an arm that is off is not asked any more
+        if not self._ended:  # the handle of an arm that is off is not read any more
             handle = self._controller.handle
             self._handle = (handle.trigger, *handle.buttons, handle.stamp_s)
         _EACH_TICK.pack_into(
@@ -160,7 +160,7 @@ class ControllerBlocks:
                 record["action_stamp_s"] = record["stamp_s"]
 
     def _note_seldom(self, stops: GripperStops | None, trouble: Trouble | None, message: str) -> None:
-        """Put into the record what hardly ever changes; texts take longest."""
+        """Put rarely changing values into the record, if they differ; texts take longest."""
         seldom = (stops, trouble, message)
         if seldom != self._seldom:
             self._record["gripper_stops_rad"] = np.nan if stops is None else (stops.closed_rad, stops.open_rad)
@@ -174,7 +174,7 @@ class ControllerBlocks:
         return bool(self._states.peek(*OWNER) == self._owner)
 
     def close(self, remove: bool) -> None:
-        """Let go of both blocks, and hide the states, unless a stand-by goes on with them."""
+        """Close both blocks; `remove` hides the states, unless a stand-by goes on with them."""
         if self._controller.lead is not None:
             self._controller.lead.close()
         self._controller.coupling.close()

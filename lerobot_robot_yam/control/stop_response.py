@@ -19,13 +19,13 @@ from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 
-PRESS_NM = 5.0  # with which a stopped joint presses on: 1 kg at 0.5 m that the model does not know
-PATIENCE_S = 0.05  # knocks and starts are shorter
+PRESS_NM = 5.0  # torque with which a stopped joint may press on, Nm: an unknown load of 1 kg at 0.5 m
+PATIENCE_S = 0.05  # how long effort may exceed its limit, s: knocks and starts are shorter
 _BUTTONS = {None: None, "top": 0, "bottom": 1}
 
 
 class EffortLimit:
-    """Watches the measured torque of n motors. Ask once per tick.
+    """Monitor of the measured torque of n motors. Check once per tick.
 
     Args:
         limit_nm: (n,) largest |tau|.
@@ -37,7 +37,7 @@ class EffortLimit:
         self._since: np.ndarray = np.full(len(limit_nm), math.inf)
 
     def check(self, now: float, tau_nm: np.ndarray) -> str:
-        """Names the joint that has exceeded its limit most, as long as one has for PATIENCE_S; else empty."""
+        """Name the joint farthest above its limit, in a message, if one has been for PATIENCE_S; else return ""."""
         above = np.abs(tau_nm) > self._limit
         self._since = np.where(above, np.minimum(self._since, now), math.inf)
         over = now - self._since > PATIENCE_S
@@ -49,28 +49,28 @@ class EffortLimit:
 
 
 class StopTriggers:
-    """The triggers of one arm. Ask once per tick, if there are any.
+    """Triggers of one arm. Check once per tick, if there are any.
 
     Attributes:
-        exist: a button or an effort limit is configured.
+        exist: whether a button or an effort limit is configured.
     """
 
     def __init__(self, hardware: ResolvedArm):
         config, self._arm = hardware.config, hardware.name
         self._button = _BUTTONS[config.estop_button]
-        self._down = True  # held down at start it means nothing until it has been released
+        self._down = True  # a button that is down at the start counts after its release
         self._effort: EffortLimit | None = None
         if config.effort_limit_nm is not None and hardware.joints:
             self._effort = EffortLimit(np.array(config.effort_limit_nm), hardware.joint_names)
         self.exist = self._button is not None or self._effort is not None
 
     def check(self, now: float, buttons: tuple[bool, bool], tau_nm: np.ndarray, works: bool) -> str:
-        """Why everything has to stop, empty when it has not.
+        """Return why everything has to stop; empty if nothing has to.
 
         Args:
-            now: s.
+            now: time, s.
             buttons: whether the buttons of the handle are down.
-            tau_nm: (joints,) measured.
+            tau_nm: (joints,) measured torque.
             works: whether the effort limit applies now.
         """
         if self._button is not None:
@@ -82,7 +82,7 @@ class StopTriggers:
 
 
 class StopResponse:
-    """Responses of one arm."""
+    """Responses of one arm to the emergency stop."""
 
     def __init__(self, actuation: Actuation, landing: LandingResponse, faults: FaultResponse, floating: FloatMonitor):
         self._actuation, self._status = actuation, actuation.status
@@ -90,7 +90,7 @@ class StopResponse:
         self._triggers = StopTriggers(actuation.hardware)
 
     def reason(self, now: float, buttons: tuple[bool, bool]) -> str:
-        """Why everything has to stop, empty when it has not. buttons: of the handle, whether they are down."""
+        """Return why everything has to stop; empty if nothing has to. buttons: whether the handle's are down."""
         if not self._triggers.exist:
             return ""
         arm, status = self._actuation, self._status
@@ -98,13 +98,13 @@ class StopResponse:
         return self._triggers.check(now, buttons, arm.estimate.tau[: arm.hardware.joints], works)
 
     def check(self, now: float) -> None:
-        """One tick: stop while the emergency stop is latched, go on once it is released."""
+        """Process one tick: stop while the emergency stop is latched, go on once it is released."""
         if self._status.stopped:
             self._stop()
         elif self._status.mode is Mode.STOPPED:
             self._resume(now)
         elif self._status.limited:  # hardly ever; flags take long to combine
-            self._status.limited &= ~Limited.EMERGENCY_STOP  # of an arm in trouble, which answers the next stop, too
+            self._status.limited &= ~Limited.EMERGENCY_STOP  # an arm in trouble answers the next stop, too
 
     def _stop(self) -> None:
         arm, status = self._actuation, self._status
@@ -123,7 +123,7 @@ class StopResponse:
         self._press_less()
 
     def _may_float(self) -> bool:
-        """Whether the arm floats, or would as far as is known; of one that lands it is not known."""
+        """Return whether the arm floats, or may as far as is known; of a landing arm nothing is known."""
         if self._status.mode in (Mode.FLOAT, Mode.LAND):
             return self._status.mode is Mode.FLOAT
         try:
@@ -133,7 +133,7 @@ class StopResponse:
         return True
 
     def _press_less(self) -> None:
-        """Reduce what the joints pull with to what carries a load: a person may be in the arm's way."""
+        """Reduce the joints' pull to what carries a load: a person may be in the arm's way."""
         impedance = self._actuation.impedance
         self._actuation.setpoint.press_less(impedance.kp, impedance.sag_nm, PRESS_NM)
 

@@ -1,8 +1,8 @@
 """How hard a gripper may press: the force limiter, and the allowance that shrinks while it presses or warms up.
 
 The limiter: while the gripper presses on something, it moves the motor's target so that the fingers squeeze with the
-wanted force and no more. Equations as published for the maker's limiter (facts: `gripper_force_limiter`), reproduced
-by golden traces:
+wanted force and no more. The equations are those published for the maker's limiter; tests compare this code with golden
+traces (`tests/golden/gripper_limiter.json`):
     T          = map(F_max) + 0.3 Nm                               friction allowance
     s          = sign(target − current)
     zero-effort = previous command − s |effort| / kp
@@ -30,21 +30,21 @@ _LEAVE_EFFORT_NM = 0.2
 HOLD_SHARE = 0.5
 _STALL_S = 1.0
 _EASE_S = 0.5
-_STILL_PER_S = 0.05  # strokes/s
-_PRESSING_NM = 0.5  # where the maker's limiter begins to act
-_SMOOTH_S = 0.1  # of the torque: single readings are noisy
-_LOST_STROKES = 0.05  # an object that is gripped gives way by less
-_GAP_S = 0.2  # not asked for this long: the gripper did something else
+_STILL_PER_S = 0.05  # speed below which the gripper stands still, strokes/s
+_PRESSING_NM = 0.5  # torque from which the gripper presses: the maker's limiter begins to act there
+_SMOOTH_S = 0.1  # time constant of the low-pass filter on torque, s: single readings are noisy
+_LOST_STROKES = 0.05  # way after which the object is gone: a gripped one gives way by less
+_GAP_S = 0.2  # pause between updates after which a grip starts anew
 _TRIP_SHARE = 0.3
 
 
 class GripForce:
-    """One gripper's allowance. Ask once per tick.
+    """Force allowance of one gripper. Update once per tick.
 
     Attributes:
-        stalled: it presses on something that does not give way.
-        opening: the way it presses while it is stalled: True outwards.
-        press_nm: how hard it pressed when the stall was noticed.
+        stalled: whether the gripper presses on something that does not give way.
+        opening: whether the gripper presses outwards while it is stalled.
+        press_nm: torque with which the gripper pressed when the stall was noticed, Nm.
     """
 
     def __init__(self) -> None:
@@ -68,12 +68,12 @@ class GripForce:
         self._derating = 1.0 - (1.0 - _TRIP_SHARE) * min(max(level, 0.0), 1.0)
 
     def update(self, now: float, u_set: float, u: float, rate: float, tau_nm: float) -> bool:
-        """One tick.
+        """Process one tick.
 
         Args:
-            now: s.
-            u_set, u: where the gripper is asked to be and is, 0 closed … 1 open.
-            rate: strokes/s.
+            now: time, s.
+            u_set, u: set-point and measured position, 0 closed … 1 open.
+            rate: measured speed, strokes/s.
             tau_nm: measured motor torque towards open.
 
         Returns:
@@ -112,7 +112,7 @@ class ForceLimiter:
     """State of one gripper's limiter. Angles are joint-space motor radians, stops [closed, open].
 
     Args:
-        limiter: profile parameters.
+        limiter: the profile's parameters of the limiter.
         kp: gripper gain with which the motor is driven, Nm/rad.
         stops_rad: [closed, open].
         max_force_n: squeeze force between the fingers; may be changed at any time.
@@ -130,7 +130,7 @@ class ForceLimiter:
         self.clogged = False
 
     def torque_at(self, motor_rad: float) -> float:
-        """Motor torque, Nm, that squeezes with the wanted force at this angle, friction allowance included."""
+        """Return the motor torque, Nm, that squeezes with the wanted force at this angle, with friction allowance."""
         p = self._limiter
         if p.force_map == "linear":
             torque = self.max_force_n * p.gripper_stroke_m / p.motor_stroke_rad
@@ -140,7 +140,7 @@ class ForceLimiter:
         return torque + _FRICTION_ALLOWANCE_NM
 
     def limit(self, now: float, target: float, position: float, rate: float, effort: float) -> float:
-        """The motor angle to command instead of `target`.
+        """Return the motor angle to command instead of `target`.
 
         Args:
             now: s.
@@ -179,12 +179,12 @@ class ForceLimiter:
             self._effort_sum -= self._efforts.popleft()[1]
 
     def release(self, now: float, effort: float) -> None:
-        """The gripper opens: nothing is squeezed. Instead of `limit`, whose rules would clog on an obstacle to the
-        opening and unclog again with every tick."""
-        self._note(now, effort)  # or the first effort after it would count as the mean
+        """Note that the gripper opens and squeezes nothing. Call this instead of `limit`, whose rules would clog on an
+        obstacle to the opening and unclog again with every tick."""
+        self._note(now, effort)  # else the next effort would count as the mean
         self.clogged = False
         self._filtered = None
 
     def sent(self, command: float) -> None:
-        """Tell what was really commanded after the final clip."""
+        """Note what was really commanded after the final clip."""
         self._previous = command

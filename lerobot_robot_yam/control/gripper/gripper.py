@@ -60,7 +60,7 @@ class Gripper:
 
     @property
     def stalled(self) -> bool:
-        """True while it holds an object with reduced force, having pressed on it for a while."""
+        """True while the gripper holds an object with reduced force, having pressed on it for a while."""
         return self._grip.stalled
 
     def derate(self, level: float) -> None:
@@ -92,7 +92,7 @@ class Gripper:
         self._push = next(self._search)
 
     def begin_if_known(self) -> None:
-        """As `begin`, before a calibration: searches nothing, and puts stops aside that do not fit."""
+        """Begin like `begin`, before a calibration, but search nothing and ignore stops that do not fit."""
         try:
             if self._configured is None and (
                 self._path is None or load_stops(self._name, self._path, self._profile.name) is None
@@ -108,7 +108,7 @@ class Gripper:
         self.stop_search()
 
     def advance(self, now: float, motor_rad: float) -> float | None:
-        """One tick of the search. Returns the shift of the reading, rad, once the stops are known; else None.
+        """Advance the search by one tick. Return the shift of the reading, rad, once the stops are known; else None.
 
         Raises:
             GripperError: the search failed.
@@ -139,7 +139,7 @@ class Gripper:
         return None
 
     def _store(self, path: Path, stops: GripperStops) -> None:
-        """Runs in a thread: a file system can take longer than motors wait for commands."""
+        """Store the stops, in a thread: a file system can take longer than motors wait for commands."""
         try:
             save_stops(self._name, path, self._profile.name, stops)
         except GripperError as error:  # the arm can be driven; `await_stored` looks for the file
@@ -159,12 +159,12 @@ class Gripper:
             self._limiter = ForceLimiter(self._profile.limiter, self._kp, ends, self._force_limit_n)
 
     def stop_search(self) -> None:
-        """Give the search up, keep still."""
+        """Give up the search and keep still."""
         self._search = None
         self._push = (0.0, self._kd)
 
     def normalised(self, motor_rad: float, motor_rate: float) -> tuple[float, float]:
-        """Position 0 closed … 1 open and rate 1/s; zeros until the stops are known."""
+        """Return position, 0 closed … 1 open, and rate, 1/s; zeros until the stops are known."""
         if self.stops is None:
             return 0.0, 0.0
         return self.stops.normalised(motor_rad), motor_rate / self.stops.span_rad
@@ -201,7 +201,7 @@ class Gripper:
             self._clip(row, motor_rad, rate * span)
 
     def _clip(self, row: np.ndarray, motor_rad: float, motor_rate: float) -> None:
-        """Reduce with the torque clip what no limiter reduces: a gripper without one, or pressing outwards."""
+        """Clip the torque where no limiter acts: for a gripper without one, or one that presses outwards."""
         most = self._torque_limit_nm
         if self._grip.stalled:
             most = min(most, self._grip.press_nm)

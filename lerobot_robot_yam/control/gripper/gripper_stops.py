@@ -21,13 +21,13 @@ from lerobot_robot_yam.system.paths import write_whole
 
 logger = logging.getLogger(__name__)
 
-_SPEED_RAD_S = 5.0  # of the search; with kd = torque / speed a blocked motor pushes with just the calibration torque
+_SPEED_RAD_S = 5.0  # speed of the search; with kd = torque / speed a blocked motor pushes with the calibration torque
 _STOP_TOLERANCE_RAD = 0.06  # how far a stop may lie from where it was stored
-_NUDGE_RAD = 0.6  # a move of this length leaves the zone in which two turns fit
-_WRONG_WAY_RAD = 0.15  # against the command: more than play and a finger's spring
-_MOVED_RAD = 0.03  # less is play, not a move
+_NUDGE_RAD = 0.6  # length of a move that leaves the zone in which two turns fit
+_WRONG_WAY_RAD = 0.15  # move against the command that is an error: more than play and a finger's spring
+_MOVED_RAD = 0.03  # least length of a move; less is play
 _FILE_VERSION = 1
-_STORE_TIMEOUT_S = 2.0  # of a disk that other things write to
+_STORE_TIMEOUT_S = 2.0  # longest time to store the file, s: other programs may write to the disk
 
 Search = Generator[tuple[float, float], tuple[float, float], "GripperStops"]
 """Yields (dq*, kd) for the gripper motor, is sent (now_s, motor_rad), returns the stops."""
@@ -42,11 +42,11 @@ class GripperStops:
     shift_rad: float = 0.0
 
     def normalised(self, motor_rad: float) -> float:
-        """0 closed … 1 open; measured values may lie slightly outside."""
+        """Return the normalised position, 0 closed … 1 open; measured values may lie slightly outside."""
         return (motor_rad - self.closed_rad) / (self.open_rad - self.closed_rad)
 
     def motor(self, u: float) -> float:
-        """Motor angle of normalised position `u`, rad."""
+        """Return the motor angle of normalised position `u`, rad."""
         return self.closed_rad + u * (self.open_rad - self.closed_rad)
 
     @property
@@ -59,7 +59,7 @@ def check_span(arm: str, calibration: Calibration, closed_rad: float, open_rad: 
     """Refuse stops that cannot be the gripper's two ends.
 
     Raises:
-        GripperError: too narrow (an object, a blocked finger), too wide, or in the wrong order (inverted mapping).
+        GripperError: they are too close (an object, a blocked finger), too far apart, or inverted (wrong mapping).
     """
     span = abs(open_rad - closed_rad)
     if not calibration.min_span_rad <= span <= calibration.max_span_rad:
@@ -78,7 +78,7 @@ def check_span(arm: str, calibration: Calibration, closed_rad: float, open_rad: 
 def _push(
     arm: str, opening: bool, calibration: Calibration, most_rad: float
 ) -> Generator[tuple[float, float], tuple[float, float], tuple[float, bool]]:
-    """Drive one way until standstill or `most_rad`; returns (motor_rad, stood still)."""
+    """Drive one way until standstill or `most_rad`; return (motor_rad, stood still)."""
     direction = 1.0 if opening is not calibration.closed_is_larger else -1.0
     kd = calibration.torque_nm / _SPEED_RAD_S
     now, position = yield (0.0, kd)
@@ -146,7 +146,7 @@ def verify_stops(arm: str, calibration: Calibration, stored: GripperStops) -> Se
         before = position
         position, blocked = yield from _push(arm, True, calibration, _NUDGE_RAD)
         turns = _fitting_turns(position, stored)
-        if blocked:  # only the open stop itself may stop a hand that opens
+        if blocked:  # only the open stop itself may block a gripper that opens
             turns = [turn for turn in turns if abs(position + turn - stored.open_rad) <= _STOP_TOLERANCE_RAD]
             if not turns and abs(position - before) < _MOVED_RAD:
                 raise _never_moved(arm, calibration, position)
@@ -160,7 +160,7 @@ def verify_stops(arm: str, calibration: Calibration, stored: GripperStops) -> Se
 
 
 def load_stops(arm: str, path: Path, gripper: str) -> GripperStops | None:
-    """Stored stops, or None when there is no file.
+    """Return the stored stops, or None when there is no file.
 
     Raises:
         GripperError: the file cannot be read, is damaged or belongs to another gripper.
@@ -210,7 +210,7 @@ def await_stored(arm: str, path: Path, gripper: str, closed_rad: float, open_rad
     deadline = time.monotonic() + _STORE_TIMEOUT_S
     while True:
         last = time.monotonic() > deadline
-        with contextlib.nullcontext() if last else contextlib.suppress(GripperError):  # the old file
+        with contextlib.nullcontext() if last else contextlib.suppress(GripperError):  # an old file may be damaged
             stored = load_stops(arm, path, gripper)
             if stored is not None and (stored.closed_rad, stored.open_rad) == (closed_rad, open_rad):
                 return

@@ -1,4 +1,4 @@
-"""What a teaching handle says: its trigger over its own range, its buttons without bounce, and whether it talks."""
+"""Readings of a teaching handle: trigger within its own range, buttons without bounce, and whether it answers."""
 
 import logging
 import math
@@ -10,7 +10,7 @@ from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
 logger = logging.getLogger(__name__)
 
 _SILENT_S = 0.25
-_BOUNCE_S = 0.01  # switches bounce for some milliseconds: a button has changed once it has been so for this long
+_BOUNCE_S = 0.01  # time for which a button must have changed, s: switches bounce for some milliseconds
 
 
 class HandleState(NamedTuple):
@@ -25,11 +25,11 @@ NO_HANDLE = HandleState(math.nan, (False, False), -math.inf)
 
 
 class HandleReader:
-    """Reads one handle. Ask once per tick.
+    """Reader of one handle. Read once per tick.
 
     Args:
-        arm: for messages.
-        encoder: takes the reports.
+        arm: name of the arm, for messages.
+        encoder: decoder of the handle's reports.
         travel: the trigger's range, as learnt.
     """
 
@@ -37,16 +37,16 @@ class HandleReader:
         self._arm, self._encoder, self._travel = arm, encoder, travel
         self._silent = False
         self._buttons = [False, False]
-        self._since_s = [math.inf, math.inf]  # they have been told to be otherwise
-        self._held = [True, True]  # ever since nobody listened: no press before they have been up
+        self._since_s = [math.inf, math.inf]  # since when each button is reported as changed
+        self._held = [True, True]  # whether held since the handle was silent: no press before a release
 
     @property
     def raw_buttons(self) -> tuple[bool, bool]:
-        """As told last, bounce and all: a stop does not wait."""
+        """Buttons as reported last, with bounce: a stop does not wait."""
         return (False, False) if self._silent else self._encoder.report.buttons
 
     def read(self, now: float) -> HandleState:
-        """The handle at this tick. A silent one is logged once, and never reads as zero."""
+        """Return the handle's state at this tick. A silent handle is logged once, and never reads as zero."""
         encoder = self._encoder
         before, self._silent = self._silent, now - encoder.stamp_s > _SILENT_S
         if self._silent:

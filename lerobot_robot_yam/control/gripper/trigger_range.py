@@ -10,8 +10,8 @@ from lerobot_robot_yam.errors import GripperError
 from lerobot_robot_yam.system.paths import write_whole
 
 _FILE_VERSION = 1
-_LEAST = 0.4  # of the nominal travel, between released and squeezed: less is no range, but a trigger not squeezed
-_MARGIN = 0.02  # of the range at each end: springs and fingers do not come back to the count
+_LEAST = 0.4  # least range, as a share of the nominal travel: with less the trigger was not squeezed
+_MARGIN = 0.02  # share of the range cut off at each end: springs and fingers do not come back to the count
 
 
 class TriggerRange(NamedTuple):
@@ -21,15 +21,15 @@ class TriggerRange(NamedTuple):
     squeezed: float = 1.0
 
     def share(self, travelled: float) -> float:
-        """0 released … 1 squeezed, of a share of the nominal travel."""
+        """Return the position, 0 released … 1 squeezed, for a share of the nominal travel."""
         return min(max((travelled - self.released) / (self.squeezed - self.released), 0.0), 1.0)
 
 
 def learn(arm: str, travelled: Sequence[float]) -> TriggerRange:
-    """From shares of the nominal travel while the trigger was squeezed and released.
+    """Compute the range from shares of the nominal travel while the trigger was squeezed and released.
 
     Raises:
-        GripperError: it was not.
+        GripperError: the trigger has moved too little.
     """
     known = sorted(value for value in travelled if math.isfinite(value))
     low, high = (known[0], known[-1]) if known else (0.0, 0.0)
@@ -43,7 +43,7 @@ def learn(arm: str, travelled: Sequence[float]) -> TriggerRange:
 
 
 def load_range(arm: str, path: Path, gripper: str) -> TriggerRange:
-    """The stored range; the nominal one when there is no file.
+    """Return the stored range; the nominal one when there is no file.
 
     Raises:
         GripperError: the file cannot be read, is damaged or belongs to something else.

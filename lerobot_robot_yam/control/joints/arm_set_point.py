@@ -1,4 +1,4 @@
-"""Set-point of one arm: where it starts from the arm, and where it is brought back to the arm."""
+"""Set-point of one arm: how it starts from the measured pose, and how it is brought back to it."""
 
 import logging
 import math
@@ -18,12 +18,12 @@ ACCELERATION_LIMIT_RAD_S2 = 30.0
 """Brakes from the speed limit within 50 ms."""
 LEFT_BEHIND_RAD = 0.05
 """More than an arm lags with its own gains."""
-_HOLDS_RAD = 0.3  # a set-point farther than this from the arm is not what holds it
-_END_DECELERATION_RAD_S2 = 5.0  # an arm overshoots a harder stop by centimetres, and joints end on mechanical stops
+_HOLDS_RAD = 0.3  # largest distance of a set-point that still holds the arm
+_END_DECELERATION_RAD_S2 = 5.0  # gentle, since an arm overshoots a harder stop by centimetres, and joints end on stops
 _GRIPPER_ACCELERATION = 60.0  # strokes/s²
-_FREE_RAD = 0.1  # a joint this far behind its set-point, and
-_FREE_SPEED = 1.1  # faster than this share of its speed limit, has come free
-_TOLD_S = 0.1  # that it has is told for this long, s: a caller that looks 30 times a second sees it
+_FREE_RAD = 0.1  # way behind its set-point of a joint that comes free
+_FREE_SPEED = 1.1  # share of the speed limit that a joint that comes free exceeds
+_TOLD_S = 0.1  # how long a joint that came free is reported, s: a caller that looks 30 times a second sees it
 
 
 class ArmSetPoint(SetPoint):
@@ -34,8 +34,8 @@ class ArmSetPoint(SetPoint):
         estimate: where the arm is.
 
     Attributes:
-        sunk: (joints,) bool, joints that a landing has let sink unheard: they have left their set-points. Until they
-            are heard again they only get damping.
+        sunk: (joints,) bool, joints that a landing has let sink unheard, away from their set-points. They only get
+            damping until they are heard again.
     """
 
     def __init__(self, hardware: ResolvedArm, estimate: JointEstimate):
@@ -54,22 +54,22 @@ class ArmSetPoint(SetPoint):
 
     @property
     def here(self) -> np.ndarray:
-        """(n,) as measured, but a joint that is not heard, and may obey all the same, is where it was sent."""
+        """Measured position (n,), but the last set-point of a joint that is not heard and may obey all the same."""
         estimate = self._estimate
         return estimate.q if estimate.all_usable else np.where(estimate.unheard(), self.q, estimate.q)
 
     def adopt(self, record: np.ndarray) -> None:
-        """Start where a loop that has died has asked the arm to be, if that is what holds it.
+        """Start at the set-point of a loop that has died, where that set-point is what holds the arm.
 
-        record: the state that it has published last.
+        record: the last state that this loop published.
         """
         slots, j, q = self._hardware.slots, self._joints, self._estimate.q
         before = record["setpoint"][slots]
         holds_it = np.abs(before - q) < (_HOLDS_RAD if record["own_gains"] else LEFT_BEHIND_RAD)
-        holds_it &= ~record["sunk"][slots].astype(bool)  # it is where it is heard, if it is
-        unheard = record["stamp_s"] - record["motor_stamp_s"][slots] > SILENT_S  # but perhaps it obeys
+        holds_it &= ~record["sunk"][slots].astype(bool)  # a sunk joint starts where it is measured
+        unheard = record["stamp_s"] - record["motor_stamp_s"][slots] > SILENT_S  # but a joint may obey
         holds_it |= unheard & (record["fault"][slots] == Fault.NORMAL) & ~self._estimate.heard()
-        holds_it[j:] = np.isfinite(before[j:])  # its grip, however thick
+        holds_it[j:] = np.isfinite(before[j:])  # the gripper's set-point is its grip
         self.seed(np.where(holds_it, before, q))
 
     def start(self) -> None:
@@ -83,7 +83,7 @@ class ArmSetPoint(SetPoint):
         self.seed(q)
 
     def float_along(self, grips: bool) -> None:
-        """Stay where the arm is while it floats; a gripper that grips goes on."""
+        """Stay where the arm is while it floats; with `grips` the gripper's set-point goes on."""
         if grips:
             self.seed_first(self.here[: self._joints])
         else:
@@ -94,16 +94,16 @@ class ArmSetPoint(SetPoint):
         self.reseed(index, float(self._estimate.q[index]))
 
     def keep_disbelieved(self, sent_q: np.ndarray) -> None:
-        """Keep joints that are not believed any more where they were sent last, sent_q (n,).
+        """Keep joints that have become distrusted where they were sent last, sent_q (n,).
 
-        Nobody knows any more how far they are from their set-points.
+        Nobody knows how far such joints are from their set-points.
         """
         for joint in self._estimate.disbelieved:
             self.reseed(joint, float(sent_q[joint]))
 
     def fetch_sunk(self, lands: bool) -> None:
         """Start joints that had sunk unheard, and are heard again, where they are; a landing goes on from there."""
-        if any_of(self.sunk):  # hardly ever
+        if any_of(self.sunk):  # rarely
             heard = self.sunk & (self._estimate.usable & self._estimate.heard())[: self._joints]
             start = self.fall_back if lands else self.reseed
             for joint in np.flatnonzero(heard):
@@ -113,7 +113,7 @@ class ArmSetPoint(SetPoint):
     def catch(self, now: float) -> bool:
         """Stop joints that come free of an obstacle: they must not spring to where their set-points have gone.
 
-        Returns whether one has, within the last 0.1 s.
+        Return whether a joint has come free within the last 0.1 s.
         """
         estimate, j = self._estimate, slice(self._joints)
         dq = estimate.motor_dq[j]
@@ -121,7 +121,7 @@ class ArmSetPoint(SetPoint):
         if not any_of(fast):  # nearly always
             return now - self._came_free_s < _TOLD_S
         gap = (self.q - estimate.motor_q)[j]
-        behind = np.abs(gap) > _FREE_RAD + self._free_speed * estimate.age_s(now)  # it has gone on since the sample
+        behind = np.abs(gap) > _FREE_RAD + self._free_speed * estimate.age_s(now)  # joints have moved since
         free = np.flatnonzero(fast & (gap * dq > 0.0) & behind & estimate.is_fresh(now)).tolist()
         for joint in free:
             name = self._hardware.motors[joint].name
@@ -131,9 +131,9 @@ class ArmSetPoint(SetPoint):
         return now - self._came_free_s < _TOLD_S
 
     def pull_no_harder(self, before: np.ndarray, now: np.ndarray, at_once: bool) -> None:
-        """Bring joints back whose stiffness grows from `before` to `now`, (n,), far from where they are.
+        """Bring set-points closer where stiffness grows from `before` to `now`, (n,), far from the measured joint.
 
-        at_once: a target follows; else they come to rest there.
+        at_once: whether a target follows; else the joints come to rest there.
         """
         j = slice(self._joints)
         gap, kp_before, kp_now = (self.q - self.here)[j], before[j], now[j]
@@ -143,7 +143,7 @@ class ArmSetPoint(SetPoint):
             (self.shift if at_once else self.reseed)(int(joint), keeps)
 
     def press_less(self, kp: np.ndarray, carries_nm: np.ndarray, most_nm: float) -> None:
-        """Reduce what joints pull with, kp (n,), to `most_nm` beside the load that they carry, carries_nm (joints,)."""
+        """Reduce the pull of joints, gains kp (n,), to `most_nm` beside the load they carry, carries_nm (joints,)."""
         here, kp = self.here, np.maximum(kp[: self._joints], 1.0)
         gap = (self.q - here)[: self._joints]
         least = np.minimum(np.maximum(gap, (-most_nm - carries_nm) / kp), (most_nm - carries_nm) / kp)

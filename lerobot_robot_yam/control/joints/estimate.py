@@ -12,7 +12,7 @@ from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.state.faults import SILENT_S
 
-_JUST_NOW_S = 0.02  # age of a sample, beyond what the adapter takes
+_JUST_NOW_S = 0.02  # largest age of a fresh sample, s; the adapter's delay is added
 
 
 class JointEstimate:
@@ -20,14 +20,14 @@ class JointEstimate:
 
     Args:
         hardware: the arm.
-        chain: its motors.
-        turns: from motor to joint coordinates.
-        gripper: its gripper's axis, if it has a motor.
+        chain: the arm's motors.
+        turns: map from motor to joint coordinates.
+        gripper: the gripper's axis, if it has a motor.
 
     Attributes:
         q, dq, tau: (n,) rad, rad/s, Nm; the gripper's q is 0 closed … 1 open, its dq strokes/s.
         motor_q, motor_dq: the same, the gripper's in rad and rad/s.
-        before: motor_q and motor_dq of each motor's sample before; NaN before there is one.
+        before: motor_q and motor_dq of each motor's previous sample; NaN without one.
         usable, all_usable: (n,) bool, motors that can be relied on, and whether all can.
         disbelieved: joints (without the gripper) whose readings are not used any more since the last `check`.
     """
@@ -44,7 +44,7 @@ class JointEstimate:
         self.disbelieved: list[int] = []
 
     def read(self) -> None:
-        """Take the newest replies."""
+        """Update the estimate from the newest replies."""
         chain, direction = self._chain, self._direction
         self.motor_q = self._map.position(chain.position_rad)
         self.motor_dq = chain.velocity_rad_s * direction
@@ -55,14 +55,14 @@ class JointEstimate:
             self.q[-1], self.dq[-1] = self._gripper.normalised(float(self.motor_q[-1]), float(self.motor_dq[-1]))
 
     def find_trouble(self, now: float) -> Finding:
-        """Motors that cannot be relied on; what is known of them stays until `check`."""
+        """Find motors that cannot be relied on; the estimate stays as it is until `check`."""
         return self._watch.check(now)
 
     def check(self, now: float) -> Finding:
         """Find out which motors can be relied on from here on."""
         finding = self.find_trouble(now)
         self.disbelieved = []
-        if finding.bad is not self._bad:  # as long as all are well it is the same array
+        if finding.bad is not self._bad:  # the same array as long as all are well
             newly = (self._chain.distrusted & finding.bad & ~self._bad)[: self._joints]
             self.disbelieved = np.flatnonzero(newly).tolist()
             self._bad, self.usable = finding.bad, ~finding.bad
@@ -70,7 +70,7 @@ class JointEstimate:
         return finding
 
     def unheard(self) -> np.ndarray:
-        """(n,) bool, joints whose motors are silent or distrusted, and have not said before that they let go."""
+        """Return (n,) bool: joints whose motors are silent or distrusted, without having reported that they let go."""
         chain = self._chain
         unheard = ~self.usable & ((chain.silence_s(chain.clock.now()) > SILENT_S) | chain.distrusted)
         unheard &= (chain.fault == Fault.NORMAL) | ~self.heard()
@@ -78,18 +78,18 @@ class JointEstimate:
         return unheard
 
     def heard(self) -> np.ndarray:
-        """(n,) bool, motors that have ever answered."""
+        """Return (n,) bool: motors that have ever answered."""
         return np.isfinite(self._chain.stamp_s)
 
     def oldest_s(self) -> float:
-        """Time of the oldest sample of the motors that are relied on; inf of none."""
+        """Return the time of the oldest sample of the motors that are relied on; inf if there are none."""
         stamp_s = self._chain.stamp_s if self.all_usable else self._chain.stamp_s[self.usable]
         return min(stamp_s.tolist(), default=math.inf)
 
     def age_s(self, now: float) -> np.ndarray:
-        """(joints,) s, of each joint's sample."""
+        """Return the age of each joint's sample (joints,), s."""
         return now - self._chain.stamp_s[: self._joints]
 
     def is_fresh(self, now: float) -> np.ndarray:
-        """(joints,) bool, joints that are relied on, and whose samples are of just now: they are not limp."""
+        """Return (joints,) bool: joints that are relied on and have fresh samples, so that they are not limp."""
         return self.usable[: self._joints] & (self.age_s(now) < _JUST_NOW_S + self._chain.round_trip.one_way_s)

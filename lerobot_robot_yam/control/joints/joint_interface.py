@@ -23,8 +23,8 @@ from lerobot_robot_yam.damiao.tables import Fault
 
 logger = logging.getLogger(__name__)
 
-_ENABLE_ATTEMPTS = 4  # times that ENABLE is sent: it may get lost
-_ENABLED_S = 0.01  # wait for a motor to say that it is enabled, s; what the adapter takes is added
+_ENABLE_ATTEMPTS = 4  # how often ENABLE is sent: a frame may get lost
+_ENABLED_S = 0.01  # wait for a motor to report that it is enabled, s; the adapter's delay is added
 
 
 class JointInterface:
@@ -35,10 +35,10 @@ class JointInterface:
         bus: an open bus; not closed here.
 
     Attributes:
-        estimate: what is known of the joints.
-        sent: (n, 5) commands that went out last.
+        estimate: measured state of the joints.
+        sent: (n, 5) commands that were sent last.
         handle: the teaching handle, None without one.
-        instead: special commands that go out once in place of motors' commands, by index.
+        instead: index of a motor -> special command that is sent once in place of its command.
     """
 
     def __init__(self, hardware: ResolvedArm, bus: can.BusABC):
@@ -61,18 +61,18 @@ class JointInterface:
 
     @property
     def offset_rad(self) -> np.ndarray:
-        """(n,) motor angle at joint zero."""
+        """Motor angle at joint zero (n,), rad."""
         return self._map.offset_rad
 
     def position(self, motor_rad: np.ndarray) -> np.ndarray:
-        """(n,) rad in joint coordinates, from motor coordinates (n,)."""
+        """Convert motor positions (n,) to joint coordinates, rad."""
         return self._map.position(motor_rad)
 
     def inspect(self) -> None:
         """Check that everything is there and as configured. Sends no command that moves or energises anything.
 
         Raises:
-            YamError: names the part that is not.
+            YamError: a part is missing or differs; the message names it.
         """
         arm_inspection.inspect(self._hardware, self.chain, self._bus)
         self.estimate.read()
@@ -85,7 +85,7 @@ class JointInterface:
         arm_inspection.clear_stale_faults(self._config.name, self.chain)
 
     def adopt(self, record: np.ndarray) -> None:
-        """Know what a loop that has died knew; `record` is the state that it has published last."""
+        """Take over what a loop that has died knew; `record` is the last state that it published."""
         slots = self._hardware.slots
         self._map.offset_rad[:] = np.nan_to_num(record["offset_rad"][slots])
         motor_q, motor_dq = np.nan_to_num(record["q"][slots]), np.nan_to_num(record["dq"][slots])
@@ -104,9 +104,9 @@ class JointInterface:
         self.estimate.read()
 
     def enable(self, motors: Sequence[int], clear: bool = False) -> Generator[None, None, list[int]]:
-        """Enable motors, one a tick, again where that gets lost; returns those that do not answer.
+        """Enable motors, one a tick, again where a frame gets lost; return those that do not answer.
 
-        clear: their faults first. Command them no torque meanwhile.
+        clear: whether to clear their faults first. Command them no torque meanwhile.
         """
         chain, off = self.chain, list(motors)
         for _ in range(CLEAR_REPEATS if clear and off else 0):
@@ -130,7 +130,7 @@ class JointInterface:
         return silent
 
     def complaints(self) -> list[str]:
-        """What has to be said at the end about adapter and cable."""
+        """Return warnings about adapter and cable for the end of the session."""
         chain, said = self.chain, []
         where = f"{self._config.name} ({chain.channel})"
         if chain.round_trip.slow:
@@ -143,15 +143,15 @@ class JointInterface:
         """Put commands (n, 5) on the wire.
 
         Raises:
-            BusError: the channel does not take them.
-            ActionError: they are not finite.
+            BusError: the channel does not take the frames.
+            ActionError: the commands are not finite.
         """
         instead, self.instead = self.instead, {}
         self.chain.send(self._map.commands(commands), instead)
         self.sent[:] = commands
 
     def receive(self, until_s: float) -> None:
-        """Take the replies to the last `send`; wait until then for stragglers. Raises BusError: the channel is gone."""
+        """Process the replies to the last `send`; wait for late ones. Raises BusError: the channel is gone."""
         self.chain.collect(until_s)
         self.estimate.read()
 
@@ -161,7 +161,7 @@ class JointInterface:
         self.estimate.read()
 
     def resolve(self, joints: Sequence[int]) -> None:
-        """Put the readings of these joints on the turn within their limits. Raises YamError: there is none."""
+        """Put the readings of these joints on the turn within their limits. Raises YamError: no turn fits."""
         arm = self._hardware.arm
         for index in joints:
             low, high = arm.joint_limits_rad[index]

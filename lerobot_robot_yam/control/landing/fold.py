@@ -1,12 +1,12 @@
 """First phase of a landing: fold the arm above its resting place, whatever is in its way.
 
-Straight to the folded pose with the wrist raised. Where something is in the way, round it, over the top: wrist up and
-elbow open until the forearm is level at least, upper arm back, forearm down. If both ways are barred the arm holds,
-says so and tries again; the third time it sinks where it is.
+The arm goes straight to the folded pose with the wrist raised. Where something is in the way, it goes round, over the
+top: wrist up and elbow open until the forearm is level at least, upper arm back, forearm down. If both ways are barred
+the arm holds, says so and tries again; the third time it sinks where it is.
 
 An arm whose model is wrong hangs off its set-point. A torque that a wrong load or factor explains is learnt then; any
-other torque means an obstacle. An unknown load makes the soft wrist sag. The wrist is lowered next, so that is no
-obstacle.
+other torque means an obstacle. An unknown load makes the soft wrist sag; that is no obstacle, since
+the wrist is lowered next.
 """
 
 import logging
@@ -19,14 +19,14 @@ from lerobot_robot_yam.control.landing.landing_move import LandingMove, Patience
 logger = logging.getLogger(__name__)
 
 _WRIST_LIFT_RAD = 0.35  # how far above its resting place the wrist stays while the arm folds
-_SOFT_RAD = 0.3  # way left from which the fold slows down
-_OPEN_RAD = 1.2  # elbow with which the tool is highest while the upper arm lies
+_SOFT_RAD = 0.3  # remaining way at which the fold slows down
+_OPEN_RAD = 1.2  # elbow angle at which the tool is highest while the upper arm lies
 _AT_POSE_RAD = 0.06  # error of an arm that has arrived
 _STUCK_RAD = 0.25  # error of an arm that something holds back
-_STUCK_S = 0.5  # for so long
+_STUCK_S = 0.5  # time for which an error counts as stuck, s
 _LEARN_S = 2.0  # time to learn what the model misses, with the set-point at its goal
 _RETRY_S = 3.0  # time between two tries of both ways
-_TRIES = 3  # tries that are barred; then the arm sinks
+_TRIES = 3  # barred tries after which the arm sinks
 
 
 class Fold:
@@ -35,11 +35,11 @@ class Fold:
     Args:
         hardware: the arm.
         rest: (n,) rad, resting pose.
-        move: moves the set-point.
+        move: mover of the set-point.
 
     Attributes:
-        may_learn: the arm hangs off its set-point: what its model misses may be learnt.
-        gave_up: it does so for good, and has to sink, not only to be let go.
+        may_learn: whether an arm that hangs off its set-point may learn the torque that its model misses.
+        gave_up: whether the arm hangs off for good, so that it has to sink, not only to be let go.
     """
 
     def __init__(self, hardware: ResolvedArm, rest: np.ndarray, move: LandingMove):
@@ -50,7 +50,7 @@ class Fold:
         if wrist is not None:
             self._up = float(np.copysign(1.0, -rest[wrist]))  # which way the wrist is raised
             self._pose[wrist] += self._up * _WRIST_LIFT_RAD
-        self._poses: list[np.ndarray] = []  # still to come on the way
+        self._poses: list[np.ndarray] = []  # poses still to come
         self._patience = Patience()
         self._goes_round = self.may_learn = self.gave_up = False
         self._barred_times, self._barred_s = 0, 0.0
@@ -60,7 +60,7 @@ class Fold:
         self._go([self._pose], now)
 
     def advance(self, seen: Seen) -> Phase:
-        """One tick; returns the phase that follows: LOWER once the arm is folded."""
+        """Advance by one tick; return the phase that follows: LOWER once the arm is folded."""
         move, now = self._move, seen.now
         if np.abs(move.way).max() < _SOFT_RAD:
             move.soften()
@@ -84,7 +84,7 @@ class Fold:
         return Phase.FOLD
 
     def retry(self, now: float) -> Phase:
-        """One tick of an arm that holds, barred; returns the phase that follows."""
+        """Advance a barred arm, which holds, by one tick; return the phase that follows."""
         if not now - self._barred_s > _RETRY_S:
             return Phase.OBSTRUCTED
         self._goes_round, self.may_learn = False, True
@@ -97,7 +97,7 @@ class Fold:
             self._goes_round = True
             logger.warning("%s: on its way down %s; it goes round, over the top", self._arm, reason)
             return self._go(over, now)
-        if out and self._poses:  # an obstacle to the way up carries nothing
+        if out and self._poses:  # no obstacle to the way up carries the arm
             return self._go([self._pose], now)
         if out:
             logger.warning("%s: %s, and %s is out; it sinks where it is", self._arm, reason, ", ".join(out))
@@ -114,13 +114,13 @@ class Fold:
         return Phase.SINK
 
     def carriers(self, out: np.ndarray) -> list[str]:
-        """Joints that carry, and whose motors are out, (n,) bool: limp, or not heard."""
+        """Return the joints that carry the arm and whose motors are `out`, (n,) bool: limp, or not heard."""
         base, first, _, last = self._roles
         carriers = range(len(out)) if first is None or last is None else range(first, last + 1)  # any of them may
         return [f"joint_{joint + 1}" for joint in carriers if out[joint] and joint != base]
 
     def _over_the_top(self) -> list[np.ndarray]:
-        """Poses (n,) on the way over an obstacle; none for an arm that does not lie at rest, or without an elbow."""
+        """Return poses (n,) on the way over an obstacle; none for arms that do not lie at rest, or lack an elbow."""
         _, shoulder, elbow, wrist = self._roles
         if not self._goes_over or shoulder is None or elbow is None:
             return []

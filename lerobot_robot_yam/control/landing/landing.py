@@ -1,18 +1,18 @@
 """Landing: bring the arm down under control to where cutting torque moves nothing.
 
-    fold    to the folded pose with the wrist raised; an arm that lies already stays (`Fold`)
-    lower   the wrist down to its resting place, stopping at contact
-    fade    or sink: stiffness and feed-forward to nothing; whatever is still unsupported sinks slowly (`Sink`)
+    fold    move to the folded pose with the wrist raised; an arm that lies already stays (`Fold`)
+    lower   lower the wrist to its resting place, stopping at contact
+    fade    or sink: reduce stiffness and feed-forward to nothing; what is still unsupported sinks slowly (`Sink`)
 
 An arm without one of the motors that carry it may never get there, since a limp wrist stands in its way. It sinks onto
-what it has met on its way down. It also sinks, and does not fade, if one is out at the end of `lower`: nobody knows
-where its joint is then.
+what it has met on its way down. It also sinks, and does not fade, if such a motor is out at the end of `lower`:
+nobody knows where its joint is then.
 
 An arm whose base is tilted, or whose resting pose is configured, does not lie there. From there it sinks to where it
 hangs or lies, and torque is cut when nothing moves any more.
 
-A motor that is not heard may obey. Its set-point is lowered, as its weight pulls by the model, to the end of its range
-or to where it hangs; only then does its stiffness fade.
+A motor that is not heard may obey. Its set-point is lowered in the direction in which the modelled weight pulls, to the
+end of its range or to where the joint hangs; only then does its stiffness fade.
 """
 
 import numpy as np
@@ -25,17 +25,17 @@ from lerobot_robot_yam.control.laws.set_point import SetPoint
 _LIES_RAD = 0.06  # distance from the resting pose of an arm that lies already
 _CONTACT_RAD, _CONTACT_S = 0.12, 0.1  # error of a wrist that has met something while it is lowered
 _FADE_S = 0.15  # time in which stiffness fades where the arm lies
-_SINK_S = 1.5  # the same where it does not lie yet, while it is slower than
-_SINK_RAD_S = 0.3
-_STIFFEN_S = 0.3  # time from no stiffness to all of it, when the arm sinks faster
-_LOOSE = 0.1  # share of the damping at last: what slides hardly with all of it would slide on without
-_STILL_RAD_S = 0.03  # slower is still
-_CREEP_RAD = 0.02  # a joint that has moved by more since it stood still has moved
-_STILL_S, _SUNK_S = 0.06, 1.0  # time of standing still after a fade, and after sinking
+_SINK_S = 1.5  # time in which stiffness fades where the arm does not lie yet
+_SINK_RAD_S = 0.3  # speed from which a sinking arm stiffens
+_STIFFEN_S = 0.3  # time from no stiffness to all of it, when the arm sinks too fast
+_LOOSE = 0.1  # least share of damping: with more a slide might be too slow to be noticed
+_STILL_RAD_S = 0.03  # speed below which an arm is still
+_CREEP_RAD = 0.02  # way that counts as a move of a joint that stood still
+_STILL_S, _SUNK_S = 0.06, 1.0  # time of standing still that ends a fade, and a sinking
 
 
 class Sink:
-    """Fades or sinks n joints.
+    """Fading or sinking of n joints.
 
     Attributes:
         shares: (n,) of stiffness and feed-forward of each joint.
@@ -46,13 +46,13 @@ class Sink:
         self._move, self._lower_rad, self._upper_rad = move, hardware.lower[:n], hardware.upper[:n]
         self._share = self._damping = 1.0
         self.shares: np.ndarray = np.ones(n)
-        self._heard = self._lowers = np.zeros(n, dtype=bool)  # lowers: with its stiffness, unheard
+        self._heard = self._lowers = np.zeros(n, dtype=bool)  # lowers: set-point moves down, unheard
         self._now, self._dt = now, 0.0
         self._still_since, self._still_q = now, q.copy()
 
     @property
     def damping(self) -> np.ndarray:
-        """(n,) shares of the most damping."""
+        """Shares (n,) of the largest damping."""
         return np.where(self._heard, self._damping, 1.0)
 
     @property
@@ -61,21 +61,21 @@ class Sink:
         return ~self._heard & (self.shares < 1.0)
 
     def look(self, seen: Seen) -> None:
-        """Begin a tick, of any phase.
+        """Begin a tick of any phase.
 
-        A motor that does not answer gets no stiffness back: if it obeys, it has left its set-point unseen.
+        A motor that does not answer gets no stiffness back: if it obeys, its joint has left the set-point unseen.
         """
         self._heard, self._dt, self._now = seen.usable, seen.now - self._now, seen.now
 
     def fade(self, seen: Seen) -> Phase:
-        """One tick of an arm that lies; returns the phase that follows."""
+        """Advance an arm that lies by one tick; return the phase that follows."""
         self._share = max(0.0, self._share - self._dt / _FADE_S)
         return Phase.LANDED if self._still(seen, _STILL_S, self._share == 0.0) else Phase.FADE
 
     def sink(self, seen: Seen, lowers: bool) -> Phase:
-        """One tick of an arm that sinks; returns the phase that follows.
+        """Advance an arm that sinks by one tick; return the phase that follows.
 
-        lowers: set-points of joints that are not heard are lowered.
+        lowers: whether set-points of joints that are not heard are lowered.
         """
         move, usable, most = self._move, seen.usable, _SINK_RAD_S * self._dt
         before = move.q.copy()
@@ -94,13 +94,13 @@ class Sink:
         return Phase.LANDED if self._still(seen, _SUNK_S, loose) else Phase.SINK
 
     def spread(self, seen: Seen, phase: Phase) -> None:
-        """Give each joint its share for the commands of this tick."""
+        """Compute each joint's share for the commands of this tick."""
         fade_s = _FADE_S if phase is Phase.FADE else _SINK_S
         fading = np.where(self._lowers, self.shares, np.maximum(self.shares - self._dt / fade_s, 0.0))
         self.shares = np.where(seen.usable, self._share, fading)
 
     def _still(self, seen: Seen, still_s: float, loose: bool) -> bool:
-        """Whether nothing has moved for so long, with nothing left to hold it."""
+        """Return whether nothing has moved for `still_s` with nothing left to hold the arm (`loose`)."""
         moving = np.abs(np.where(seen.usable, seen.dq, 0.0)).max() > _STILL_RAD_S
         if not loose or moving or np.abs(seen.q - self._still_q).max() > _CREEP_RAD:
             self._still_since, self._still_q = seen.now, seen.q.copy()
@@ -112,14 +112,14 @@ class Landing:
     """One landing of the arm joints (n,).
 
     Args:
-        hardware: the arm. Where it does not lie at its resting pose, it sinks from there to where it hangs or lies.
+        hardware: the arm. If it does not lie at its resting pose, it sinks from there to where it hangs or lies.
         q: (n,) rad, where the arm is.
         setpoint: the arm's set-point; its limits are lowered for good.
-        now: monotonic s.
+        now: monotonic time, s.
 
     Attributes:
-        phase: the present one.
-        learns: the arm learns the torque that its model misses.
+        phase: the present phase.
+        learns: whether the arm learns the torque that its model misses.
     """
 
     def __init__(self, hardware: ResolvedArm, q: np.ndarray, setpoint: SetPoint, now: float):
@@ -131,7 +131,7 @@ class Landing:
         self._fold = Fold(hardware, rest, self._move)
         self._sink = Sink(hardware, q, self._move, now)
         self._patience = Patience()
-        self._sinks = not hardware.lies_at_rest  # rather than to be let go at once, where it may not lie yet
+        self._sinks = not hardware.lies_at_rest  # not let go at once, since the arm may not lie yet
         self.learns = False
         if np.abs(q - rest).max() < _LIES_RAD:
             self.phase = Phase.LOWER
@@ -151,7 +151,7 @@ class Landing:
         return self._sink.sunk
 
     def advance(self, seen: Seen) -> None:
-        """One tick; sets `phase`, `fade`, `learns` and the set-point."""
+        """Advance by one tick; set `phase`, `fade`, `learns` and the set-point."""
         self._sink.look(seen)
         if self.phase in (Phase.FOLD, Phase.LOWER):
             self._move.advance(seen.now, seen.usable)
@@ -175,7 +175,7 @@ class Landing:
         return self._sink.sink(seen, self._sinks) if self.phase is Phase.SINK else self.phase
 
     def _lower(self, seen: Seen) -> Phase:
-        """One tick of lowering the wrist; returns the phase that follows."""
+        """Advance the lowering of the wrist by one tick; return the phase that follows."""
         error = np.where(seen.usable, np.abs(self._move.q - seen.q), 0.0).max()
         if not (self._move.arrived or self._patience.ends(error > _CONTACT_RAD, seen.now, _CONTACT_S)):
             return Phase.LOWER

@@ -1,4 +1,4 @@
-"""What the phases of a landing share: what they see of the arm, and how they move its set-point."""
+"""Shared parts of the phases of a landing: what they see of the arm, and how they move its set-point."""
 
 from enum import Enum, auto
 from typing import NamedTuple
@@ -9,15 +9,15 @@ from lerobot_robot_yam.control.laws.set_point import SetPoint
 
 LANDING_SPEED_RAD_S = 0.6
 """No joint lands faster."""
-_COMMANDED_RAD_S = 0.52  # arms answer with up to 12 % more where their weight is overcompensated
+_COMMANDED_RAD_S = 0.52  # commanded speed: arms reach up to 12 % more where their weight is overcompensated
 _RAMP_S = 0.12  # time to reach that speed; a quicker start overshoots
 _SOFT_RAD_S2 = 5.0  # acceleration near the goal of the fold: some joints end on their mechanical stops
-_SAG_NM = 5.0  # torque of 2 kg at 0.25 m; a joint that is pulled back by more meets an obstacle and carries no load
-_FELL_BACK_RAD = 0.02  # a set-point that falls back so far in one tick: its joint was struck and caught
+_SAG_NM = 5.0  # largest torque of a load, 2 kg at 0.25 m; a joint pulled back by more meets an obstacle
+_FELL_BACK_RAD = 0.02  # way back of a set-point in one tick that means that its joint was struck and caught
 
 
 class Phase(Enum):
-    """Where a landing is."""
+    """Phase of a landing."""
 
     FOLD = auto()
     LOWER = auto()
@@ -31,11 +31,11 @@ class Seen(NamedTuple):
     """An arm's n joints at one tick.
 
     Attributes:
-        now: s.
-        q, dq: (n,) rad, rad/s.
+        now: time, s.
+        q, dq: (n,) measured, rad, rad/s.
         usable: (n,) bool, joints whose motors answer; the others cannot be waited for.
-        explained: a wrong model can be why the arm is not where its set-point is.
-        pulls: (n,) the way, -1 or 1, in which its weight pulls a joint that is not heard and may obey; else 0.
+        explained: whether a wrong model can explain the distance to the set-point.
+        pulls: (n,) the direction, -1 or 1, in which weight pulls a joint that is not heard and may obey; else 0.
     """
 
     now: float
@@ -47,13 +47,13 @@ class Seen(NamedTuple):
 
 
 class Patience:
-    """Measures for how long a condition has held without a break."""
+    """Measure of how long a condition has held without a break."""
 
     def __init__(self) -> None:
         self._since_s: float | None = None
 
     def ends(self, condition: bool, now: float, after_s: float) -> bool:
-        """Whether the condition has held for `after_s`, asked at each tick."""
+        """Return whether the condition has held for `after_s`; call this at each tick."""
         if not condition:
             self._since_s = None
             return False
@@ -62,7 +62,7 @@ class Patience:
 
 
 class LandingMove:
-    """Moves the first n coordinates of a set-point; the set-point's limits are lowered for good.
+    """Mover of the first n coordinates of a set-point; the set-point's limits are lowered for good.
 
     Args:
         setpoint: the arm's set-point.
@@ -83,12 +83,12 @@ class LandingMove:
 
     @property
     def q(self) -> np.ndarray:
-        """(n,) rad, the set-point."""
+        """The set-point (n,), rad."""
         return self._setpoint.q[: self._n]
 
     @property
     def way(self) -> np.ndarray:
-        """(n,) rad, from the set-point to its goal; a base beyond its limit comes inside on its way."""
+        """Way (n,) from the set-point to its goal, rad; a base beyond its limit comes inside on its way."""
         left: np.ndarray = self._setpoint.target[: self._n] - self.q
         return left
 
@@ -109,10 +109,10 @@ class LandingMove:
         self._setpoint.set_target(target, now)
 
     def advance(self, now: float, usable: np.ndarray) -> None:
-        """Go on at this tick. usable: (n,) bool, joints whose motors answer."""
+        """Advance by one tick. usable: (n,) bool, joints whose motors answer."""
         left = np.abs(self.way)
         if (left > self._left + _FELL_BACK_RAD).any():
-            self.begin(self._setpoint.target[: self._n].copy(), now)  # or that joint would crawl
+            self.begin(self._setpoint.target[: self._n].copy(), now)  # else that joint would crawl
         self._left = left
         self._ramp(now)
         self.unheard &= ~usable
@@ -125,7 +125,7 @@ class LandingMove:
         self._setpoint.limit_acceleration(np.full(self._n, _SOFT_RAD_S2))
 
     def near(self, setpoint: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """The set-point (n,) where its pull at q (n,) may be an unknown load, and is not much if there is none."""
+        """Clip the set-point (n,) to `sag_rad` from q (n,): enough pull for an unknown load, little without one."""
         nearest: np.ndarray = np.minimum(np.maximum(setpoint, q - self.sag_rad), q + self.sag_rad)
         return nearest
 

@@ -1,4 +1,4 @@
-"""Force feedback of one leader: what its follower is held back by pulls at the leader, (n,) per joint.
+"""Force feedback of one leader, (n,) per joint: what holds the follower back pulls at the leader.
 
     tau = s · clip(k e, ±bound),   e = q_follower − q_leader,   k = gain · kp
     added damping: c = k T,  T = 12 ms: more than the spring loses to samples, frames and ticks
@@ -8,9 +8,9 @@ still, and fades as the leader gives way:
 
     ẏ = dq · sat(e / 5 mrad) − leak,   −credit ≤ y ≤ Y,   s = clip(2 (Y − y) / Y, 0, 1)
 
-y is how far the force has moved the leader; moving the leader against a force that is worth it earns it back. Without
-that a leader that nobody holds follows the sag of its follower, which follows the leader: both wander off at full
-speed. With it they stop after Y.
+y is how far the force has moved the leader; moving the leader against a considerable force reduces y again. Without
+this gate a leader that nobody holds follows the sag of its follower, which follows the leader: both wander off at full
+speed. With the gate they stop after Y.
 """
 
 import numpy as np
@@ -21,23 +21,23 @@ _CREDIT_RAD = 0.3
 _WORTH_RAD = 0.03  # e beyond the lag of a follower that moves freely
 _SIGN_RAD = 0.005
 _LEAK_RAD_S = 0.005
-_CREDIT_S = 2.0  # in which unused credit is forgotten
-_BOUND_SHARE = 0.25  # of the torque limit
+_CREDIT_S = 2.0  # time constant with which unused credit is forgotten
+_BOUND_SHARE = 0.25  # bound of the force, as a share of the torque limit
 _FADE_S = 0.5
-_GENTLE_NM = 1.0  # by this the bound grows in that time
+_GENTLE_NM = 1.0  # by how much the bound grows in `_FADE_S`
 
 
 class BilateralForce:
-    """Of one leader.
+    """Force feedback of one leader.
 
     Args:
-        gain: (n,) share of kp.
+        gain: (n,) stiffness of the force, as a share of kp.
         kp: (n,) the leader's position gains, Nm/rad.
-        torque_limit_nm: (n,) of the leader.
-        gated: False: all of the force, whatever the operator does; for comparisons.
+        torque_limit_nm: (n,) torque limits of the leader.
+        gated: whether the share s acts; False is for comparisons.
 
     Attributes:
-        works: any joint has a gain.
+        works: whether any joint has a gain.
     """
 
     def __init__(self, gain: np.ndarray, kp: np.ndarray, torque_limit_nm: np.ndarray, gated: bool = True):
@@ -49,18 +49,18 @@ class BilateralForce:
         self._given_way = [0.0] * len(gain)  # y
 
     def engage(self) -> None:
-        """Begin: there was no force before."""
+        """Begin with no force."""
         self._since_s = 0.0
         self._given_way = [0.0] * len(self._given_way)
 
     def torque(self, error: np.ndarray, dq: np.ndarray, weight_nm: np.ndarray, dt: float) -> np.ndarray:
-        """(n,) Nm at this tick of `dt` s.
+        """Compute the torque (n,), Nm, at this tick of `dt` s.
 
         Args:
-            error: (n,) rad, e.
-            dq: (n,) rad/s, of the leader.
-            weight_nm: (n,) what the leader weighs: from engaging on the bound grows from zero, by half of that or by
-                1 Nm in `_FADE_S`.
+            error: (n,) e, rad.
+            dq: (n,) speed of the leader, rad/s.
+            weight_nm: (n,) torque of the leader's weight: once engaged, the bound grows from zero by half of it or
+                by 1 Nm, in `_FADE_S`.
         """
         gentle = np.maximum(_GENTLE_NM, 0.5 * np.abs(weight_nm))
         bound = np.minimum(self._bound, gentle * (self._since_s / _FADE_S))
@@ -74,7 +74,7 @@ class BilateralForce:
 
 
 def _given_way(y: float, error: float, way: float, dt: float) -> float:
-    """y of one joint after a tick in which the leader has moved by `way` rad. Plain floats: numpy takes longer."""
+    """Return y of one joint after a tick in which the leader moved by `way` rad. Numpy would take longer."""
     along = way * min(max(error / _SIGN_RAD, -1.0), 1.0)
     if along > 0.0 or y > 0.0 or abs(error) > _WORTH_RAD:
         y += along

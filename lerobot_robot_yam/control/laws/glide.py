@@ -2,20 +2,20 @@
 
 import numpy as np
 
-_STIFFNESS = 0.3  # of the position gain
-_DAMPING = 0.2  # of the damping gain
+_STIFFNESS = 0.3  # stiffness of the pull, as a share of the position gain
+_DAMPING = 0.2  # damping of the pull, as a share of the damping gain
 _MOST_NM = 2.0
 _ACCELERATION_RAD_S2 = 2.0
 
 
 class Glide:
-    """A point of n coordinates. As made it is nowhere: `seed` first.
+    """Point of n coordinates. Call `seed` before `advance`.
 
     Args:
-        acceleration: (n,) unit/s², with which it starts and stops.
+        acceleration: (n,) with which the point starts and stops, unit/s².
 
     Attributes:
-        q, dq: (n,) where it is, and its speed.
+        q, dq: (n,) position and speed of the point.
     """
 
     def __init__(self, acceleration: np.ndarray):
@@ -40,20 +40,20 @@ class Glide:
         self.q = self.q + self.dq * dt
 
     def keep_near(self, q: np.ndarray, reach: np.ndarray) -> None:
-        """Do not be farther than `reach` (n,) from q (n,)."""
+        """Clip the point to a distance of `reach` (n,) from q (n,)."""
         self.q = np.minimum(np.maximum(self.q, q - reach), q + reach)
 
 
 class SoftPull:
-    """The soft pull that leads a leader somewhere while it floats: home, back to its follower, or along with it.
+    """Soft pull that leads a leader somewhere while it floats: home, back to its follower, or along with it.
 
         tau = 0.3 kp (q_ramp − q) + c dq_ramp, 2 Nm at most,  damping c;  the ramp is never farther away than 2 Nm pull
 
     A hand that holds the leader, or lifts it, feels no more than that.
 
     Args:
-        kp, kd: (joints,) its gains.
-        acceleration_rad_s2: of the ramp.
+        kp, kd: (joints,) gains of the leader.
+        acceleration_rad_s2: acceleration of the ramp.
     """
 
     def __init__(self, kp: np.ndarray, kd: np.ndarray, acceleration_rad_s2: float = _ACCELERATION_RAD_S2):
@@ -66,7 +66,7 @@ class SoftPull:
         self._ramp.seed(q)
 
     def advance(self, goal: np.ndarray, speed_rad_s: float, q: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """Torque and damping (joints,) of a tick of `dt` s, on the way to goal (joints,)."""
+        """Compute torque and damping (joints,) of a tick of `dt` s, on the way to goal (joints,)."""
         self._ramp.advance(goal, np.full(len(goal), speed_rad_s), dt)
         self._ramp.keep_near(q, self._reach)
         pull = self._stiffness * (self._ramp.q - q) + self._damping * self._ramp.dq

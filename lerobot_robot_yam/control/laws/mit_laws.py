@@ -9,36 +9,36 @@ from lerobot_robot_yam.system.few_values import all_of, any_of, largest
 
 Q, DQ, KP, KD, TAU = range(5)
 
-_FRICTION_SPEED_RAD_S = 0.05  # width of the smooth sign in the friction term: no chatter about standstill
-_WALL_STIFFNESS = 0.3  # of the position gain
-_WALL_TORQUE = 0.25  # of the torque limit
-_WALL_DAMPED_RAD = 0.03  # this far beyond a joint limit the wall has its full damping
-_FULL = 0.25  # of the limit beyond it: all the damping
-_RELEASE_S = 0.1  # in which the share goes back
-_RUNS_AWAY_S = 0.25  # at the limit; with 3 rad/s 0.75 rad: a hand's quick moves are shorter, or slower
-_FORGET = 0.5  # seconds of that are forgotten in each second below
-_ABOUT = 0.9  # of the limit: what is damped there goes on about there
+_FRICTION_SPEED_RAD_S = 0.05  # width of the smooth sign in the friction term: no chatter at standstill
+_WALL_STIFFNESS = 0.3  # stiffness of the wall, as a share of the position gain
+_WALL_TORQUE = 0.25  # largest torque of the wall, as a share of the torque limit
+_WALL_DAMPED_RAD = 0.03  # way beyond a joint limit at which the wall has its full damping
+_FULL = 0.25  # excess over the speed limit, as a share of it, that gets all the damping
+_RELEASE_S = 0.1  # time in which the share of damping goes back
+_RUNS_AWAY_S = 0.25  # time at the speed limit that means running away: a hand's quick moves are shorter, or slower
+_FORGET = 0.5  # seconds at the limit that are forgotten in each second below it
+_ABOUT = 0.9  # share of the limit that still counts as at it: a damped joint goes on there
 
 
 def friction(dq: np.ndarray, coulomb_nm: np.ndarray) -> np.ndarray:
-    """Coulomb friction feed-forward, tau = c · tanh(dq / w): the sign of the motion without its jump."""
+    """Compute friction feed-forward, tau = c · tanh(dq / w): the sign of the motion without its jump."""
     return coulomb_nm * np.tanh(dq / _FRICTION_SPEED_RAD_S)
 
 
 def follow(
     out: np.ndarray, q_set: np.ndarray, dq_set: np.ndarray, kp: np.ndarray, kd: np.ndarray, tau: np.ndarray
 ) -> None:
-    """Hold and track: stiff about the set-point, feed-forward carries the weight."""
+    """Fill commands that hold or track: stiff about the set-point, while feed-forward carries the weight."""
     out[:, Q], out[:, DQ], out[:, KP], out[:, KD], out[:, TAU] = q_set, dq_set, kp, kd, tau
 
 
 def float_free(out: np.ndarray, q: np.ndarray, idle_kd: np.ndarray, tau: np.ndarray) -> None:
-    """Free motion: no stiffness, idle damping, feed-forward carries the weight."""
+    """Fill commands of free motion: no stiffness, idle damping, while feed-forward carries the weight."""
     out[:, Q], out[:, DQ], out[:, KP], out[:, KD], out[:, TAU] = q, 0.0, 0.0, idle_kd, tau
 
 
 class FloatDamping:
-    """How fast n joints may float: damping beyond the speed of hands, and joints that run away all the same.
+    """Damping of n floating joints that are faster than hands, and detection of joints that run away all the same.
 
         share = (v / limit − 1) / 0.25 within 0 … 1,  kd = idle kd + share (most kd − idle kd)
 
@@ -47,11 +47,11 @@ class FloatDamping:
     would let it go and catch it again at every other tick.
 
     Damping alone ends nothing: an arm whose model is wrong goes on to its stops. A joint that needs the damping for
-    longer than a hand's quick move lasts runs away. Ask once per tick.
+    longer than a hand's quick move lasts runs away. Call `share` once per tick.
 
     Args:
-        limit_rad_s: below it nothing is damped.
-        joints: n.
+        limit_rad_s: speed below which nothing is damped.
+        joints: number of joints, n.
     """
 
     def __init__(self, limit_rad_s: float, joints: int):
@@ -61,14 +61,14 @@ class FloatDamping:
         self._share, self._damped_s, self._damps = self._none, self._none, False
 
     def reset(self) -> None:
-        """The arm does not float any more."""
+        """Forget all speeds, since the arm does not float any more."""
         self._share = self._damped_s = self._none
         self._damps = False
 
     def share(self, dq: np.ndarray, dt: float) -> np.ndarray | None:
-        """(n,) of the most damping that each joint needs at `dq` (n,) rad/s, `dt` s after the last tick.
+        """Compute the share (n,) of the largest damping that each joint needs at `dq` (n,) rad/s. dt: tick, s.
 
-        None: no joint needs any, as nearly always.
+        Return None when no joint needs any, as nearly always.
         """
         fast = np.abs(dq)
         speed, self._before = np.minimum(fast, self._before), fast
@@ -83,7 +83,7 @@ class FloatDamping:
 
     @property
     def runs_away(self) -> int | None:
-        """The joint that is too fast for longer than any hand, None when no joint is."""
+        """Index of the joint that is too fast for longer than any hand; None when no joint is."""
         worst = int(self._damped_s.argmax()) if len(self._damped_s) else 0
         return worst if len(self._damped_s) and self._damped_s[worst] > _RUNS_AWAY_S else None
 
@@ -103,7 +103,7 @@ def soft_wall(
         d = q − clip(q, lower, upper)
         tau_wall = −s (k d + c dq),  k = 0.3 kp,  c = (kd − idle kd) · min(1, |d| / 0.03),  |tau_wall| ≤ limit / 4
 
-    s ≤ 1 keeps the bound. Spring and damper are given to the motor as kp and kd about the limit and not as torque: it
+    s ≤ 1 keeps the bound. Spring and damper are sent as kp and kd about the limit and not as torque: a motor
     closes that loop at its own rate on a fresh position, whereas a torque would act one tick of the host later and take
     a part of the damping away. Both grow from zero at the limit: no step there, and next to nothing at rest on a limit.
 
@@ -126,7 +126,7 @@ def soft_wall(
 
 
 def fade(out: np.ndarray, share: np.ndarray, kd: np.ndarray) -> None:
-    """Take `share` (n,) (1 … 0) of stiffness and feed-forward of the commands in `out`, with damping kd (n,)."""
+    """Scale stiffness and feed-forward of the commands in `out` by `share` (n,), 1 … 0, and set damping kd (n,)."""
     out[:, KP] *= share
     out[:, TAU] *= share
     out[:, DQ] = 0.0
@@ -134,7 +134,7 @@ def fade(out: np.ndarray, share: np.ndarray, kd: np.ndarray) -> None:
 
 
 def sink(out: np.ndarray, joints: np.ndarray, kd: float) -> None:
-    """Leave these joints, (n,) bool, of the commands in `out` damping kd and nothing else."""
+    """Reduce the commands of these joints, (n,) bool, in `out` to damping kd."""
     out[joints, DQ] = out[joints, KP] = out[joints, TAU] = 0.0
     out[joints, KD] = kd
 
@@ -146,18 +146,18 @@ def clip_torque(
     limit_nm: np.ndarray,
     before: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> bool:
-    """Keep the torque that the motor will compute within ±limit (n,). True when it had to.
+    """Keep the torque that the motor will compute within ±limit (n,); return whether a command was changed.
 
-    What is too much is taken from the position error first, by moving q* towards q, then from the damping, by moving
+    The excess is taken from the position error first, by moving q* towards q, then from the damping, by moving
     dq* towards dq, and only the rest from tau: a far set-point, or a blow, asks for more than the frame's torque field
     could take back (kp = 80 Nm/rad and 1 rad: 80 of 28 Nm; kd = 1.5 Nm s/rad and 15 rad/s: 22 of 10 Nm).
 
     Args:
         out: (n, 5) commands, changed in place.
         q, dq: (n,) as measured.
-        before: the same of the sample before, NaN before there is one. A single wrong one must not move an arm: only
-            what both ask for too much is taken away. A blow waits for its second sample; until then the motor damps it
-            by itself, as it did.
+        before: q and dq of the previous sample, NaN without one. A single wrong one must not move an arm, so only the
+            excess that both samples show is taken away. A blow waits for its second sample; until then the motor damps
+            it by itself.
     """
     spring, damping = out[:, KP] * (out[:, Q] - q), out[:, KD] * (out[:, DQ] - dq)
     tau = spring + damping + out[:, TAU]
@@ -177,5 +177,5 @@ def clip_torque(
 
 
 def _share(excess: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """The share of `excess` that can be taken from this part of it."""
+    """Return the share of `excess` that can be taken from this part of it."""
     return np.where(excess * part > 0.0, np.copysign(np.minimum(np.abs(excess), np.abs(part)), excess), 0.0)
