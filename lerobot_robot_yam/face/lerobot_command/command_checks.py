@@ -1,21 +1,21 @@
-"""Checks of what a LeRobot command names, before anything is opened or energised.
+"""Checks of the options of a LeRobot command, before anything is opened or energised.
 
 - Existence: the data set, the episode, the cameras of a policy, and a separate channel for each arm.
-- Meaning of its numbers: they have to be the robot's. No stock loop tells the robot what it is about to replay, resume
-  or roll out, so this comes from the command's options. LeRobot decodes them while the robot's config is made; its
-  parser has them, merged of command line and file, in a local variable.
+- Meaning: numbers of a recording or policy have to mean what the robot's numbers mean. No loop of LeRobot tells the
+  robot what is about to be replayed, resumed or rolled out, so the checks read the command's options. LeRobot decodes
+  the options while the robot's config is made; its parser has them, from command line and file, in a local variable.
 
-Joints or tool poses: both are six numbers for an arm with six joints, so that nothing else would notice.
+Joints or tool poses: both are six numbers for an arm with six joints, so nothing else would notice a mix-up.
 
 - Names of the values decide, wherever they are kept.
 - Statistics show some joints: no tool of these arms gets 1.5 m away from its base, and joints get beyond 1.5 rad.
 
 Degrees or radians:
 
-- A data set names its robot: ours is called `bi_yam_follower_degrees` there while it gives degrees. So does a
+- A data set names its robot, and the name of ours ends in `_degrees` if angles are in degrees. The same holds for a
   checkpoint whose data set is still on this computer.
-- Statistics decide otherwise: no joint of these arms gets a whole turn away from zero. Larger numbers are degrees;
-  without any, the recording is in radians (or of an arm that never left zero by 6°).
+- Otherwise statistics decide: no joint of these arms gets a whole turn away from zero. So larger numbers are degrees;
+  without larger numbers the recording is in radians (or of an arm that never left zero by 6°).
 """
 
 import difflib
@@ -46,11 +46,11 @@ from lerobot_robot_yam.system.rig_file import ARMS_OF_TWO, device_of
 
 logger = logging.getLogger(__name__)
 
-_POLICY_OPTIONS = ("pretrained_revision", "action_space", "angle_unit")  # those that are checked
+_POLICY_OPTIONS = ("pretrained_revision", "action_space", "angle_unit")  # options that are checked
 _HUB_S = 5.0  # longest wait for the hub's answer
 _PARQUET_END = b"PAR1"
 _FILLED = "empty_camera"  # prefix of images that LeRobot fills with zeros
-_FILLING = ("pi0", "pi05", "pi0_fast", "smolvla", "xvla", "evo1")  # types that fill any missing image
+_FILLING = ("pi0", "pi05", "pi0_fast", "smolvla", "xvla", "evo1")  # types of policies that fill any missing image
 _SERVER_SPACES = {"joint_position": "joint", "cartesian_position": "ee"}  # RoboArena's words
 _NAMES = {"joint": "joint positions", "ee": "tool poses"}
 _OTHER_ROBOT = "Set the robot's type, and each arm's gripper, to those of the recording"
@@ -92,9 +92,9 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
         cameras: names of the robot's images.
 
     Raises:
-        ConfigError: two arms share a channel; the data set or episode does not exist, or is in the way of a new one;
-            the policy sees cameras that the robot lacks; the numbers have other names, are tool poses instead of
-            joints (or the reverse), or are in the other unit.
+        ConfigError: two arms share a channel; the data set or episode does not exist, or a new data set would replace
+            an old one; the policy sees cameras that the robot lacks; the numbers have other names, are tool poses
+            instead of joints (or the reverse), or are in the other unit.
     """
     space, options = space_of(keys), given_options()
     command = Path(*sys.argv[:1]).stem.replace("_", "-")
@@ -108,7 +108,7 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
         _check_names(device, keys, data, in_order=resumes)
         recordings.append(data)
     policy = _policy_options(options)
-    path = parser.get_path_arg("policy") or options.get("pretrained_name_or_path")  # the latter is async inference's
+    path = parser.get_path_arg("policy") or options.get("pretrained_name_or_path")  # the latter in async inference
     if path and command != "lerobot-train":  # a training evaluates newer weights
         learnt = of_checkpoint(path, policy.get("pretrained_revision"))
         policy = {**learnt.config, **policy}
@@ -129,7 +129,7 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
 
 
 def _policy_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the policy's options; beside `policy.path` LeRobot keeps them for itself, as words."""
+    """Return the policy's options. Beside `policy.path`, LeRobot's parser keeps these options undecoded, as words."""
     words = [*(parser.get_cli_overrides("policy") or ()), *parser.get_yaml_overrides("policy")]
     told = {name: parser.parse_arg(name, words) for name in _POLICY_OPTIONS}
     return {**_section(options, "policy"), **{name: value for name, value in told.items() if value is not None}}
@@ -147,7 +147,7 @@ def _check_channels() -> None:
 
 
 def _check_data_set(dataset: Mapping[str, Any], opens: bool, new: bool) -> None:
-    """Refuse a `dataset.root` without the data set that the command opens, or in the way of a new one."""
+    """Refuse a `dataset.root` without the data set that the command opens, or with one in place of a new one."""
     if not dataset.get("root"):
         return  # LeRobot's own directory, or the hub
     root = Path(str(dataset["root"]))
@@ -173,7 +173,7 @@ def _check_data_set(dataset: Mapping[str, Any], opens: bool, new: bool) -> None:
 
 
 def _is_torn(root: Path) -> bool:
-    """Return whether the recording was killed: LeRobot would look for it on the Hub, without an explanation."""
+    """Return whether the recording was killed: LeRobot would look for the data set on the Hub, without explanation."""
     episodes = list(root.glob("meta/episodes/**/*.parquet"))
     tables = [*episodes, *root.glob("data/**/*.parquet")]
     return not episodes or not all(_is_closed(path) for path in tables)
@@ -186,7 +186,7 @@ def _is_closed(table: Path) -> bool:
 
 
 def _clean(root: Path) -> str:
-    """Return how to get rid of a data set without an episode."""
+    """Return advice on how to get rid of a data set without an episode."""
     if is_empty(root):
         return f"remove it (rm -r {root}) and record"
     return f"there are rows or images of one all the same: `yam-repair-dataset {root}`"
@@ -197,13 +197,13 @@ def _on_hub(repo_id: str) -> bool:
 
     try:
         HfApi().dataset_info(repo_id, timeout=_HUB_S)
-    except Exception:  # no such data set, no network, no name of one
+    except Exception:  # no such data set, no network, or no valid name
         return False
     return True
 
 
 def _check_cameras(policy: Recording, cameras: Collection[str]) -> None:
-    """Refuse a policy that sees cameras which the robot lacks. Some policies accept zeros for all but one."""
+    """Refuse a policy that sees cameras which the robot lacks. Some policies accept zeros for all but one camera."""
     config = policy.config
     names = [name.removeprefix(f"{OBS_IMAGES}.") for name in config.get("input_features") or {} if OBS_IMAGES in name]
     wanted = [name for name in names if not name.startswith(_FILLED)]
@@ -246,7 +246,7 @@ def _check_names(device: str, keys: Sequence[str], data: Recording, in_order: bo
 
 
 def _check_space(device: str, keys: Sequence[str], recording: Recording) -> None:
-    """Refuse joints for a robot of poses, and poses for one of joints; warn if the recording does not tell."""
+    """Refuse joints if the robot takes poses, and poses if it takes joints; warn if the recording is not clear."""
     ours, found = space_of(keys), space_of(recording.names)
     if found is None and ours == "ee":
         largest = recording.largest(np.array([key.endswith(_METRES) for key in keys]))
@@ -269,7 +269,7 @@ def _refuse_other_space(device: str, keys: Sequence[str], what: str, found: str 
 
 
 def _check_unit(device: str, use_degrees: bool, what: str, found: str | None) -> None:
-    """Refuse the other unit; warn if the unit is unknown."""
+    """Refuse a unit that is not the robot's; warn if the unit is unknown."""
     unit = DEGREES if use_degrees else RADIANS
     if found is None:
         logger.warning("%s: %s does not tell its unit; this robot is in %s", device, what, unit)

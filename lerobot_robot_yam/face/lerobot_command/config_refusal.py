@@ -1,6 +1,6 @@
-"""Checks of a LeRobot config of arms, while LeRobot's parser still reads it, with one-line errors.
+"""Checks of a LeRobot config of arms, while LeRobot's parser still reads the config, with one-line errors.
 
-From an error in a device's constructor, LeRobot would make a line of 2,000 characters that ends with the cause.
+Of an error in a device's constructor, LeRobot would make a line of 2,000 characters that ends with the cause.
 """
 
 import dataclasses
@@ -24,7 +24,7 @@ _DEFAULT_NAME = ArmConfig(channel="any").name
 
 
 class RefusedConfigError(ConfigError, DecodingError):
-    """A `ConfigError` that LeRobot's commands print as one line, before they end."""
+    """`ConfigError` that a LeRobot command prints as one line, before the command ends."""
 
     def __init__(self, message: str):
         DecodingError.__init__(self, (), message)
@@ -34,14 +34,14 @@ class RefusedConfigError(ConfigError, DecodingError):
 
 
 def arm_config(options: ArmConfig | PassiveOptions, name: str) -> ArmConfig:
-    """Return the arm layer's part of a LeRobot config that extends `ArmConfig`, checked.
+    """Return the arm layer's part of a LeRobot config that extends `ArmConfig`, and check it.
 
     Args:
         options: the LeRobot config of one arm.
-        name: the arm's name in messages, unless the user has named it.
+        name: the arm's name in messages, unless the user has named the arm.
 
     Raises:
-        ConfigError: names the arm, the field, and its allowed values.
+        ConfigError: a value is not allowed; the message names the arm, the field, and the allowed values.
     """
     lead = options.lead_config() if isinstance(options, LeadOptions) else None
     names = [field.name for field in dataclasses.fields(ArmConfig)]
@@ -54,16 +54,16 @@ def arm_config(options: ArmConfig | PassiveOptions, name: str) -> ArmConfig:
 
 
 def refuse(device: str, options: Any, role: str, check: Callable[[Mapping[str, ResolvedArm]], None]) -> None:
-    """Refuse a config of which no device can be made.
+    """Refuse a config from which no device can be made.
 
     Args:
         device: LeRobot's type name.
         options: the config, which has `arms()`.
         role: "follower" or "leader".
-        check: further checks, called with the arms by prefix.
+        check: function with further checks, called with the arms by prefix.
 
     Raises:
-        RefusedConfigError: the first mistake.
+        RefusedConfigError: the config has a mistake; the message is about the first one.
     """
     try:
         check_switches(device, options)
@@ -87,7 +87,7 @@ def rig_device[C](registry: type[C], section: str, given: Mapping[str, Any]) -> 
         given: options of `yam_rig`, see `device_of`.
 
     Raises:
-        RefusedConfigError: no such file or device, or a mistake in it; names the file.
+        RefusedConfigError: there is no such file or device, or the device has a mistake; the message names the file.
     """
     try:
         return draccus.decode(registry, device_of(section, {"type": RIG_TYPE, **given}))
@@ -100,7 +100,7 @@ def rig_device[C](registry: type[C], section: str, given: Mapping[str, Any]) -> 
 
 
 def check_options(section: str, device: Mapping[str, Any], where: str) -> None:
-    """Refuse an option that LeRobot's parser would not know.
+    """Refuse a device with an option that LeRobot's parser would not know.
 
     Args:
         section: "robot" or "teleop".
@@ -108,7 +108,7 @@ def check_options(section: str, device: Mapping[str, Any], where: str) -> None:
         where: place of the device, for messages.
 
     Raises:
-        ConfigError: names the option, and a similar one.
+        ConfigError: an option is unknown; the message names the option and the most similar known one.
     """
     from lerobot.robots.config import RobotConfig  # already loaded in LeRobot's commands only
     from lerobot.teleoperators.config import TeleoperatorConfig

@@ -1,7 +1,7 @@
-"""The LeRobot command that runs in this process: its options, its data set, its flags, and its present phase.
+"""LeRobot command that runs in this process: its options, data set, flags, and present phase.
 
-LeRobot passes none of this to a robot. So it is read from the stack, where LeRobot's own functions keep it, and nothing
-of LeRobot is replaced. Under any other program nothing is found.
+LeRobot passes none of these to a robot. So this module reads them from local variables of LeRobot's own functions, on
+the call stack, and replaces nothing of LeRobot. Under any other program it finds nothing.
 """
 
 import importlib.util
@@ -20,7 +20,7 @@ from typing import Any
 
 RECORD, EVALUATION = "lerobot-record", "lerobot-eval"
 STOP, LEAVE_LOOP, AGAIN = "stop_recording", "exit_early", "rerecord_episode"  # LeRobot's flags, which its keys set
-_KEY_S = 0.2  # longest time until a key takes effect, at the command's next frame, s
+_KEY_S = 0.2  # longest time until a key takes effect, s, which is at the command's next frame
 
 
 def _lerobot() -> Path:
@@ -37,7 +37,7 @@ _SCRIPTS = {
 
 
 class Meaning(StrEnum):
-    """Thing that a button, or a page, requests of a command. See docs/buttons.md."""
+    """Request of a button, or of a page, to a command. See docs/buttons.md."""
 
     NEXT = "next"  # end the episode, or the reset
     RERECORD = "rerecord"  # drop the episode and record it again
@@ -45,10 +45,10 @@ class Meaning(StrEnum):
     SUCCESS = "success"  # label the episode, and end it if it runs
     FAILURE = "failure"
     DISCARD = "discard"
-    PAUSE = "pause"  # the policy; once more: it goes on
-    CORRECT = "correct"  # take over from the policy; once more: end the correction
+    PAUSE = "pause"  # pause the policy; pressed again: let the policy go on
+    CORRECT = "correct"  # take over from the policy; pressed again: end the correction
     GO_ON = "go_on"  # give the arms back to the policy
-    SAVE = "save"  # keep what was seen last, and what comes; once more: end it
+    SAVE = "save"  # keep the last frames, and those that follow; pressed again: end the clip
     UPLOAD = "upload"
 
 
@@ -56,7 +56,7 @@ LABELS = (Meaning.SUCCESS, Meaning.FAILURE, Meaning.DISCARD)
 
 
 class Phase(Enum):
-    BETWEEN = "between two phases"  # while it connects, saves or ends
+    BETWEEN = "between two phases"  # the command connects, saves or ends
     RECORDING = "recording"
     RESETTING = "resetting"
     AUTONOMOUS = "autonomous"  # the policy drives
@@ -74,9 +74,9 @@ class Situation:
     Attributes:
         command: name in messages, empty without a command.
         phase: present phase.
-        keys: meanings for which the command has a key, and what that key does.
-        dataset: LeRobot's data set that it writes, once there is one.
-        turn: start of the present run of its loop, on `time.perf_counter`; 0 outside of the loop.
+        keys: meaning for which the command has a key → function that does what the key does.
+        dataset: LeRobot's data set that the command writes; None before the command has opened it.
+        turn: start of the present run of the command's loop, on `time.perf_counter`; 0 outside of the loop.
         left_s: seconds until the phase ends by itself.
         flags: LeRobot's flags, which its keys set; empty unless the command records episode by episode.
         config: LeRobot's options of the command.
@@ -109,7 +109,7 @@ class Situation:
         return self.left_s < _KEY_S
 
     def stop(self) -> None:
-        """End the command as its stop key does: an episode that is being recorded, or was, is saved."""
+        """End the command as its stop key does: the episode that is being recorded, or was just recorded, is saved."""
         self.flags[STOP] = self.flags[LEAVE_LOOP] = True
 
     def discard(self) -> None:
@@ -157,9 +157,9 @@ def look() -> Situation:
 
 
 def recording(frame: FrameType | None = None) -> Situation | None:
-    """Return the situation of the `lerobot-record` that called down to `frame`; None before its data set is open.
+    """Return the situation of the `lerobot-record` that called down to `frame`; None before the data set is open.
 
-    frame: by default the present one.
+    frame: by default the frame of the caller.
     """
     phase, turn, left_s = Phase.BETWEEN, 0.0, math.inf
     for caller in callers(frame):
@@ -174,13 +174,13 @@ def recording(frame: FrameType | None = None) -> Situation | None:
             dataset, config = values.get("dataset"), values.get("cfg")
             if dataset is None or config is None:
                 return None
-            flags = values.get("events") or {}  # no listener before it has connected
+            flags = values.get("events") or {}  # no key listener before the robot has connected
             return Situation(RECORD, phase, _episode_keys(flags), dataset, turn, left_s, flags, config)
     return None
 
 
 def _episode_keys(flags: dict[str, Any]) -> dict[Meaning, Callable[[], object]]:
-    """Return the keys of a command that records episode by episode; none without LeRobot's flags."""
+    """Return the keys of a command that records episode by episode; empty without LeRobot's flags."""
     from lerobot.utils.keyboard_input import apply_recording_control
 
     keys = {Meaning.NEXT: "right", Meaning.RERECORD: "left"} if flags else {}
@@ -225,7 +225,7 @@ def _strategy(strategy: Any, ctx: Any, phase: Phase, turn: float, left_s: float)
 
 
 def evaluation_values() -> dict[str, Any]:
-    """Return LeRobot's own variables of the evaluation in this process, and of its present rollout."""
+    """Return local variables of LeRobot's evaluation in this process, and of its present rollout, by name."""
     found: dict[str, Any] = {}
     for caller in callers(_main_frame()):
         if _SCRIPTS.get(caller.f_code.co_filename) == EVALUATION:

@@ -1,12 +1,12 @@
-"""Episodes that begin when the leaders are lifted, and end when they are home. Pure: no clock, no keyboard.
+"""Episodes that begin when the leaders are lifted, and end when the leaders are home. Pure: no clock, no keyboard.
 
 `lerobot-record` records from its start on, and again as soon as an episode is saved. So an episode that has not begun
 with a lift gets the re-record key at once: LeRobot then waits in its reset phase, and drops that beginning. The lift
-ends the reset, and no save delays the recording. Home ends the episode, and then the reset after it, so that the
-episode is saved at once. An episode that an emergency stop cuts off is dropped: after the stop the leaders are led
-home, which is no end that anybody wanted.
+ends the reset, and no save delays the recording. When the leaders are home, the episode ends, and the reset after it
+ends at once, so that the episode is saved. An episode that an emergency stop cuts off is dropped: after the stop the
+leaders go home, but not because the person has finished.
 
-The episodes of lerobot-rollout are the policy's: there the leaders begin and end none.
+In lerobot-rollout, episodes belong to the policy: leaders neither begin nor end an episode there.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import ArmState
 
 LIFTED = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
-_LEAST_FRAMES = 5  # of an episode; a shorter one was ended by a late key
+_LEAST_FRAMES = 5  # least number of frames of an episode: a late key has ended a shorter one
 _HOME = (Gate.HOMING, Gate.IDLE)
 
 
@@ -33,17 +33,17 @@ def led_by_hand(leaders: Sequence[ArmState]) -> bool:
 
 
 class AutoEpisodes:
-    """State machine from leaders and command to the next key."""
+    """State machine that finds the next key from the state of leaders and command."""
 
     def __init__(self) -> None:
         self._turn = 0.0
-        self._armed = False  # the leaders were home since the last episode began
-        self._starts = self._begun = False  # whether a lift ends this turn, and ended the one before
-        self._was_lifted = False  # in this turn, which is a run of the loop
+        self._armed = False  # whether the leaders were home since the last episode began
+        self._starts = self._begun = False  # whether a lift ends this turn; and ended the turn before
+        self._was_lifted = False  # whether leaders were lifted in this turn, a run of the loop
         self._cut_off = False  # whether an arm stopped or failed in this turn
 
     def key(self, lifted: bool | None, by_hand: bool, now: Situation) -> Meaning | None:
-        """Return the key to press now, if any; the same again until the command has reacted.
+        """Return the key to press now, if any; the same key again until the command has reacted.
 
         Args:
             lifted: state of all leaders, see `all_lifted`.
@@ -72,4 +72,4 @@ class AutoEpisodes:
         self._starts = now.drops and self._armed and lifted is True
         if now.ends_by_itself or not (self._starts or not now.drops):
             return None
-        return Meaning.NEXT  # saves the episode now, not before the next one
+        return Meaning.NEXT  # saves the episode now, not only before the next one

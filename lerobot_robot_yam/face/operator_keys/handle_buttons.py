@@ -1,4 +1,4 @@
-"""Buttons of teaching handles: the option `buttons` with their meanings, and presses of them."""
+"""Buttons of teaching handles: their meanings in the option `buttons`, and their presses."""
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,10 +8,10 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
 from lerobot_robot_yam.state.records import ArmState
 
-BUTTONS = ("top", "bottom")  # in the order of a handle's report
+BUTTONS = ("top", "bottom")  # names of a handle's buttons, in the order of its report
 
 
-_SETS: dict[str, dict[int, dict[Meaning, str]]] = {  # by name and number of arms
+_SETS: dict[str, dict[int, dict[Meaning, str]]] = {  # name of a set → number of arms → meaning → button
     "record": {
         1: {Meaning.NEXT: "bottom", Meaning.RERECORD: "top"},
         2: {
@@ -35,15 +35,15 @@ SETS = tuple(_SETS)
 
 
 def button_meanings(given: Any, prefixes: Sequence[str], taken: Mapping[str, str]) -> dict[str, Meaning]:
-    """Return the meaning of each button that has one.
+    """Return button → meaning, for each button that has a meaning.
 
     Args:
-        given: the option `buttons`: one of `SETS`, or meaning → button or list of buttons.
+        given: the option `buttons`: one of `SETS`, or a mapping meaning → button or list of buttons.
         prefixes: prefix of each arm with a handle: "" for a single arm, "left_", "right_".
         taken: button → name of the option that uses it.
 
     Raises:
-        ConfigError: a meaning or button that does not exist, or a button with two meanings.
+        ConfigError: a meaning or button does not exist, or a button has two meanings.
     """
     if given in (None, "", {}):
         return {}
@@ -86,23 +86,23 @@ def _known(word: Any, what: str, known: Iterable[str]) -> str:
 
 
 class RisingEdges:
-    """Detector of presses: a button was up, and is down. The control loop has already removed bounces.
+    """Detector of presses, which find that a button was up and is down. The control loop has removed bounces already.
 
-    A button that is down at first, or when its handle is heard again, has to be up before.
+    A button that is down at first, or after its handle was silent, has to be up before it counts as pressed.
     """
 
     def __init__(self) -> None:
         self._up: set[str] = set()  # buttons that were up at the last call
 
     def pressed(self, buttons: Mapping[str, bool | None]) -> list[str]:
-        """Return the buttons pressed since the last call. None in place of a state: its handle is silent."""
+        """Return the buttons pressed since the last call. buttons: name → whether down; None: its handle is silent."""
         edges = [name for name, down in buttons.items() if down and name in self._up]
         self._up = {name for name, down in buttons.items() if down is False}
         return edges
 
 
 def buttons_of(states: Mapping[str, ArmState]) -> dict[str, bool | None]:
-    """Return whether each button, such as left_bottom, is down, from states by prefix; None: its handle is silent."""
+    """Return whether each button, such as left_bottom, is down, from states by prefix; None if its handle is silent."""
     return {
         f"{prefix}{name}": None if state.trigger is None else down
         for prefix, state in states.items()

@@ -1,6 +1,7 @@
 """Effect of a button on a LeRobot command, and its description in words. Pure: no clock, no keyboard.
 
-A key of LeRobot's brings the command closer to the button's meaning; only a stop sets flags (`StopRequest`).
+Each press of a key of LeRobot brings the command closer to what the button means; only a stop sets flags
+(`StopRequest`).
 """
 
 from lerobot_robot_yam.face.lerobot_command.running_command import (
@@ -13,7 +14,7 @@ from lerobot_robot_yam.face.lerobot_command.running_command import (
     Situation,
 )
 
-_STEPS = {  # (from, to) → meaning of the first key
+_STEPS = {  # (present phase, wanted phase) → meaning of the first key on the way
     (Phase.AUTONOMOUS, Phase.PAUSED): Meaning.PAUSE,
     (Phase.AUTONOMOUS, Phase.CORRECTING): Meaning.PAUSE,
     (Phase.PAUSED, Phase.AUTONOMOUS): Meaning.PAUSE,
@@ -24,7 +25,7 @@ _STEPS = {  # (from, to) → meaning of the first key
 
 
 def wanted(meaning: Meaning, now: Situation) -> Phase | None:
-    """Return the phase that a button leads to by keys from phase to phase; None if a single key does it."""
+    """Return the phase to which a button leads by keys from phase to phase; None if a single key does what it means."""
     if Meaning.CORRECT not in now.keys:
         return None
     if meaning is Meaning.PAUSE:
@@ -39,16 +40,16 @@ def wanted(meaning: Meaning, now: Situation) -> Phase | None:
 
 
 def step(goal: Phase, now: Situation) -> Meaning | None:
-    """Return the key of one step towards a phase; None: it is reached, or no key leads there from here."""
+    """Return the key of one step towards a phase; None if the phase is reached, or no key leads there from here."""
     key = _STEPS.get((now.phase, goal))
     return key if key in now.keys else None
 
 
 def single_key(meaning: Meaning, now: Situation) -> Meaning | None:
-    """Return the key of a button that leads to no phase; None if the command has none for it, or not now.
+    """Return the key of a button that leads to no phase; None if the command has no such key, or not now.
 
-    Some are refused although LeRobot accepts them: between two phases they would end an episode without a frame, which
-    ends the whole recording with an error. So would a key that ends a phase, if it came after its end.
+    Some keys are refused although LeRobot accepts them: between two phases a key would end an episode without a frame,
+    and LeRobot would end the whole recording with an error. So would a key that ends a phase but comes after its end.
     """
     key = Meaning.NEXT if meaning in LABELS else meaning
     if key not in now.keys:
@@ -63,12 +64,12 @@ def single_key(meaning: Meaning, now: Situation) -> Meaning | None:
 
 
 def frames_to_label(now: Situation, automatic: bool) -> int | None:
-    """Return the frames of the episode to label, 0 if it is saved already; None if a label would be for a wrong one.
+    """Return the frames of the episode to label, 0 if it is saved already; None if a label would get the wrong episode.
 
     Args:
         now: the command's situation.
-        automatic: episodes end by themselves. Then a dropped recording was never an episode, and the label is for the
-            one before. Otherwise a person means the episode that was just dropped.
+        automatic: whether episodes end by themselves. If so, a dropped recording was never an episode, and the label is
+            for the episode before. Otherwise a person means the episode that was just dropped.
     """
     if now.drops:
         return 0 if automatic else None
@@ -76,23 +77,23 @@ def frames_to_label(now: Situation, automatic: bool) -> int | None:
 
 
 def rescue(now: Situation) -> Meaning | None:
-    """Return the key that is needed whatever was pressed: an episode without a frame is recorded again, not saved."""
+    """Return the key that is needed, whatever was pressed, so that an episode without a frame is not saved."""
     empty = now.phase is Phase.RESETTING and now.dataset is not None and not now.frames and not now.drops
     return Meaning.RERECORD if empty and Meaning.RERECORD in now.keys else None
 
 
 class StopRequest:
-    """One press of a button that stops a command which records episode by episode. Sets LeRobot's flags.
+    """Press of a button that stops a command which records episode by episode, by setting LeRobot's flags.
 
-    LeRobot's stop key sets two flags at once: stop, and leave the loop. A key takes a moment. One that arrives when the
-    next episode has begun ends it before its first frame; LeRobot then saves it, and fails. So the button sets the same
-    flags itself, one after the other:
+    LeRobot's stop key sets two flags at once: stop, and leave the loop. A key takes a moment. If the next episode has
+    begun by then, the key ends that episode before its first frame; LeRobot then saves it, and fails. So the button
+    sets the same flags itself, one after the other:
 
         stop       at once: no further episode begins, unless it has begun already
-        re-record  when an episode has begun since, or the one to be saved has no frame: nobody wants it
-        leave      in a loop that was seen with the flags above set: no episode follows it
+        re-record  if an episode has begun since, or the episode to be saved has no frame: it is dropped
+        leave      in a loop that was seen with the flags above set: no episode follows this loop
 
-    now: the situation in which the button is pressed.
+    now: situation in which the button is pressed.
     """
 
     def __init__(self, now: Situation):
@@ -148,8 +149,8 @@ def offers(now: Situation, first: int, automatic: bool) -> dict[str, str]:
 
     Args:
         now: the command's situation.
-        first: episodes of the data set before this session.
-        automatic: episodes end by themselves.
+        first: number of episodes in the data set before this session.
+        automatic: whether episodes end by themselves.
     """
     found = {}
     for meaning in Meaning:

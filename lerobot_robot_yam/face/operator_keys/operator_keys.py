@@ -1,4 +1,4 @@
-"""A thread that acts as LeRobot's keys do when a handle's button is pressed, or when a page requests it."""
+"""Thread that acts as LeRobot's keys do, when a handle's button is pressed or a page requests the same."""
 
 import contextlib
 import logging
@@ -20,22 +20,22 @@ from lerobot_robot_yam.state.records import ArmState
 
 logger = logging.getLogger(__name__)
 
-_PERIOD_S = 0.005  # between two reads of the handles
-_ASKED_PERIOD_S = 0.05  # between two reads of requests, without handles
-_LOOK_S = 0.02  # between two looks at the command while a key may be due
-_SELDOM_S = 0.5  # otherwise, for a new data set
-_AGAIN_S = 2.0  # wait for an effect before an automatic key is pressed again
+_PERIOD_S = 0.005  # period of reading the handles, s
+_ASKED_PERIOD_S = 0.05  # period of reading requests, without handles, s
+_LOOK_S = 0.02  # period of checking the command while a key may be due, s
+_SELDOM_S = 0.5  # period of checking the command at other times, for a new data set, s
+_AGAIN_S = 2.0  # wait for the effect of an automatic key before it is pressed again, s
 _END_S = 1.0  # longest wait for the end of the thread, s
-_GOAL_S = 60.0  # LeRobot aligns leaders for 2 s, and saves for as long as it takes
+_GOAL_S = 60.0  # longest way to a phase, s: LeRobot aligns leaders for 2 s, and may save for long
 
 
 class OperatorKeys:
-    """Keys that one leader device presses, from its connect to its disconnect; a follower's serve requests alone.
+    """Keys that a leader device presses, from connect to disconnect; for a follower, only requests press keys.
 
     Args:
-        meanings: button, such as left_bottom → its meaning.
-        auto: episodes begin when all leaders are lifted and end when they are home.
-        by_request: there are no handles, only requests.
+        meanings: name of a button, such as left_bottom → its meaning.
+        auto: whether episodes begin when all leaders are lifted, and end when all are home.
+        by_request: whether there are no handles, only requests.
     """
 
     def __init__(self, meanings: Mapping[str, Meaning], auto: bool, by_request: bool = False):
@@ -64,13 +64,13 @@ class OperatorKeys:
                 logger.info("buttons of handles press keys of lerobot-record and lerobot-rollout only")
             return
         self._forget()
-        self._ends = threading.Event()  # a new one, in case an earlier thread hangs
+        self._ends = threading.Event()  # a new event, in case an earlier thread hangs
         requests.join(self, first=not self._by_request)  # a leader knows whether episodes are automatic
         self._thread = threading.Thread(target=self._run, args=(read, self._ends), name="operator keys", daemon=True)
         self._thread.start()
 
     def end(self) -> None:
-        """Press no more keys, without waiting."""
+        """Press no more keys. Does not wait for the thread."""
         self._ends.set()
         requests.leave(self)
 
@@ -89,7 +89,7 @@ class OperatorKeys:
             except YamError as error:  # arms off or loop gone, which is reported elsewhere
                 logger.debug("no buttons: %s", error)
             except Exception:
-                if ends.is_set():  # the arms are let go meanwhile
+                if ends.is_set():  # the arms were released meanwhile
                     return
                 logger.exception("the buttons of the handles do nothing from now on")
                 return
@@ -164,7 +164,7 @@ class OperatorKeys:
         self._goal = None
 
     def _press(self, key: Meaning, now: Situation, now_s: float, again: bool | None = None) -> None:
-        """Press a key; with `again`, not while a press waits for its effect: a second would hit the next phase."""
+        """Press a key, the same one only again if `again`, after `_AGAIN_S`: too early it would hit the next phase."""
         this = key, now.phase, now.turn
         if again is not None and this == self._last and (not again or now_s - self._pressed_s < _AGAIN_S):
             return

@@ -6,12 +6,12 @@ from lerobot_robot_yam.face.lerobot_command.running_command import Meaning, Situ
 
 
 class Press(NamedTuple):
-    """A press of a button, or a request in its place.
+    """Press of a button, or request of a page in place of a press.
 
     Attributes:
-        by: the button, or the page's name.
-        meaning: the requested thing.
-        turn: the run of the command's loop that it is for; None for any.
+        by: name of the button or page.
+        meaning: what the command is to do.
+        turn: run of the command's loop for which the press is; None for any run.
     """
 
     by: str
@@ -23,17 +23,17 @@ class Doer(Protocol):
     """Object that carries out requests."""
 
     def ask(self, press: Press) -> None:
-        """Carry out a press. Any thread may call it."""
+        """Carry out a press. Any thread may call this method."""
 
     def offers(self, now: Situation, first: int) -> dict[str, str]:
-        """Describe in words what each meaning would do now; first: episodes before this session."""
+        """Describe in words what each meaning would do now; first: number of episodes before this session."""
 
 
 _doers: list[Doer] = []
 
 
 def join(doer: Doer, first: bool) -> None:
-    """Register a doer; first: before all others."""
+    """Register a doer; first: whether it comes before all others."""
     _doers.insert(0 if first else len(_doers), doer)
 
 
@@ -44,7 +44,7 @@ def leave(doer: Doer) -> None:
 
 
 def ask(press: Press) -> bool:
-    """Pass a press to the first doer; return False without one."""
+    """Pass a press to the first doer; return False without a doer."""
     for doer in _doers:
         doer.ask(press)
         return True

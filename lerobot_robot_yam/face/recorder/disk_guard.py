@@ -11,25 +11,25 @@ from lerobot_robot_yam.errors import ConfigError
 
 logger = logging.getLogger(__name__)
 
-_ROW = 1_000  # bytes of a frame's numbers, uncompressed
-_VIDEO_PIXEL = 0.03  # bytes, as LeRobot encodes by default: 0.01 to 0.03 of a scene with moving arms
-_IMAGE_PIXEL = 1.5  # bytes of a PNG; a video that is encoded after its episode is images before
-LEFT_FREE = 100_000_000  # bytes kept free for other programs and for closing the data set
-_SPARE = 1.5  # factor on the largest episode, as episodes differ
-_LONG_S = 120.0  # longest episode that is planned for; longer limits mean that a key ends episodes
-_AT_LEAST_S = 10.0  # recording that has to fit at the start
+_ROW = 1_000  # size of a frame's numbers, uncompressed, bytes
+_VIDEO_PIXEL = 0.03  # size per pixel of a video by LeRobot's default, bytes: 0.01 to 0.03 with moving arms
+_IMAGE_PIXEL = 1.5  # size per pixel of a PNG, bytes; frames are PNGs until their video is encoded
+LEFT_FREE = 100_000_000  # space that is kept free for other programs and for closing the data set, bytes
+_SPARE = 1.5  # factor on the size of the largest episode, as episodes differ
+_LONG_S = 120.0  # longest episode for which room is planned, s: with a longer limit, a key ends episodes
+_AT_LEAST_S = 10.0  # duration of a recording that has to fit at the start, s
 _STILLS = "images"  # LeRobot's folder of images that are not encoded yet
-_WINDOW_S = 300.0  # span of recording over which the rate is computed
-_LEAST_S = 5.0
-_WARNED_S = 600.0
+_WINDOW_S = 300.0  # span of recording over which the rate is computed, s
+_LEAST_S = 5.0  # least span of recording from which a rate is computed, s
+_WARNED_S = 600.0  # recording time left at which a person is warned, s
 
 
 class DiskGuard:
-    """Room on the disk for one recording.
+    """Watch of the room on the disk for one recording.
 
     Args:
         root: folder of the data set.
-        features: LeRobot's, of the data set.
+        features: LeRobot's features of the data set.
         options: LeRobot's options of the data set: episodes, seconds, video.
         fps: the data set's frames per second.
     """
@@ -38,13 +38,13 @@ class DiskGuard:
         self._root = root
         images = [feature for feature in features.values() if feature["dtype"] in ("video", "image")]
         pixels = sum(feature["shape"][0] * feature["shape"][1] for feature in images)
-        self._kept = _ROW + pixels * (_VIDEO_PIXEL if options.video else _IMAGE_PIXEL)  # per frame
+        self._kept = _ROW + pixels * (_VIDEO_PIXEL if options.video else _IMAGE_PIXEL)  # bytes per frame
         self._stills = 0.0 if not options.video or options.streaming_encoding else pixels * _IMAGE_PIXEL
         self._fps, self._frames = fps, int(min(options.episode_time_s, _LONG_S) * fps)
         self._before, self._largest = self._used(), 0
 
     def _used(self) -> int:
-        """Return the bytes of the data set, without images that an encoder is about to remove."""
+        """Return the size of the data set in bytes, without images that an encoder is about to remove."""
         used = 0
         for path in self._root.rglob("*"):
             with contextlib.suppress(OSError):  # removed meanwhile
@@ -52,11 +52,11 @@ class DiskGuard:
         return used
 
     def free_bytes(self) -> int:
-        """Return the bytes that this user may still write there."""
+        """Return the bytes that this user may still write on the data set's disk."""
         return shutil.disk_usage(self._root).free
 
     def check(self, episodes: int) -> None:
-        """Compare the need of `episodes` with the free space, at the start, and warn.
+        """Compare the need of so many `episodes` with the free space, at the start, and warn if they do not fit.
 
         Raises:
             ConfigError: there is no room for some seconds.
@@ -78,7 +78,7 @@ class DiskGuard:
             )
 
     def saved(self, frames: int) -> None:
-        """Note a saved episode of that many frames, whose size replaces the estimate."""
+        """Note a saved episode of so many frames; the size of the episode replaces the estimate."""
         used = self._used()
         self._largest, self._before = max(self._largest, used - self._before), used
         self._frames = max(self._frames if self._frames < _LONG_S * self._fps else 0, frames)
@@ -95,9 +95,9 @@ def _text(count: float) -> str:
 
 
 class DiskLeft:
-    """Recording time that the disk lasts, at the rate at which it fills.
+    """Recording time until the disk is full, at the rate at which the disk fills.
 
-    Bytes count from the beginnings of recordings on, as LeRobot encodes and removes images in between.
+    Free bytes are compared at the beginnings of recordings, as LeRobot encodes and removes images in between.
     """
 
     def __init__(self) -> None:
@@ -109,9 +109,9 @@ class DiskLeft:
         """Return the seconds of recording until only `LEFT_FREE` is free; None if unknown yet, or not filling.
 
         Args:
-            now_s: monotonic; ascends from call to call.
-            free: bytes.
-            recording: at the moment.
+            now_s: monotonic time, s.
+            free: free bytes on the disk.
+            recording: whether the command records at the moment.
         """
         if recording and self._records:
             self._recorded_s += now_s - self._looked_s
@@ -127,7 +127,7 @@ class DiskLeft:
 
 
 def disk_warning(left_s: float | None, free: int) -> str:
-    """Return the warning for a person; empty while there is room."""
+    """Return the warning to a person, empty while there is room; arguments as in `DiskLeft.left_s`."""
     if free < LEFT_FREE:
         return "the disk is full: the recording ends"
     if left_s is not None and left_s < _WARNED_S:

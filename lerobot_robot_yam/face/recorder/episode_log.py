@@ -1,6 +1,6 @@
-"""Watcher of a `lerobot-record` from its robot: a line and a row of figures for each episode, and the disk.
+"""Log of a `lerobot-record` by its robot: a line and a row of figures for each episode, and a watch of the disk.
 
-No error in here ends a recording.
+No error in this module ends a recording.
 """
 
 import json
@@ -23,16 +23,16 @@ from lerobot_robot_yam.state.records import ArmState, Limited
 
 logger = logging.getLogger(__name__)
 
-_LOOK_S = 0.5  # between two looks at the disk, and two status lines
-_LATE = 1.5  # periods after which a frame counts as late
-_SAMPLE = 16  # step of the rows and columns that are compared first
+_LOOK_S = 0.5  # period of checking the disk, and of status lines, s
+_LATE = 1.5  # number of periods after which a frame counts as late
+_SAMPLE = 16  # step of the rows and columns that are compared first, pixels
 _SLOW = 0.95  # share of the data set's frames per second below which an episode is slow
-_CLEAR = "\r\x1b[K"
+_CLEAR = "\r\x1b[K"  # control characters that clear a terminal's line
 
 
 @dataclass
 class EpisodeFigures:
-    """Figures of one episode that a training would not see in its frames, filled while it is recorded.
+    """Figures of one episode that its frames do not show to a training, filled in while the episode is recorded.
 
     Attributes:
         index: number of the episode.
@@ -40,10 +40,10 @@ class EpisodeFigures:
         begun: date and time, ISO 8601 with the time zone.
         times_s: monotonic time of each frame.
         images: newest image of each camera.
-        repeated: camera → frames whose image was that of the frame before.
-        lost: replies of all arms' motors that were lost in the episode.
-        held_back: frames in which the speed limit kept an arm behind its target.
-        changed: actions that limits have changed before they were sent.
+        repeated: camera → number of frames with the same image as the frame before.
+        lost: number of replies of all arms' motors that were lost in the episode.
+        held_back: number of frames in which the speed limit kept an arm behind its target.
+        changed: number of actions that limits have changed before they were sent.
     """
 
     index: int
@@ -68,7 +68,7 @@ class EpisodeFigures:
 
     @property
     def achieved_fps(self) -> float:
-        """Real frames per second; the data set's for less than two frames."""
+        """Real frames per second; with less than two frames the data set's number."""
         return (self.frames - 1) / (self.times_s[-1] - self.times_s[0]) if self.frames > 1 else float(self.fps)
 
     @property
@@ -78,11 +78,11 @@ class EpisodeFigures:
 
     @property
     def slow(self) -> bool:
-        """Whether the stamps are faster than the recording was, so that a training sees a world that hurries."""
+        """Whether the recording was slower than its stamps say, so that a training sees a world that hurries."""
         return self.achieved_fps < _SLOW * self.fps
 
     def summary(self) -> str:
-        """Return one line for a person, before the next episode."""
+        """Return a summary in one line for a person."""
         rate = f" at {self.achieved_fps:.1f} of {self.fps} fps" if self.frames > 1 else ""
         found = [f"{self.frames} frame{'s' * (self.frames != 1)}{rate}"]
         if self.late_frames:
@@ -122,17 +122,17 @@ def _same(before: Any, image: Any) -> bool:
 
 
 class StatusLine(logging.Filter):
-    """One line at the bottom of a terminal with the progress of the recording; lines of the log push it down.
+    """Line at the bottom of a terminal with the progress of the recording, below the lines of the log.
 
-    Shown only on a terminal. Passes all records of the log, after the line is cleared.
+    The line is shown only on a terminal. As a filter of the log it clears the line, and passes all records.
 
-    stream: the log's own stream.
+    stream: stream of the log; by default standard error.
     """
 
     def __init__(self, stream: TextIO | None = None):
         super().__init__()
         self._stream = stream or sys.stderr
-        self._on = self._stream is not None and self._stream.isatty()  # None in a program without one
+        self._on = self._stream is not None and self._stream.isatty()  # the stream may be None in a GUI program
         self._shown = False
 
     def begin(self) -> None:
@@ -140,7 +140,7 @@ class StatusLine(logging.Filter):
             handler.addFilter(self)
 
     def show(self, text: str) -> None:
-        """Replace the line. The cursor goes back, so that other output replaces the line, too."""
+        """Replace the line. The cursor returns to its start, so that other output replaces the line, too."""
         if self._on:
             self._write(f"{_CLEAR}{text}\r")
             self._shown = self._on
@@ -171,14 +171,14 @@ class StatusLine(logging.Filter):
 
 
 class EpisodeLog:
-    """Log of the episodes of one robot, from its connect to its disconnect. Does nothing under other commands."""
+    """Log of the episodes of one robot, from connect to disconnect. The log does nothing under other commands."""
 
     def __init__(self) -> None:
         self._command: Situation | None = None
         self._status = StatusLine()
 
     def begin(self) -> None:
-        """Begin, before the arms are energised. Raises ConfigError: the disk is full."""
+        """Begin the log, before the arms are energised. Raises ConfigError: the disk is full."""
         self._figures: EpisodeFigures | None = None
         self._told = False  # whether the present episode's line is logged
         self._first = self._lost_before = 0
@@ -199,12 +199,12 @@ class EpisodeLog:
             self._carefully(lambda: self._observed(recording(), states, images))
 
     def sent(self, changed: bool) -> None:
-        """Count a sent action; changed: limits have changed it."""
+        """Count a sent action; changed: whether limits have changed the action."""
         if self._figures is not None and self._command is not None and self._command.phase is Phase.RECORDING:
             self._figures.changed += changed
 
     def end(self) -> None:
-        """Finish when the data set is closed, or was never filled. Idempotent."""
+        """Finish the log when the data set is closed, or was never filled. Idempotent."""
         if self._command is not None:
             self._carefully(self._finish)
         self._command = None

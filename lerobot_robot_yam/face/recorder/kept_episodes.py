@@ -1,6 +1,6 @@
-"""Keeps the finished episodes of a recording, whatever ends the command, and reports them in its last lines.
+"""Saving of the finished episodes of a recording, whatever ends the command, and a report in its last lines.
 
-LeRobot saves an episode after the reset that follows it. A signal or an error meanwhile would lose the episode.
+LeRobot saves an episode only after the reset that follows. A signal or an error before that would lose the episode.
 """
 
 import atexit
@@ -25,19 +25,19 @@ if TYPE_CHECKING:  # loaded by the command, and not needed by others
 logger = logging.getLogger(__name__)
 
 SIDE_CAR = Path("meta", "yam_episodes.jsonl")
-_MOST = 3  # episodes that the last lines name; a terminal shows few lines
+_MOST = 3  # largest number of episodes that the last lines name, since a terminal shows few lines
 _told_of: "LeRobotDataset | None" = None
 
 
 def tell_what_is_kept() -> None:
     """Report the kept episodes in the last lines of a recording. Idempotent.
 
-    An empty data set that this command has made is removed, as it would refuse the same command.
+    An empty data set that this command has made is removed, since LeRobot would refuse to begin it again.
     """
     global _told_of
     command = recording()
     if command is not None and command.dataset is not _told_of:
-        # Here, not at exit: if a module is loaded then, Python forgets that an interrupt ends the process, and
+        # Imported here, not at exit: after an import at exit, Python forgets that an interrupt ends the process, and
         # the exit status would be 1 (see `system.signals`).
         import lerobot_robot_yam.face.datasets.check.row_checks  # noqa: F401
 
@@ -64,7 +64,7 @@ def _say_kept(dataset: "LeRobotDataset", root: Path, before: int, resumes: bool)
 
 
 def _wrong(root: Path, first: int) -> Iterator[tuple[int, str]]:
-    """Yield number and message of each episode from `first` on whose figures say that it harms a training."""
+    """Yield number and message of each episode from `first` on with figures which show that it harms a training."""
     from lerobot_robot_yam.face.datasets.check.row_checks import real_times
 
     for number, figures in sorted(read_figures(root).items()):
@@ -74,13 +74,13 @@ def _wrong(root: Path, first: int) -> Iterator[tuple[int, str]]:
 
 
 def drop_command(quoted_path: str, episodes: Iterable[int]) -> str:
-    """Return the command that copies a data set without some episodes."""
+    """Return the command that copies a data set without these episodes."""
     labels = " ".join(f"{episode}={DISCARD}" for episode in episodes)
     return f"yam-label {quoted_path} --set {labels} --apply"
 
 
 def read_figures(root: Path) -> dict[int, dict[str, Any]]:
-    """Read a data set's side-car: episode → its newest row."""
+    """Read a data set's side-car; returns number of an episode → its newest row."""
     found: dict[int, dict[str, Any]] = {}
     path = root / SIDE_CAR
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []:
@@ -93,7 +93,7 @@ def read_figures(root: Path) -> dict[int, dict[str, Any]]:
 
 
 class _SaveThenStop:
-    """Value of LeRobot's stop flag, which is read before a reset, and again after the save."""
+    """Value for LeRobot's stop flag, which LeRobot reads before a reset, and again after the save."""
 
     def __init__(self, now: Situation, why: str):
         self._now, self._why = now, why
@@ -102,7 +102,7 @@ class _SaveThenStop:
         """Return True while a finished episode is to be saved.
 
         Raises:
-            KeyboardInterrupt: the episode is saved; the command ends as by Ctrl-C.
+            KeyboardInterrupt: the episode is saved, so the command ends now, as by Ctrl-C.
         """
         if self._now.frames:
             return True
@@ -117,7 +117,7 @@ def stop_after_saving(frame: FrameType | None, why: str) -> bool:
         why: text of the KeyboardInterrupt that follows.
 
     Returns:
-        Whether there is such an episode, or one is being saved. If not, nothing was done.
+        Whether an episode waits for its save, or is being saved. If not, nothing was done.
     """
     now = recording(frame)
     ends_already = sys.exception() is not None  # LeRobot closes the data set, and saves no more
@@ -130,7 +130,7 @@ def stop_after_saving(frame: FrameType | None, why: str) -> bool:
 
 
 def saves_finished_episode[**P, R](method: Callable[P, R]) -> Callable[P, R]:
-    """Decorate a method that LeRobot's loop calls: its error during a reset does not lose the episode before."""
+    """Decorate a method that LeRobot's loop calls: if it raises during a reset, the episode before is saved first."""
 
     @functools.wraps(method)
     def careful(*arguments: P.args, **options: P.kwargs) -> R:

@@ -25,11 +25,11 @@ SUCCESS, FAILURE, DISCARD = KINDS = ("success", "failure", "discard")
 
 @dataclass(frozen=True)
 class Outcome:
-    """End of an episode.
+    """Outcome of an episode.
 
     Attributes:
         episode_index: number of the episode in the data set.
-        outcome: one of `KINDS`; None cancels an earlier one.
+        outcome: one of `KINDS`; None cancels an earlier label.
         by: source of the label: a button, or the command.
         at: time of the label, ISO 8601.
     """
@@ -46,11 +46,11 @@ def now(episode: int, outcome: str | None, by: str) -> Outcome:
 
 
 def append(root: Path, outcomes: Sequence[Outcome]) -> None:
-    """Append outcomes to the file. Raises OSError: it cannot be written."""
+    """Append outcomes to the file. Raises OSError: the file cannot be written."""
     path = root / OUTCOMES
     text = "".join(f"{json.dumps(asdict(outcome))}\n" for outcome in outcomes)
     if path.exists() and not path.read_bytes().endswith(b"\n") and path.stat().st_size:
-        text = "\n" + text  # after half a line, which a power cut has left
+        text = "\n" + text  # the file ends with half a line, which a power cut has left
     descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
     try:
         os.write(descriptor, text.encode())
@@ -59,7 +59,7 @@ def append(root: Path, outcomes: Sequence[Outcome]) -> None:
 
 
 def read(root: Path) -> dict[int, Outcome]:
-    """Read the outcome of each episode that has one. Raises ConfigError: names the line that is no outcome."""
+    """Read episode → its outcome, for labelled episodes. Raises ConfigError: a line, which is named, is no outcome."""
     path = root / OUTCOMES
     found: dict[int, Outcome] = {}
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []
@@ -91,7 +91,7 @@ class OutcomeBook:
 
     def __init__(self) -> None:
         self._dataset: Any = None
-        self._first = 0  # episode of this session
+        self._first = 0  # number of this session's first episode
         self._buffer: Any = None  # LeRobot's buffer of the episode with the pending label
         self._pending: Outcome | None = None
 
@@ -101,13 +101,13 @@ class OutcomeBook:
         return self._pending is not None
 
     def open(self, dataset: Any) -> None:
-        """Label episodes of this data set from now on; the episodes that it has are an earlier session's."""
+        """Label episodes of this data set from now on. Episodes that it has already are those of an earlier session."""
         if dataset is not None and dataset is not self._dataset:
             self._dataset, self._first, self._pending = dataset, dataset.num_episodes, None
             self._take_back_lost()
 
     def _take_back_lost(self) -> None:
-        """Cancel labels of episodes that were lost afterwards; the next episodes would inherit them."""
+        """Cancel labels of episodes that were lost afterwards, since the next episodes would inherit these labels."""
         root = Path(self._dataset.root)
         try:
             lost = [episode for episode in read(root) if episode >= self._first]
@@ -122,10 +122,10 @@ class OutcomeBook:
         Args:
             outcome: one of `KINDS`.
             frames: number of frames of the episode that is not saved yet.
-            by: the button.
+            by: name of the button.
 
         Returns:
-            False if there is no such episode.
+            Whether there is such an episode.
         """
         if self._dataset is None:
             return False

@@ -1,6 +1,6 @@
-"""A rehearsal of some frames before the first episode, so that cameras, encoders and arms are at work when it begins.
+"""Rehearsal of some frames before the first episode, so that cameras, encoders and arms already work at its beginning.
 
-The first frames of a recording take longest: encoders open and load modules, and all processes find their pace.
+The first frames of a recording take longest: encoders open and load modules, and all processes have to warm up.
 """
 
 import logging
@@ -19,15 +19,15 @@ if TYPE_CHECKING:  # loaded by the command, and not needed by others
 
 logger = logging.getLogger(__name__)
 
-_PUNCTUAL = 10  # frames in time in a row that end the rehearsal
-_LATE = 1.5  # periods after which a frame counts as late
-_LONGEST_S = 3.0  # longest rehearsal, s; a machine too slow by then stays so
+_PUNCTUAL = 10  # number of frames in a row in time that ends the rehearsal
+_LATE = 1.5  # number of periods after which a frame counts as late
+_LONGEST_S = 3.0  # longest rehearsal, s: a machine that is still too slow then stays too slow
 
 
 def rehearse(step: Callable[[], Mapping[str, Any]]) -> None:
-    """Do what a recording does, until frames come in time. Does nothing under other commands.
+    """Do what a recording does until frames come in time. Does nothing under other commands.
 
-    step: observes and moves the robot once, and returns the images by name. Its errors are passed on.
+    step: function that observes and moves the robot once, and returns the images by name. Errors are passed on.
     """
     command = recording()
     if command is None:
@@ -47,7 +47,7 @@ def rehearse(step: Callable[[], Mapping[str, Any]]) -> None:
 
 
 def _run(period_s: float, step: Callable[[], Mapping[str, Any]], encoder: Any, videos: Collection[str]) -> bool:
-    """Return whether frames came in time in the end."""
+    """Run until enough frames came in time, or for `_LONGEST_S`; returns whether they came in time."""
     begin_s = before_s = time.perf_counter()
     punctual = 0
     while before_s - begin_s < _LONGEST_S:
