@@ -200,7 +200,7 @@ def _worst(slack: np.ndarray) -> float:
 def _solve_qp(
     hessian: np.ndarray, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray, rows: np.ndarray, slack: np.ndarray
 ) -> np.ndarray:
-    """Minimise ½ x H x + g x in the box, with rows · x ≥ −slack. A negative slack counts as 0: it must not grow."""
+    """Minimise ½ x H x + g x in the box, with rows · x ≥ −slack. Negative slack counts as 0: no pair gets nearer."""
     if not slack.size:
         return daqp.solve(hessian, gradient, rows, upper, lower, np.zeros(upper.size, np.int32))[0]
     highest = np.concatenate([upper, np.full(slack.size, _UNBOUNDED)])

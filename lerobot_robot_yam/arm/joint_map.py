@@ -11,8 +11,8 @@ from lerobot_robot_yam.errors import MotorError
 
 TURN = 2.0 * math.pi
 RANGE_TOLERANCE_RAD = 0.15  # tolerance of a range for measured angles, rad: at rest, joints 2 and 3 are at their limit
-# Least difference in fit between the best turn and the next, rad, before a turn is added. Joint 1 turns almost all the
-# way round: a zero that slipped at one end of its range looks like the other end. Packaged arms have 0.524 rad or more.
+# Least difference in fit between the best turn and the next, rad, before a turn is added: packaged arms have 0.524 or
+# more. Joint 1 turns almost all the way round: a zero that slipped at one end of its range looks like the other end.
 TURN_MARGIN_RAD = 0.5
 
 

@@ -89,7 +89,7 @@ def _packaged(folder: str, name: str) -> dict[str, Any]:
 
 
 def check_arm(arm: ArmProfile, where: str) -> None:
-    """Refuse an arm's profile (or override) with impossible values. Raises ConfigError: the message names the field."""
+    """Check an arm's profile (or override). Raises ConfigError: a value is impossible; the message names the field."""
     n = arm.joint_count
     jointed = [body for body in arm.bodies if body.joint]
     lengths = {key: len(value) for key, value in vars(arm).items() if isinstance(value, np.ndarray) and len(value) != n}
@@ -146,7 +146,7 @@ def _check_names(arm: ArmProfile, joints: list[str], where: str) -> None:
 
 
 def check_gripper(gripper: GripperProfile, where: str) -> None:
-    """Refuse an end effector's profile with impossible values. Raises ConfigError: the message names the field."""
+    """Check an end effector's profile. Raises ConfigError: a value is impossible; the message names the field."""
     _check_bodies(gripper.bodies, where)
     fingers, motor, calibration = gripper.finger_joints, gripper.motor, gripper.calibration
     travel = gripper.finger_range_m

@@ -21,7 +21,7 @@ from lerobot_robot_yam.system.strict_yaml import array_field, parse, read_yaml
 
 _HEAD = "# What yam-tune has found out about one arm; SI units, one entry per joint. See docs/tuning.md.\n"
 _SHIFT_MOST_M = 0.5  # largest shift of a centre of mass, m: the length of the links
-_FRICTION_MOST = 5.0  # largest friction, Nm and Nm s/rad
+_FRICTION_MOST = 5.0  # largest friction: dry, Nm, and viscous, Nm s/rad
 
 
 @dataclass(frozen=True, eq=False)

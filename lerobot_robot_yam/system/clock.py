@@ -7,7 +7,7 @@ lock-step with a simulation (`rig.lockstep`), where time stands still while the 
 import time
 from typing import Any, Protocol
 
-START_TIMEOUT_S = 60.0  # wait for a new process, s: it may start a virtual rig, or calibrate a gripper
+START_TIMEOUT_S = 60.0  # longest wait for a new process, s: it may start a virtual rig, or calibrate a gripper
 
 
 class Clock(Protocol):

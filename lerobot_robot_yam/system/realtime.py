@@ -38,7 +38,7 @@ def request_realtime(priority: int) -> str:
 def raise_threads(priority: int, named: str) -> None:
     """Request SCHED_FIFO at `priority` for threads whose names begin with `named`; a refusal changes nothing.
 
-    Call it only once the threads have their names: libzmq sets these after the scheduling, and aborts the process if
+    Call this only once the threads have their names: libzmq sets names after the scheduling, and aborts the process if
     the scheduling is changed earlier.
     """
     for thread in Path("/proc/self/task").iterdir():
@@ -69,7 +69,7 @@ def give_way() -> None:
 
 
 def avoid_oom_killer() -> str:
-    """Lower this process's out-of-memory score, so that the kernel kills others first. Children inherit it.
+    """Lower this process's out-of-memory score, so that the kernel kills others first. Children inherit the score.
 
     Returns:
         The score now, for the log: for example "out-of-memory score -900".

@@ -22,7 +22,7 @@ _MAGIC = 0x59414D424C4B3032  # "YAMBLK02"
 _CHECKSUM = struct.Struct("<I")
 _SEQUENCE_AT, _CHECKSUM_AT = slice(8, 16), 20
 _LARGE = 16_384  # least payload whose words are summed, bytes: crc32 of a picture takes eight times as long
-_READ_TIMEOUT_S = 0.25  # wait for a consistent record, s
+_READ_TIMEOUT_S = 0.25  # longest wait for a consistent record, s
 
 
 def allocate(dtype: np.dtype) -> int:

@@ -3,8 +3,8 @@
 Under a LeRobot command an error of ours is printed as one line, too: the line says what failed and what to do, and
 a traceback would bury it.
 
-Handlers are process-wide, so all devices of the process share them. They are set only in the main thread and only over
-default handlers, and restored when the last device disconnects.
+Handlers are process-wide, so all devices of the process share them. Handlers are set only in the main thread and only
+over default handlers, and restored when the last device disconnects.
 """
 
 import importlib.util

@@ -102,8 +102,8 @@ class Clearance:
     ) -> list[Conflict]:
         """Find the pairs that the straight move from `start` to `end` (N,) rad brings into conflict, worst first.
 
-        The check is exact at `station`, a share of the way, and at the end. In between it may be wrong by `_PASSING_M`
-        and the curvature of the way between two of `most_steps` measurements.
+        The check is exact at `station`, a share of the way, and at the end. In between the check may be wrong by
+        `_PASSING_M` and the curvature of the way between two of `most_steps` measurements.
         """
         move = end - start
         travel = self._levers.dot(np.abs(move))

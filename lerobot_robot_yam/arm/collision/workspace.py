@@ -66,7 +66,7 @@ class WorkspaceConfig:
         return self.floor_z_m is not None or bool(self.keep_out) or self.collision_margin_m is not None
 
     def check(self, arm: str) -> None:
-        """Refuse impossible values. Raises ConfigError: there is one; the message names `arm` and the value."""
+        """Check the values. Raises ConfigError: a value is impossible; the message names `arm` and the value."""
         _numbers(arm, "base_position_m", self.base_position_m, 3)
         _numbers(arm, "base_yaw_rad", [self.base_yaw_rad], 1)
         if self.floor_z_m is not None:
@@ -96,7 +96,7 @@ def _boxes(values: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
 
 
 def _numbers(arm: str, what: str, values: Sequence[Any], count: int) -> list[float]:
-    """Convert `values` to `count` finite floats. Raises ConfigError: they are not."""
+    """Convert `values` to `count` finite floats. Raises ConfigError: `values` are something else."""
     numbers = [real(value) for value in values] if isinstance(values, Sequence | np.ndarray) else []
     if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
         raise ConfigError(f"{arm}: workspace.{what} takes {count} finite number(s), not {values!r}")

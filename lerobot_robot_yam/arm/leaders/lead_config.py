@@ -66,7 +66,7 @@ class LeadConfig:
     mirror: bool = False
 
     def check(self, name: str) -> None:
-        """Refuse impossible values. Raises ConfigError: there is one; the message names arm, option and what fits."""
+        """Check the values. Raises ConfigError: a value is impossible; the message names arm, option and what fits."""
         for key, (low, high), unit in (
             ("home_gripper", (0.0, 1.0), ""),
             ("engage_threshold_rad", (0.0, _THRESHOLD_MOST_RAD), " rad"),
@@ -110,7 +110,7 @@ class LeadConfig:
             raise _refusal(name, self, "home_rad", "angles in rad, one per joint")
 
     def check_joints(self, name: str, joints: int) -> None:
-        """Refuse lists that do not fit an arm of `joints` joints. Raises ConfigError: the message names the option."""
+        """Check the lists for an arm of `joints` joints. Raises ConfigError: one does not fit; the message names it."""
         for key in ("home_rad", "bilateral"):
             value = getattr(self, key)
             if isinstance(value, list) and len(value) != joints:
@@ -119,7 +119,7 @@ class LeadConfig:
             raise _refusal(name, self, "gate_joints", f"numbers of joints within 1 … {joints}")
 
     def check_handle(self, name: str, has_handle: bool) -> None:
-        """Refuse options for buttons. Raises ConfigError: one is set, and the arm has no teaching handle."""
+        """Check the options for buttons. Raises ConfigError: one is set, and the arm has no teaching handle."""
         for key in ("gate_button", "fine_button"):
             if getattr(self, key) is not None and not has_handle:
                 raise ConfigError(f"{name}: {key} is a button of the teaching handle, and this arm has none")
@@ -137,7 +137,7 @@ def check_leads(configs: Sequence[LeadConfig]) -> None:
     """Refuse leaders of one robot that lead the same arm, or share a gate with different options.
 
     Raises:
-        ConfigError: there are such leaders; the message names the option or the follower.
+        ConfigError: two leaders lead one follower, or an option of a shared gate differs; the message names it.
     """
     followers = [config.follower for config in configs]
     if len(set(followers)) < len(followers):

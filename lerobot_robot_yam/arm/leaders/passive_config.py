@@ -41,7 +41,7 @@ class PassiveConfig:
     home_rad: list[float] | None = None
 
     def check(self, name: str, joints: int) -> None:
-        """Refuse impossible values. Raises ConfigError: there is one; the message names arm, option and what fits."""
+        """Check the values. Raises ConfigError: a value is impossible; the message names arm, option and what fits."""
         signs = self.joint_sign
         if not isinstance(signs, Sequence) or len(signs) != joints or any(sign not in (1, -1) for sign in signs):
             raise ConfigError(f"{name}: joint_sign takes 1 or -1 for each of {joints} joints; got {signs!r}")
@@ -71,7 +71,7 @@ def _finite(values: Sequence[Any]) -> bool:
 
 
 def check_ranges(what: str, ranges: Any, joints: int) -> None:
-    """Refuse malformed ranges (joints, 2). Raises ConfigError: they are; the message begins with `what`."""
+    """Check ranges (joints, 2). Raises ConfigError: a range is malformed; the message begins with `what`."""
     rows = ranges if isinstance(ranges, Sequence) and not isinstance(ranges, str) else []
     for row in rows:
         pair = row if isinstance(row, Sequence) and not isinstance(row, str) and len(row) == 2 else (math.nan, 0.0)

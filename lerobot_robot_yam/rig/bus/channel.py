@@ -23,7 +23,7 @@ from lerobot_robot_yam.rig.devices.packets import Frame, Wire
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 
-_BACKLOG_S = 0.05  # time for which the wire is taken, s, when packets get lost: about a real adapter's full queue
+_BACKLOG_S = 0.05  # backlog of the wire above which packets are lost, s: about a real adapter's full queue
 _FOREIGN_KP, _FOREIGN_KD = 10.0, 1.0  # gains, Nm/rad and Nm s/rad, of a foreign driver that holds a motor
 _FOREIGN_AT_ONCE = 50  # most frames of a foreign driver in one go; after a pause of the rig the rest is skipped
 PAYLOADS = ("hold", "zero")
@@ -72,7 +72,7 @@ class Channel:
         self.identifiers_changed()
 
     def identifiers_changed(self) -> None:
-        """Rebuild the table of command identifiers; call it after a change of ESC_ID."""
+        """Rebuild the table of command identifiers; call this after a change of ESC_ID."""
         self._by_id = {
             motor.can_id + offset: (motor, offset)
             for motor in self.motors

@@ -105,7 +105,7 @@ def watch_link(path: Path, index: int) -> memoryview:
 
 
 class ClientLink:
-    """One client's view of its interface. Several threads may call it.
+    """One client's view of its interface, for calls from any thread.
 
     Unlike in the kernel, each receive on an interface that is down raises, not only the first.
 

@@ -1,6 +1,7 @@
 """Find a virtual rig, or start it: one server process per rig name, started under a lock.
 
-The server is a child of init, as it must outlive the process that started it. It ends after its last client has left.
+The server is a child of init, as it must outlive the process that started it. The server ends after its last client has
+left.
 """
 
 import contextlib

@@ -52,7 +52,7 @@ class _Frame(NamedTuple):
 
 
 class RigCamera:
-    """Client of one camera. While it is connected the rig stays alive and draws the camera.
+    """Client of one camera. While the client is connected, the rig stays alive and draws the camera.
 
     Args:
         camera: name in the scene.

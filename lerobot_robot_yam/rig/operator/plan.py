@@ -16,7 +16,7 @@ from lerobot_robot_yam.errors import RigError
 
 _POSITION_TOLERANCE_M = 1e-4
 _ANGLE_TOLERANCE_RAD = 1e-3
-_SPEED_RAD_S, _ACCELERATION_RAD_S2 = 1.2, 7.0  # limits of each joint
+_SPEED_RAD_S, _ACCELERATION_RAD_S2 = 1.2, 7.0  # limits of the speed and acceleration of each joint
 _SAMPLES = 33
 _EASE_S = 0.4
 _TRANSFER_S = 0.4  # least duration of a transfer

@@ -58,7 +58,7 @@ class Worker:
         self._send(self.planner.unfold(start, self.home_rad))
 
     def reach(self, point_m: np.ndarray, yaw_rad: float) -> None:
-        """Move over the table and down to a point; then correct until the follower's tool is there.
+        """Move over the table and down to a point; then correct until the follower's tool is at the point.
 
         Friction and imperfect gravity compensation leave the tool a few millimetres off; later moves include this bias.
         """
@@ -125,7 +125,7 @@ class Worker:
         return False
 
     def go_home(self) -> None:
-        """Start towards the waiting pose, unless the arm has it already."""
+        """Start towards the waiting pose, unless the arm is in that pose."""
         if np.abs(self.q - self.home_rad).max() < _AT_HOME_RAD:
             return
         try:

@@ -18,15 +18,15 @@ from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.world.world_model import build_world, world_dtype
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
-# Spreads of looks about the usual one
-_LIGHT_TURN = 0.30  # horizontal components of a direction whose vertical one is 1
-_LIGHT_LEVEL = 0.25  # share of the level
+# Spreads of random looks about the usual look: largest changes either way, at `amount` 1.
+_LIGHT_TURN = 0.30  # change of the horizontal components of a light's direction, whose vertical component is 1
+_LIGHT_LEVEL = 0.25  # relative change of a light's level
 _HEADLIGHT_LEVEL = 0.12
 _WARMTH = 0.06  # share of red added and of blue removed
-_SCENERY_COLOUR, _THING_COLOUR = 0.10, 0.05  # colour change 0 … 1 of all channels; `_HUE` of it per channel
-_CAMERA_M, _CAMERA_RAD = 0.02, 0.05  # along and about each axis
+_SCENERY_COLOUR, _THING_COLOUR = 0.10, 0.05  # change of all colour channels, 0 … 1, and `_HUE` times as much of each
+_CAMERA_M, _CAMERA_RAD = 0.02, 0.05  # change of a camera's pose along and about each axis
 _HUE = 0.4
-_ON_AN_ARM = 0.5  # factor for cameras that an arm carries
+_ON_AN_ARM = 0.5  # factor on the changes of cameras that an arm carries
 _FIELDS = ("light_dir", "light_diffuse", "geom_rgba", "cam_pos", "cam_quat")
 _UNCHANGED = 1e-6  # change in rad or m of each joint up to which the last picture is still right
 _ALL_SEEING = ("overview",)  # cameras that show the leaders too
@@ -34,9 +34,9 @@ _MARGIN = 64  # pixels by which the sheet of noise is larger than the picture, f
 
 
 class Look:
-    """The usual look of a model, and others near it: light, colours and the cameras' poses, drawn from a seed.
+    """Usual look of a model, and looks near it: light, colours and the cameras' poses, drawn from a seed.
 
-    Only pictures show them. A policy that has seen many looks depends less on any of them.
+    Only pictures show a look. A policy that has seen many looks depends less on any of them.
 
     Args:
         model: model whose lights, colours and cameras are changed.
@@ -127,7 +127,7 @@ class View:
 
 
 class Drawing:
-    """All views of a rig of this scene. Raises RigError: no OpenGL, or no block of the world."""
+    """All views of a rig of this scene. Raises RigError: there is no OpenGL, or no block of the world."""
 
     def __init__(self, rig: str, scene: Scene):
         self._rig = rig
@@ -147,7 +147,7 @@ class Drawing:
         self._stalled_until_s: dict[str, float] = {}
 
     def open(self, settings: Settings) -> None:
-        """Start drawing a camera; its block exists on return. Does nothing for a camera that is drawn already."""
+        """Start drawing a camera; its block exists on return. Do nothing for a camera that is drawn already."""
         if settings in self._views:  # for a second client, before the first had its answer
             return
         _, width, height, _ = settings
@@ -178,10 +178,10 @@ class Drawing:
         return min((view.due_s for view in self._views.values()), default=None)
 
     def draw_due(self, now_s: float) -> None:
-        """Draw and publish the due views, all from one state of the world while that is new."""
+        """Draw and publish the due views, all from one state of the world while that state is recent."""
         due = [view for view in self._views.values() if view.due_s <= now_s]
         for view in due:
-            view.due_s = _next_beat(now_s, view.period_s)  # skips late frames, without a burst
+            view.due_s = _next_beat(now_s, view.period_s)  # late frames are skipped, not drawn in a burst
         self._draw([view for view in due if self._stalled_until_s.get(view.settings[0], 0.0) <= now_s])
 
     def draw_all(self) -> None:

@@ -1,6 +1,6 @@
-"""Renders a model's cameras by software OpenGL, cheap enough for three cameras beside a control loop.
+"""Rendering of a model's cameras by software OpenGL, cheap enough for three cameras beside a control loop.
 
-Only a process that set MUJOCO_GL before importing mujoco may use it, as `renderer` does.
+Only a process that set MUJOCO_GL before importing mujoco may use this module, as `renderer` does.
 """
 
 import math
@@ -15,22 +15,22 @@ from lerobot_robot_yam.rig.render.shade import Shade
 
 # Measured here: 12 slices, 2 stacks, no shadow maps and no multisampling cost a quarter of MuJoCo's defaults.
 _SLICES, _STACKS = 12, 2
-_BALL_STACKS = 6  # with balls in the model, which in two stacks are octahedra
+_BALL_STACKS = 6  # stacks for a model with balls, which would be octahedra in two stacks
 _SPHERE, _ELLIPSOID = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID
 _PLANE, _BOX = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX
 _CORNERS = np.array([[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0], [-1.0] * 4])  # right, up, backward
 _SMALLEST = (320, 240)
 _MAX_GEOMS = 400
-_VISUAL_GROUPS = (0, 2)  # collision shapes are in 3, sites in 4
+_VISUAL_GROUPS = (0, 2)  # groups that are drawn; collision shapes are in group 3, sites in group 4
 _HIDDEN_GROUP, _UNSEEN_GROUP = 5, 4
 
 
 class Painter:
-    """Renders cameras of one model into RGB arrays. One thread, one OpenGL context, one offscreen buffer.
+    """Renderer of one model's cameras into RGB arrays. One thread, one OpenGL context, one offscreen buffer.
 
     Args:
         model: the world; its visual quality settings are overwritten.
-        hidden: prefixes of bodies to leave out, with all that they carry (leaders, which no camera is for).
+        hidden: name prefixes of the bodies (leaders) that `paint` leaves out unless `show_hidden` is set.
 
     Raises:
         RigError: no OpenGL context can be made.
@@ -58,7 +58,7 @@ class Painter:
                 "(Debian and Ubuntu: libegl1 libgl1-mesa-dri) or run without rendered cameras"
             ) from error
         self._shade = Shade(model, self._context)
-        self._shaded: bool | None = None  # with hidden bodies or not; None for a new state
+        self._shaded: bool | None = None  # whether the newest shadows include hidden bodies; None: the state is newer
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._scene = mujoco.MjvScene(model, _MAX_GEOMS)
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
@@ -116,7 +116,7 @@ def _regroup(model: mujoco.MjModel, hidden: Sequence[str]) -> None:
 
 
 class Sight:
-    """The shapes in the pictures of one camera, all of `aspect` (width by height)."""
+    """Shapes in the pictures of one camera, which all have the aspect ratio `aspect` (width / height)."""
 
     def __init__(self, model: mujoco.MjModel, camera: int, aspect: float):
         self._model, self._camera = model, camera

@@ -1,15 +1,15 @@
-"""Renderer of a virtual rig, which starts it.
+"""Renderer of a virtual rig, started by the rig.
 
     python -m lerobot_robot_yam.rig.render.renderer --rig NAME --requests-fd FD
 
-Reads the world's state block, draws each camera that it was asked for at that camera's rate, and publishes the
-newest frame of each. Requests come as packets of JSON over a socket: {"do": "open" or "close", "camera": [name, width,
-height, fps]}, {"do": "stall", "camera": name, "until_s": monotonic time}. Answers are {"ready": camera} or {"error":
+It reads the world's state block, draws each open camera at the camera's rate, and publishes the newest frame of each.
+Requests come as packets of JSON over a socket: {"do": "open" or "close", "camera": [name, width, height, fps]},
+{"do": "stall", "camera": name, "until_s": monotonic time}. Answers are {"ready": camera} or {"error":
 text}. With --on-demand it draws only when told to: {"do": "draw", "anew": whether the world was restarted}, answered by
 {"drawn": true}.
 
-It ends when the other end of the socket does, so it never outlives the rig. It gives way to other processes, and skips
-pictures that are late: cameras of hardware cost a recording no time either.
+The renderer ends when the other end of the socket does, so it never outlives the rig. It gives way to other processes,
+and skips pictures that are late: cameras of hardware cost a recording no time either.
 """
 
 import argparse
@@ -61,7 +61,7 @@ def _obey(drawing: "Drawing", request: dict[str, Any], answers: socket.socket) -
 
 
 def _draw_for(rig: str) -> "Drawing":
-    # mujoco reads it at its import, and fails there if OpenGL's libraries are missing.
+    # mujoco reads this variable when it is imported, and its import fails if OpenGL's libraries are missing.
     os.environ["MUJOCO_GL"] = "egl"
     # Software OpenGL draws in this thread, so as not to use both cores. A separate thread cost a fifth more, and two
     # waits for a processor per picture on a busy machine.

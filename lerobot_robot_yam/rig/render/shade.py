@@ -1,7 +1,7 @@
-"""Grain and shadows of a scene's table: the outline of each shape, projected along the light onto it, softened.
+"""Grain and shadows of a scene's table: each shape's outline, projected along the light onto the table, softened.
 
-Only the table and flat things on it are shaded; things cast no shadow on each other. MuJoCo's shadow maps do that,
-but with them a picture takes three to four times as long on software OpenGL.
+Only the table and flat things on it are shaded; things cast no shadow on each other. MuJoCo's shadow maps do,
+but with shadow maps a picture takes three to four times as long on software OpenGL.
 """
 
 from collections.abc import Iterator
@@ -14,11 +14,11 @@ from OpenGL import GL
 
 from lerobot_robot_yam.rig.world.world_model import FLAT, TABLE
 
-_TABLE_PIXELS, _FLAT_PIXELS = (1024, 640), (96, 96)  # along x and y
-_CORNERS = 20  # per outline
-_ANGLES = np.arange(_CORNERS) * (2 * np.pi / _CORNERS) + 0.01  # offset: a box's corners, not the middles of its sides
+_TABLE_PIXELS, _FLAT_PIXELS = (1024, 640), (96, 96)  # size of the textures along x and y
+_CORNERS = 20  # corners of an outline
+_ANGLES = np.arange(_CORNERS) * (2 * np.pi / _CORNERS) + 0.01  # offset: finds a box's corners, not its sides' middles
 _DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])  # (2, k)
-_DARKNESS, _DARKEST = 0.42, 0.6  # shares of the table's brightness, the former at `_USUAL_LEVEL`
+_DARKNESS, _DARKEST = 0.42, 0.6  # share of brightness that a shadow takes: at `_USUAL_LEVEL`, and at most
 _USUAL_LEVEL = 0.45
 _SOFT_M = 0.016  # width of a shadow's edge
 _SUBPIXEL_BITS = 4
@@ -36,9 +36,9 @@ class _Surface:
     """The top of a box with a shaded texture.
 
     Attributes:
-        geom: number in the model.
-        texture: OpenGL's number.
-        bright: (height, width) uint8 without shadows.
+        geom: number of the box in the model.
+        texture: OpenGL's number of the texture.
+        bright: (height, width) uint8, texture without shadows.
         shaded: lowest and highest x, y that the last shadows touched, pixels of a mask; (2, 2).
     """
 
@@ -49,13 +49,13 @@ class _Surface:
 
 
 class Shade:
-    """Draws the textures of the surfaces, maybe none, that `world_model.add_shaded_surfaces` has marked."""
+    """Textures, with shadows, of all surfaces that `world_model.add_shaded_surfaces` has marked, maybe none."""
 
     def __init__(self, model: mujoco.MjModel, context: mujoco.MjrContext):
         self._model = model
         self._box, self._rod = (np.isin(model.geom_type, [int(kind) for kind in some]) for some in ((_BOX,), _ROUND))
         self._solid = np.isin(model.geom_type, [int(kind) for kind in _SOLID])
-        self._casting: dict[tuple[int, ...], np.ndarray] = {}  # shapes by their groups
+        self._casting: dict[tuple[int, ...], np.ndarray] = {}  # groups → shapes in them
         self._surfaces = list(_surfaces(model, context))
         cv2.setNumThreads(1)  # the other processor is for physics and control
 
@@ -78,7 +78,7 @@ class Shade:
             outlines = _outlines(axes, model.geom_size[shapes], self._box[shapes], self._rod[shapes])
             outlines += (center[above] @ slide.T)[:, None]
             height, width = surface.bright.shape
-            pixels = np.array([width, height]) // 2  # soft shadows need no more
+            pixels = np.array([width, height]) // 2  # half of the resolution is enough for soft shadows
             corners = (outlines / half_m[:2] * (1.0, -1.0) + 1.0) / 2.0 * pixels - 0.5  # first row: largest y
             soft = np.maximum(1, np.round(_SOFT_M * pixels / (2.0 * half_m[:2]))).astype(int)
             touched = _touched(corners, soft, pixels)
@@ -129,7 +129,7 @@ def _along(noise: np.ndarray, length: int) -> np.ndarray:
 
 
 def _begin(texture: int, bright: np.ndarray) -> None:
-    """Make a texture of one channel without smaller copies: `mjr_uploadTexture` takes 5 ms."""
+    """Make a texture of one channel without smaller copies: `mjr_uploadTexture`, which makes copies, takes 5 ms."""
     height, width = bright.shape
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
     GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR)
@@ -157,7 +157,7 @@ def _touched(corners: np.ndarray, soft: np.ndarray, pixels: np.ndarray) -> np.nd
 
 
 def _union(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the smallest area (lowest and highest x, y) with both in it; an empty one does not count."""
+    """Return the smallest area (lowest and highest x, y) with both in it; an empty area does not count."""
     if (a[1] <= a[0]).any():
         return b
     if (b[1] <= b[0]).any():

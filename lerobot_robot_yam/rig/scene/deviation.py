@@ -1,4 +1,4 @@
-"""Deviations of an arm of the rig from its profile, which is all that a driver knows of it."""
+"""Deviations of an arm of the rig from its profile, which is all that a driver knows of the arm."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ class Deviation:
     Attributes:
         mass: link name → factor on its mass.
         centre: link name → factors (3,) on the coordinates of its centre of mass.
-        friction: (n,) factors on the joints' dry friction, which then holds as firmly as a real one.
+        friction: (n,) factors on the joints' dry friction, which then holds as firmly as real friction.
         viscous_nm_s: (n,) viscous friction, Nm s/rad.
         payload_mass_kg, payload_com_m: payload fixed to the tool, (3,) m in the frame of the tcp.
     """

@@ -17,7 +17,7 @@ JOINT_KINDS = ("slide", "hinge")
 class Part:
     """One box or upright cylinder of a thing, in the thing's frame.
 
-    size_m: full size along x, y, z; for a cylinder diameter, diameter, length along z. rgba: None for the thing's.
+    size_m: full size along x, y, z; for a cylinder diameter, diameter, length along z. rgba: None for the thing's own.
     solid: False for a part that is visible but touches nothing.
     """
 
@@ -30,15 +30,15 @@ class Part:
 
     @property
     def volume_m3(self) -> float:
-        """Volume, m³; a thing's mass is split by it."""
+        """Volume, m³; a thing's mass is split among its parts by volume."""
         return float(np.prod(self.size_m)) * (math.pi / 4 if self.shape == "cylinder" else 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """Joint of a thing to another one, or to the table: along or about `axis` through `pivot_m`, in its own frame.
+    """Joint of a thing to another one, or to the table: along or about `axis` through `pivot_m`, in the thing's frame.
 
-    range: least and largest position, m for a slide, rad for a hinge; it starts at 0. friction: N or Nm. damping: N s/m
+    range: least and largest position, m for a slide, rad for a hinge; the start is 0. friction: N or Nm. damping: N s/m
     or Nm s/rad.
     """
 
@@ -52,9 +52,9 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """Point of a thing's frame at which a gripper grasps it; the fingers close along its y axis turned by `yaw_rad`.
+    """Point of a thing's frame for grasping the thing; the fingers close along the frame's y axis, turned by `yaw_rad`.
 
-    turns: number of ways to grasp it in a whole turn: 4 for a cube, 2 for a bar.
+    turns: number of ways to grasp the thing in a whole turn: 4 for a cube, 2 for a bar.
     """
 
     name: str
@@ -67,7 +67,7 @@ class Grip:
 class Thing:
     """A prop or a piece of furniture: a box of `size_m`, `parts`, or both, with its frame at `center_m`.
 
-    carrier: name of the thing that carries it, in whose frame `center_m` and `yaw_rad` are; it then needs a joint.
+    carrier: name of the carrying thing, in whose frame `center_m` and `yaw_rad` are; a carried thing needs a joint.
     friction: sliding coefficient. mass_kg: 0 if fixed.
     """
 
@@ -85,7 +85,7 @@ class Thing:
 
     @property
     def all_parts(self) -> tuple[Part, ...]:
-        """The box of `size_m`, if any, and `parts`."""
+        """Box of `size_m`, if any, and `parts`."""
         return self.parts if self.size_m is None else (Part(self.size_m), *self.parts)
 
     @property

@@ -1,7 +1,7 @@
 """Scenes: arms and their CAN channels, things on the table, tasks, and the rig's options.
 
-A scene is a YAML file, packaged (`SCENES`) or the user's. With `extends: NAME` it inherits each key that it does not
-set, and each camera whose name it does not use. Any field of its `options` can be replaced when the rig is started:
+A scene is a YAML file, packaged (`SCENES`) or the user's. A file with `extends: NAME` inherits each key that it does
+not set, and each camera whose name it does not use. Any field of its `options` can be replaced when the rig is started:
 `RigControl.start(friction=0)`, `can.Bus(..., friction=0)`.
 """
 
@@ -25,7 +25,7 @@ _DIRECTORY = Path(__file__).parent / "scenes"
 SCENES = tuple(sorted(path.stem for path in _DIRECTORY.glob("*.yaml")))
 DEFAULT_SCENE = "bimanual_table"
 ROLES = ("follower", "leader")
-OPERATORS = ("none", PICK_AND_PLACE.name)  # besides the scene's tasks that have a script
+OPERATORS = ("none", PICK_AND_PLACE.name)  # operators of any scene, besides its tasks with a script
 SERIALS = ("unique", "same")
 PICTURES = ("full", "plain")
 _TIMESTEPS_S = (1e-4, 0.01)
@@ -40,10 +40,10 @@ class ArmPlacement:
         tilt_rad: [roll, pitch] of a base that does not stand upright, see `model.base_quat`.
         q_rad: start pose (n,), default the rest pose.
         stops_rad: gripper stops [closed, open] in joint space (motor angle * direction), default the profile's.
-        zero_offset_rad: motor angle at joint value 0, per motor (gripper last), default 0.
+        zero_offset_rad: motor angles at joint value 0, one per motor (gripper last), default 0.
         passive: kind of station (`passive_config`) of a leader without motors, whose joints encoders measure.
         deviation: differences of the arm from its profiles.
-        number: 1 for the scene's first arm, whichever are selected; set by `load_scene`.
+        number: number of the arm in the scene's file, from 1, even if other arms are left out; set by `load_scene`.
     """
 
     channel: str
@@ -81,19 +81,19 @@ class Options:
     """Options that can be changed per start.
 
     Attributes:
-        arm, gripper: replace those of each follower, for tests of other hardware.
+        arm, gripper: profiles in place of those of each follower, for tests of other hardware.
         arms: the only channels to simulate; None for all.
         friction, armature: factors on the profiles' dry friction and rotor inertia.
-        latency_s: the CAN adapter's, each way.
+        latency_s: delay of the CAN adapter each way, s.
         operator: task of the scripted operator: "none", "pick_and_place" or a task of the scene.
         swapped: two channels with exchanged cables: each of their arms answers on the other's channel.
         serials: contents of the SN registers: "unique", or "same" on each arm, so that no register tells arms apart.
         pictures: "full" has shadows and a grain on the table, "plain" neither, for weak machines.
-        randomise_look: spread, 0 … 1, of light, colours and camera poses with the seed of an attempt at a task (before
-            the first one with `seed`), see `render.drawing`.
+        randomise_look: spread, 0 … 1, of light, colours and camera poses drawn by the seed of an attempt at a task
+            (before the first attempt by `seed`), see `render.drawing`.
         camera_noise: noise of the cameras' sensors, sigma in grey levels.
-        seed: for lost and garbled frames, temperature noise, the operator's first attempt at a task, and the places of
-            "pick_and_place".
+        seed: seed of lost and garbled frames, temperature noise, the operator's first attempt at a task, and the places
+            of "pick_and_place".
     """
 
     arm: str | None = None
@@ -116,7 +116,7 @@ class Options:
 class Scene:
     """A whole scene.
 
-    places: named points (x, y, z) m of the operator's tasks. homes: side → waiting point (x, y, z) m of its tool.
+    places: name → point (x, y, z) m of the operator's tasks. homes: side → waiting point (x, y, z) m of its tool.
     """
 
     name: str
@@ -142,7 +142,7 @@ def load_scene(name: str | Path | None = None, options: Mapping[str, Any] | None
     """Load the scene of that name (`SCENES`) or YAML path, with options replaced.
 
     Raises:
-        ConfigError: unknown scene, option or value.
+        ConfigError: a scene or option is unknown, or a value does not fit.
     """
     name = str(name or DEFAULT_SCENE)
     document = _document(name, Path())

@@ -42,7 +42,7 @@ class Draw:
 class Region:
     """An upright cylinder: `radius_m` about `center_m`, `height_m` above and below; in the world, or the thing `frame`.
 
-    It contains a prop if it contains the origin of the prop's frame.
+    The region contains a prop if it contains the origin of the prop's frame.
     """
 
     center_m: np.ndarray = array_field(3)
@@ -57,12 +57,12 @@ class Stage:
 
     Attributes:
         prop: the thing that the next six conditions concern.
-        lifted_m: least height above its place at the start.
-        inside: region that it is in.
-        held_by: follower whose two fingers touch it.
-        released: no arm touches it.
-        still: it rests.
-        airborne: only arms have touched it since the stage before; another touch restarts all stages.
+        lifted_m: least height of the prop above its place at the start.
+        inside: region that contains the prop.
+        held_by: follower whose two fingers touch the prop.
+        released: no arm touches the prop.
+        still: the prop rests.
+        airborne: only arms have touched the prop since the stage before; another touch restarts all stages.
         joint, joint_range: jointed thing, and the range of its position.
     """
 
@@ -82,8 +82,8 @@ class Stage:
 class Task:
     """A task: success is reaching all stages of `success`, one after the other, within `time_limit_s`.
 
-    description: the text for data sets and policies. script: the scripted operator's, one of `SCRIPTS`, if not of the
-    task's name. tilt_rad: lean of the tools back from straight down, so that cameras see what they hold.
+    description: the text for data sets and policies. script: script of the operator, one of `SCRIPTS`; by default the
+    one with the task's name. tilt_rad: lean of the tools back from straight down: cameras see what the tools hold.
     """
 
     name: str

@@ -1,6 +1,6 @@
 """The rig server's child processes: the renderer of its cameras, and the scripted operator.
 
-The server never waits for them. It passes hellos of kind "camera" on, and sends the answers of `poll` to clients.
+The server never waits for a child. It passes hellos of kind "camera" on, and sends the answers of `poll` to clients.
 """
 
 import contextlib
@@ -24,7 +24,7 @@ from lerobot_robot_yam.rig.simulation.operation import number
 logger = logging.getLogger(__name__)
 
 NO_OPERATOR = "none"
-_SETTLE_S = 0.5  # delay of the operator's start after the leaders' torque
+_SETTLE_S = 0.5  # delay of the operator's start after the leaders are energised, s
 _END_TIMEOUT_S = 2.0
 _DEAD = "camera {camera} has died: it delivers no more frames; check its cable, then connect again"
 
@@ -32,7 +32,7 @@ _DEAD = "camera {camera} has died: it delivers no more frames; check its cable, 
 class CameraService:
     """All rendered cameras of one rig, drawn by one child process, which the first camera starts.
 
-    cameras: their names in the scene. on_demand: the renderer draws only for `draw`.
+    cameras: names of the cameras in the scene. on_demand: whether the renderer draws only when `draw` is called.
     """
 
     def __init__(self, rig: str, cameras: Collection[str], on_demand: bool = False):
@@ -40,9 +40,9 @@ class CameraService:
         self._cameras = tuple(cameras)
         self._on_demand = on_demand
         self._process: subprocess.Popen[bytes] | None = None
-        self._socket: socket.socket | None = None  # to that process
-        self._users: dict[Settings, set[Hashable]] = {}  # clients; those of settings not in `_ready` wait
-        self._opened: set[Settings] = set()  # all so far; a crashed renderer leaves their blocks
+        self._socket: socket.socket | None = None  # socket to that process
+        self._users: dict[Settings, set[Hashable]] = {}  # settings → clients, which wait until `_ready` has them
+        self._opened: set[Settings] = set()  # all settings so far: a crashed renderer leaves their blocks
         self._ready: set[Settings] = set()
         self._answers: list[tuple[Hashable, dict[str, Any]]] = []
         self._stalls: dict[str, float] = {}  # camera → monotonic time of its next frame
@@ -53,10 +53,10 @@ class CameraService:
         """Open a camera for a client; the first one starts the renderer.
 
         Returns:
-            The answer to send now. A second one ({"ready": true} or an error) comes from `poll`.
+            The answer to send now. A second answer ({"ready": true} or an error) comes from `poll`.
 
         Raises:
-            ConfigError: unknown camera or impossible settings.
+            ConfigError: the camera is unknown, or its settings are impossible.
             RigError: the camera is dead, see `fail`.
         """
         name = self._known(hello.get("camera"))
@@ -92,7 +92,7 @@ class CameraService:
         """Make a camera fail, see `RigOperations.camera_fault`.
 
         Raises:
-            ConfigError: unknown camera or kind, or a time that does not fit.
+            ConfigError: the camera or kind is unknown, or the time does not fit.
         """
         name = self._known(camera)
         if kind not in (None, "stall", "dead") or (seconds is not None and kind != "stall"):
@@ -111,7 +111,7 @@ class CameraService:
                 self.drop(client)
 
     def draw(self, anew: bool) -> None:
-        """Request one picture of each open camera from a renderer on demand; `drawn` is True when it has drawn them.
+        """Request one picture of each open camera from a renderer on demand; `drawn` is True once all are drawn.
 
         anew: the world was restarted since the last picture.
         """
@@ -140,7 +140,7 @@ class CameraService:
     def close(self) -> None:
         process, self._process = self._process, None
         if self._socket is not None:
-            self._socket.close()  # at which the renderer ends
+            self._socket.close()  # the renderer ends when its socket is closed
             self._socket = None
         if process is not None:
             _end(process)
@@ -151,7 +151,7 @@ class CameraService:
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         command = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.render.renderer", "--rig", self._rig]
         command += ["--requests-fd", str(theirs.fileno()), *["--on-demand"] * self._on_demand]
-        with theirs:  # a session of its own is for `give_way`
+        with theirs:  # `give_way` needs a session of its own
             self._process = subprocess.Popen(command, start_new_session=True, pass_fds=(theirs.fileno(),))
         for name, until_s in self._stalls.items():
             self._tell("stall", camera=name, until_s=until_s)
@@ -191,7 +191,7 @@ class CameraService:
 
 
 class OperatorService:
-    """Starts the operator of a rig's scene when all leader motors are enabled, ends it when one is not."""
+    """Operator process of a rig's scene, which runs while all leader motors are enabled."""
 
     def __init__(self, rig: str, device: RigDevice):
         self._rig, self._device = rig, device
@@ -199,12 +199,12 @@ class OperatorService:
         self._now_s, self._steps = 0.0, self._run(device.scene.options.operator)
 
     def keep(self, now_s: float) -> None:
-        """Start or end the operator; call it several times a second."""
+        """Start or end the operator; call this several times a second."""
         self._now_s = now_s
         next(self._steps)
 
     def _run(self, task: str) -> Iterator[None]:
-        """Never wait: a server that pauses for 0.1 s would pass for lost motors."""
+        """Yield instead of waiting: a server that pauses for 0.1 s would look like lost motors."""
         energised, events = self._device.leaders_energised, self._device.events
         while True:
             since_s = self._now_s
@@ -237,10 +237,10 @@ class OperatorService:
 
 
 def _received(renderer: socket.socket) -> bytes:
-    """Return the next packet, empty at the end. Raises BlockingIOError: none has come."""
+    """Return the next packet, empty at the end. Raises BlockingIOError: no packet has come."""
     try:
         return renderer.recv(MAX_PACKET, socket.MSG_DONTWAIT)
-    except ConnectionResetError:  # told once: it ended before it read all; what it has sent comes next
+    except ConnectionResetError:  # raised once when the renderer ended before it read all; then come its packets
         return renderer.recv(MAX_PACKET, socket.MSG_DONTWAIT)
 
 

@@ -8,13 +8,13 @@ from lerobot_robot_yam.errors import ChannelInUseError
 from lerobot_robot_yam.rig.client.launch import rig_path
 from lerobot_robot_yam.system.runtime_files import FileLock
 
-LINGER_S = 1.0  # after the last client
-FIRST_CLIENT_S = 10.0  # after the start, without any client
-ORPHAN_S = 30.0  # after the owner's death, so that clients can land their arms
+LINGER_S = 1.0  # time that a rig runs on after its last client, s
+FIRST_CLIENT_S = 10.0  # time that a rig waits for its first client, s
+ORPHAN_S = 30.0  # time that a rig runs on after its owner's death, s, so that clients can land their arms
 
 
 class Lifetime:
-    """Decides when to end, under the lock that starters of this rig take.
+    """Decision when to end, made under the lock that starters of this rig take.
 
     owner: process of an unnamed rig, None for a named rig. Times are monotonic, s.
     """
@@ -43,8 +43,8 @@ class Lifetime:
     def is_over(self, held: bool, now_s: float, somebody_waits: Callable[[], bool]) -> bool:
         """Return whether to end now; if True, the lock is held, and nobody can start this rig until `close`.
 
-        held: a client keeps the rig alive. somebody_waits: called under the lock; a connection not yet accepted keeps
-        it alive too.
+        held: a client keeps the rig alive. somebody_waits: function that is called under the lock; a connection not
+        yet accepted keeps the rig alive too.
         """
         if self._orphaned_s is None and self._owner_fd >= 0 and select.select([self._owner_fd], [], [], 0)[0]:
             self._orphaned_s = now_s
@@ -65,7 +65,7 @@ class Lifetime:
         return True
 
     def close(self) -> None:
-        """Release the lock for starters; call it when the rig's files are removed."""
+        """Release the lock for starters; call this when the rig's files are removed."""
         if self._owner_fd >= 0:
             os.close(self._owner_fd)
         self._lock.release()

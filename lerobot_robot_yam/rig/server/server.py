@@ -2,8 +2,8 @@
 
     python -m lerobot_robot_yam.rig.server.server --name NAME [--scene SCENE] [--options JSON]
 
-`launch` starts it. It wakes for packets and for physics, steps the world up to now and answers each packet at once
-as one packet. It ends about a second after its last client has left.
+`launch` starts it. The server wakes for packets and for physics, steps the world up to now and answers each packet at
+once as one packet. A rig ends about a second after its last client has left.
 
 A client's first packet is its hello: {"kind": "bus", "channel": ...}, {"kind": "control"} or {"kind": "camera", ...}.
 With `"hold": false` the client does not keep the rig alive.
@@ -142,7 +142,7 @@ class RigServer:
                 self._poll.register(sock.fileno(), select.EPOLLIN)
 
     def _hear(self, client: Client) -> None:
-        """Read all that a client has sent; its queued packets count as one, as those of a tick do."""
+        """Read all that a client has sent; queued packets of frames are handled as one packet."""
         frames, gone = b"", False
         try:
             while packet := client.socket.recv(launch.MAX_PACKET):
@@ -191,7 +191,7 @@ class RigServer:
             client.holds = False
             self._answer(client, launch.error_reply(error))
             return
-        self._answer(client, reply)  # before the channel: its frames come after the answer
+        self._answer(client, reply)  # sent before the client joins the channel, whose frames come after the answer
         if client.channel is not None:
             client.channel.clients.append(client.socket)
             self.device.events.add("bus_opened", channel=client.channel.name)
@@ -276,7 +276,7 @@ def main() -> None:
     args = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     mujoco.set_mju_user_warning(lambda text: logger.warning("MuJoCo: %s", text))  # else it writes a file
-    gc.disable()  # until everything is built; request_realtime freezes it
+    gc.disable()  # until everything is built and frozen by request_realtime
     try:
         device = RigDevice(load_scene(args.scene, args.options))
         server = RigServer(args.name, device, args.owner)

@@ -53,9 +53,9 @@ class RigDevice:
     """Everything simulated. Owned by one thread, driven by `advance` with the time of `clock`.
 
     Attributes:
-        operations: further operations for clients, by name, besides those of `RigOperations`.
-        each_step: called after each step of the physics, which is then simulated step by step.
-        each_advance: called after each `advance` that has simulated a step.
+        operations: name → further operation for clients, besides those of `RigOperations`.
+        each_step: functions that are called after each step of the physics, which is then simulated step by step.
+        each_advance: functions that are called after each `advance` that has simulated a step.
         loaded: files that `RigOperations.load` has run.
     """
 
@@ -186,7 +186,7 @@ class RigDevice:
         return any(motor.enabled for motor in self.channels[channel].motors)
 
     def push(self, body: int, force_n: np.ndarray, seconds: float, site: int | None = None) -> None:
-        """Push a body with a force (3,) N in world axes for a time, at a site of it or at its centre of mass."""
+        """Push a body with a force (3,) N in world axes for a time, at a site or at the centre of mass."""
         source = f"push {body}"
         self.forces.apply(source, body, force_n, site=site)
         self._pushes[source] = self.world.sim_s + seconds

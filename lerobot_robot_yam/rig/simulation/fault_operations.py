@@ -22,7 +22,7 @@ _COUNT_MAX = 1_000_000
 _DELAY_MAX_S = 10.0
 _EVERY_MAX_S = 1000.0
 _MASS_MAX_KG = 50.0
-_RATE_MAX_HZ = 5000.0  # frames; one wire carries less than 8000 a second
+_RATE_MAX_HZ = 5000.0  # largest rate of a foreign driver: one wire carries less than 8000 frames a second
 _TORQUE_MAX_NM = 100.0
 _BYTE_MAX = 255.0
 _TEMPERATURE_MAX_C = 1000.0
@@ -92,7 +92,7 @@ CHANNEL_KINDS: dict[str, Callable[[RigDevice, Channel, Any], None]] = {
 
 
 def _link_fault(name: str, check: Callable[[Any], Any]) -> Callable[[SimMotor, Any, _Details], None]:
-    """Return the kind that sets the field of that name of `LinkFaults`."""
+    """Make the function of a fault kind that sets the field `name` of `LinkFaults`."""
     return lambda motor, value, details: setattr(motor.faults, name, check(value))
 
 
@@ -182,12 +182,12 @@ class FaultOperations(Operations):
 
         Kinds for one motor (name or CAN id) or, with None, for all motors of the channel:
             "silent" (bool): obeys and answers nothing.
-            "power" (bool): False cuts its power; True restores it, with the registers that its flash holds.
+            "power" (bool): False cuts the power; True restores it, with the registers that the flash holds.
             "storing" ("reverts" or "cut", or False): effect of STORE: other registers return to what flash holds; or
                 the power fails in the middle.
             "drop_next" (answers), "loss_rate" (0 … 1): answers are lost.
             "command_loss_rate" (0 … 1): share of lost frames to the motor.
-            "duplicate" (bool, or {"q_rad": rad}): a second motor has its identifiers, see "second_arm".
+            "duplicate" (bool, or {"q_rad": rad}): a second motor has the same identifiers, see "second_arm".
             "wrong_id" (identifier, or False): answers have this identifier instead of the one in the registers.
             "corrupt_rate" (0 … 1; all_bytes=True): share of answers with random contents; motor number and fault
                 code stay right without all_bytes.
@@ -196,11 +196,11 @@ class FaultOperations(Operations):
                 offsets are added (joint sign; positions wrap at the end of the frame's range). With "freeze": true all
                 repeat the first one's position, velocity and torque.
             "temperatures_c" ([power stage, coil] °C, or False): false readings; the motor does not react.
-            "temperature_ramp" ({"rate_c_per_s", "from_c"}, or False): it warms or cools from from_c on. At OT_VALUE
-                (power stage, 0xB) or 100 °C (coil, 0xC) it switches itself off, again after CLEAR while as hot.
-            "torque_bias_nm" (Nm, joint sign): torque that it adds while enabled, and does not report.
+            "temperature_ramp" ({"rate_c_per_s", "from_c"}, or False): the motor warms or cools from from_c on. At
+                OT_VALUE (power stage, 0xB) or 100 °C (coil, 0xC) it switches off, and again after CLEAR if still hot.
+            "torque_bias_nm" (Nm, joint sign): torque that the motor adds while enabled, and does not report.
             "stuck" (bool): jammed. "friction_nm" (Nm): additional dry friction.
-            "nibble" (fault code; sticky=True survives CLEAR): it fails with that code now.
+            "nibble" (fault code; sticky=True survives CLEAR): the motor fails with that code now.
             "register" (value; register=number): overwrites a register, also a read-only one.
         Kinds for the channel, motor None:
             "link_down" (bool): as `ip link set canX down`: send and receive raise "Network is down".
@@ -215,8 +215,8 @@ class FaultOperations(Operations):
                 received frames back for `seconds`, then delivers them at once, in order, stamped with that moment.
             "second_arm" (bool, or {"q_rad": rad per motor, joint sign}): another arm with the same identifiers is on
                 the bus. Each of its motors receives all frames and answers after the first arm's, with its own
-                registers, fault code and bare shaft. It is limp until it is enabled. Without q_rad the shafts are 0.3
-                rad from the arm's pose at the rig's start. `state` shows them as second_motors.
+                registers, fault code and bare shaft. The second arm is limp until enabled. Without q_rad the shafts are
+                0.3 rad from the arm's pose at the rig's start. `state` shows its motors as second_motors.
             "payload_kg" (kg): a point mass at the tool.
             "handle_silent" (bool).
             "encoders_silent" (bool, or numbers of devices from 0): encoders of a leader without motors.
@@ -279,7 +279,7 @@ def _repair(motor: SimMotor) -> None:
 
 
 def _fields(value: Any, needed: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, Any]:
-    """Return a mapping with these keys. Raises ConfigError."""
+    """Return `value`, a mapping with these keys. Raises ConfigError: `value` is something else."""
     if not isinstance(value, dict) or set(needed) - set(value) or set(value) - {*needed, *optional}:
         parts = [f"{{{', '.join(needed)}}}"] * bool(needed) + [f"maybe {', '.join(optional)}"] * bool(optional)
         raise ConfigError(f"expected {' and '.join(parts)}, or false, not {value!r}")
@@ -287,7 +287,7 @@ def _fields(value: Any, needed: tuple[str, ...], optional: tuple[str, ...]) -> d
 
 
 def _motors_of(channel: Channel, which: str | int | None) -> list[SimMotor]:
-    """Return the motor of that name or CAN id; all for None."""
+    """Return the motor of that name or CAN id; all motors for None."""
     found = [motor for motor in channel.motors if which in (None, motor.name, motor.can_id)]
     if which is not None and not found:
         raise ConfigError(f"{channel.name} has no motor {which!r}; it has {[m.name for m in channel.motors]}")

@@ -14,7 +14,7 @@ from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP, HAND_TORQUE_NM
 
 _RESIST_NM = 2.5  # joint torque that counts as resistance; a floating leader needs less than 1 Nm
-_RESIST_N = 25.0  # the same for the force at the tool
+_RESIST_N = 25.0  # force at the tool that counts as resistance
 _PULL_N, _TURN_NM = 60.0, 6.0  # limits of a soft hand's force and torque
 FIST_M = 0.06  # lever at which a hand's stiffness holds orientation; also its radius of gyration
 _STIFFNESS_N_M, _MASS_KG, _DAMPING_RATIO = (0.0, 5000.0), (0.05, 5.0), (0.0, 2.0)
@@ -35,7 +35,7 @@ class Softness(NamedTuple):
         return 2.0 * self.damping_ratio * math.sqrt(self.stiffness_n_m * self.mass_kg)
 
     def check(self) -> "Softness":
-        """Return itself. Raises ConfigError: a value is out of range."""
+        """Return this object. Raises ConfigError: a value is out of range."""
         for name, (low, high) in zip(self._fields, (_STIFFNESS_N_M, _MASS_KG, _DAMPING_RATIO), strict=True):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
@@ -48,7 +48,7 @@ class Grip(ABC):
 
     @abstractmethod
     def take_hold(self, softness: Softness | None) -> None:
-        """Begin to act, or continue with another mass, stiffness or damping; a firm grip has none."""
+        """Begin to act, or continue with another mass, stiffness or damping, which a firm grip ignores."""
 
     @abstractmethod
     def aim(self, q_rad: list[float], rates_rad_s: list[float]) -> None:
@@ -72,7 +72,7 @@ class FirmGrip(Grip):
 
     MuJoCo integrates damping implicitly, but not that of an actuator at its force limit. There a damper that reverses a
     light joint's speed within one step would go on doing so for ever, at half the rate of the steps. So a joint at its
-    limit has a weaker one, with which energy decays in each pose, whatever else moves:
+    limit has a weaker damper, with which energy decays in each pose, whatever else moves:
 
         kd < 2 I / dt,   I the joint's rotor inertia, a lower bound of the moved inertia
     """
@@ -111,7 +111,7 @@ class FirmGrip(Grip):
 class SoftGrip(Grip):
     """A mass at the tool on a damped spring to the tool's pose at the target joints:
 
-        F = k (x* − x) + c (ẋ* − ẋ) + m g,     T = FIST_M² · (k φ + c (ω* − ω)),  φ the turn from here to there.
+        F = k (x* − x) + c (ẋ* − ẋ) + m g,     T = FIST_M² · (k φ + c (ω* − ω)),  φ the turn from tool to target.
 
     Each step computes the force from the state of that step: an older state would feed energy in.
     """
@@ -155,7 +155,7 @@ class SoftGrip(Grip):
         world, data = self._world, self._world.data
         mujoco.mj_jacSite(world.model, data, self._jacobian[0], self._jacobian[1], self._site)
         velocity, spin = self._jacobian @ data.qvel
-        # MuJoCo's poses are those before the last step, its speeds those after it.
+        # MuJoCo's poses are from before the last step, its speeds from after that step.
         dt, ahead_s = world.timestep_s, world.sim_s - self._aimed_s
         position = data.site_xpos[self._site] + velocity * dt
         away = self._aimed[0] + self._rate * ahead_s - position

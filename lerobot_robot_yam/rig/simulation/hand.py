@@ -1,7 +1,7 @@
 """A person's hands: they pull arms along trajectories, with limited force, squeeze triggers and press buttons.
 
-An arm's own motors work against or with the hand. As a person would, it lets go of an arm that works against it, such
-as one that lands.
+An arm's own motors work against or with the hand. As a person would, a hand lets go of an arm that works against it,
+such as an arm that lands.
 """
 
 import bisect
@@ -16,9 +16,9 @@ from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.simulation.grips import FirmGrip, Grip, SoftGrip, Softness
 from lerobot_robot_yam.rig.world.world import World
 
-_BUTTONS = ("sync", "record")  # the top and the second one of a handle
-_PERIOD_S = 0.002  # between two interpolations of the target
-# Speed of a joint to a path that begins elsewhere: above the planner's paths (1.2), below a fall (3). A path begins
+_BUTTONS = ("sync", "record")  # top button and second button of a handle
+_PERIOD_S = 0.002  # time between two interpolations of the target, s
+# Speed of a joint towards a path that begins elsewhere: above the planner's (1.2), below a fall's (3). A path begins
 # elsewhere after a slip of the simulated clock, or when a floating arm has moved since the path was made.
 _JOIN_RAD_S = 2.0
 _RESIST_S = 0.4  # least duration of resistance; shorter peaks come from starting and stopping
@@ -32,8 +32,8 @@ class Hand:
 
     Args:
         firm: the usual grip on a leader; None on a follower.
-        soft: the other grip.
-        told: called with the kind of an event, when the path is done or the hand gives way.
+        soft: the soft grip.
+        told: function that is called with the kind of an event, when the path is done or the hand gives way.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Hand:
         self._targets = self._path[0][:count]  # joints at `_advanced_s`
         self._advanced_s = self.due_s = 0.0
         self.gripping = False
-        self.resisted = False  # until the arm was limp, the hand does not grip again
+        self.resisted = False  # whether the arm resisted; the hand grips again only after the arm was limp
         self._easy_s = 0.0  # last time without resistance
         self._gives_way = True
         self._then_release = self._arrived = False
@@ -75,13 +75,13 @@ class Hand:
     ) -> None:
         """Grip and pull from the hand's place along q_rad (k, n) at times_s (k,) from now, then hold the last.
 
-        A hand that takes hold starts at the arm's pose. Joints that are elsewhere than q_rad join it at `_JOIN_RAD_S`.
+        A hand that takes hold starts at the arm's pose. Joints that are elsewhere than q_rad go there at `_JOIN_RAD_S`.
 
         Args:
             trigger: (k,) or one number, 0 released … 1 squeezed.
             softness: None for a firm grip on a leader, and the usual softness on a follower.
-            gives_way: let go of an arm that works against the hand.
-            then_release: let go at the end of the path.
+            gives_way: whether to let go of an arm that works against the hand.
+            then_release: whether to let go at the end of the path.
 
         Raises:
             ConfigError: shapes do not fit, times do not increase, or a value is not finite.
@@ -122,7 +122,7 @@ class Hand:
 
     @property
     def force_n(self) -> np.ndarray:
-        """Force of a soft hand on the tool (3,) N without its own weight; zeros for any other."""
+        """Force of a soft hand on the tool (3,) N without its own weight; zeros for any other hand."""
         return self._soft.force_n() if self.soft else np.zeros(3)
 
     def step(self) -> None:
@@ -136,7 +136,7 @@ class Hand:
             self._handle.trigger = self._handle.trigger_rate = 0.0
 
     def advance(self, energised: bool) -> None:
-        """Follow the trajectory; call it once due, at least every few milliseconds of simulated time.
+        """Follow the trajectory; call this when due, at least every few milliseconds of simulated time.
 
         energised: False for a limp arm, which is heavy but does not resist.
         """
@@ -178,18 +178,18 @@ class Hand:
 class ButtonPresses:
     """The thumb on the handles' buttons.
 
-    log: called at each edge with the channel, the button, and whether it is down.
+    log: function that is called at each edge with the channel, the button, and whether the button is down.
     """
 
     def __init__(self, log: Callable[[str, str, bool], None]):
         self._log = log
-        self._ends: dict[tuple[str, int], tuple[Channel, float]] = {}  # simulated times
+        self._ends: dict[tuple[str, int], tuple[Channel, float]] = {}  # (channel, button) → simulated time of its end
 
     def press(self, channel: Channel, button: str, until_sim_s: float) -> None:
         """Hold a button down until a simulated time; a later end replaces an earlier one.
 
         Raises:
-            ConfigError: no such button.
+            ConfigError: there is no such button.
         """
         if button not in _BUTTONS:
             raise ConfigError(f"a handle has the buttons {', '.join(_BUTTONS)}, not {button!r}")

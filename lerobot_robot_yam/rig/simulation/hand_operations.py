@@ -11,7 +11,7 @@ from lerobot_robot_yam.rig.simulation.grips import Softness
 from lerobot_robot_yam.rig.simulation.operation import Operations, number, operation
 
 _PATH_POINTS = 30
-_PRESS_S = (0.005, 60.0)  # shortest and longest press; the rig checks for its end each 5 ms
+_PRESS_S = (0.005, 60.0)  # shortest and longest press, s; the rig looks for the end of a press each 5 ms
 
 
 class HandOperations(Operations):
@@ -55,15 +55,15 @@ class HandOperations(Operations):
     ) -> None:
         """Grip an arm and pull it with limited force, from its pose, along q (k, n) at times (k,) s from now.
 
-        Then hold it there. Joints that are elsewhere than q join it at 2 rad/s. A leader is held firmly at each joint
-        (200 Nm/rad, at most 12 Nm). A follower, and a leader with one of the next three arguments, is held softly: the
-        hand is a mass fixed to the tool, on a damped spring to the tool's place at q, at most 60 N.
+        Then hold the arm there. Joints that are elsewhere than q go to q at 2 rad/s. A leader is held firmly at each
+        joint (200 Nm/rad, at most 12 Nm). A follower, and a leader with one of the next three arguments, is held
+        softly: the hand is a mass fixed to the tool, on a damped spring to the tool's place at q, at most 60 N.
 
         Args:
-            stiffness_n_m, mass_kg, damping_ratio: a soft hand's; 0 … 5000 (1000), 0.05 … 5 (0.5), 0 … 2 (0.7).
-            gives_way: as a person would, let go after 0.4 s of an energised arm that works against the hand with
-                2.5 Nm at a joint, or 25 N at a soft hand; event "hand_gave_way".
-            then_release: let go at the end of the path. The event "hand_arrived" marks the end.
+            stiffness_n_m, mass_kg, damping_ratio: range (default): 0 … 5000 (1000), 0.05 … 5 (0.5), 0 … 2 (0.7).
+            gives_way: whether, as a person would, to let go after 0.4 s of an energised arm that works against the hand
+                with 2.5 Nm at a joint, or 25 N at a soft hand; event "hand_gave_way".
+            then_release: whether to let go at the end of the path. The event "hand_arrived" marks the end.
         """
         hand = self.device.hands[self._channel_of(channel).name]
         given = {"stiffness_n_m": stiffness_n_m, "mass_kg": mass_kg, "damping_ratio": damping_ratio}
@@ -78,7 +78,7 @@ class HandOperations(Operations):
     def lift(self, channel: str, q: Sequence[float], seconds: float = 1.5, **options: Any) -> None:
         """Move an arm by hand to q (n,), straight in joint space with a soft start and end, and hold it there.
 
-        Event "hand_arrived" at the end. options: those of `hand`, such as trigger or mass_kg.
+        The event "hand_arrived" marks the end. options: further arguments of `hand`, such as trigger or mass_kg.
         """
         first, last = np.array(self.joints(channel)["q"]), np.asarray(q, float)
         if first.shape != last.shape or not np.isfinite(last).all():

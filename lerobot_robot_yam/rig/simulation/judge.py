@@ -39,9 +39,9 @@ class View:
 
 
 class TaskJudge:
-    """Follows one attempt at a task through its stages of success. Pure: `Judge` feeds it.
+    """Judge of one attempt at a task, stage by stage. It is pure: `Judge` feeds it.
 
-    arms: channels. begin: the world at the start. time_limit_s: replaces the task's, if not None.
+    arms: channels of the arms. begin: the world at the start. time_limit_s: replaces the task's limit, if not None.
 
     Attributes:
         stage: number of stages reached so far.
@@ -66,8 +66,8 @@ class TaskJudge:
     def update(self, view: View) -> list[dict[str, Any]]:
         """Judge the world at one instant; return the decisions as events.
 
-        Their `kind` is "task_stage" (with `stage`, the number reached, 0 after a setback), "task_success" or
-        "task_failed" (with `reason`). All have `task`, and in `since_s` the simulated time since the start.
+        The `kind` of an event is "task_stage" (with `stage`, the number reached, 0 after a setback), "task_success" or
+        "task_failed" (with `reason`). Events have `task`, and in `since_s` the simulated time since the start.
         """
         if self.decided:
             return []
@@ -146,7 +146,7 @@ class Contacts:
                 self._fingers[int(model.joint(f"{channel}/{name}").bodyid[0])] = number
 
     def look(self) -> tuple[Touches, Touches]:
-        """Return for each prop the channels, things and "world" that touch it, and channels with both fingers on it."""
+        """Return prop → channels, things and "world" that touch it, and prop → channels with both fingers on it."""
         touching: dict[str, set[str]] = {name: set() for name in self._props.values()}
         fingers: dict[str, set[tuple[str, int]]] = {name: set() for name in self._props.values()}
         for body, other in self._pairs():
@@ -169,7 +169,7 @@ class Contacts:
 
 
 class Judge:
-    """Lays out the scene's tasks, and judges one attempt at a time."""
+    """Judge that lays out the scene's tasks, and judges one attempt at a time."""
 
     def __init__(self, world: World):
         self._world, self._contacts = world, Contacts(world)
@@ -186,9 +186,9 @@ class Judge:
         self._begin_s = self._decided_s = 0.0
 
     def place(self, task_name: str, seed: int, time_limit_s: float | None = None) -> None:
-        """Begin an attempt: each thing at its place by `seed`, at rest. The arms stay as they are.
+        """Begin an attempt: put each thing where `seed` places it, at rest. The arms stay as they are.
 
-        time_limit_s: replaces the task's own, if not None.
+        time_limit_s: replaces the task's limit, if not None.
 
         Raises:
             ConfigError: the scene has no such task.

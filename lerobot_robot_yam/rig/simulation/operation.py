@@ -33,7 +33,7 @@ class Operations(ABC):
         """Have the rig carry out an operation; return its result. Raises ConfigError: the rig refuses."""
 
     def _channel_of(self, name: str) -> Channel:
-        """Return a channel of the device. Raises ConfigError: no channel of that name."""
+        """Return a channel of the device. Raises ConfigError: there is no such channel."""
         channels = self.device.channels
         if name not in channels:
             raise ConfigError(f"no channel {name!r}; the scene has {', '.join(channels)}")
@@ -48,7 +48,7 @@ class Operations(ABC):
 
 
 def operation[S: Operations, **P, R](method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
-    """Make a method of `Operations` an operation: its body acts on `self.device`, its call sends a request."""
+    """Make a method of `Operations` an operation: the body acts on `self.device`, a call sends a request."""
     name = method.__name__
     REGISTERED[name] = method
     signature = inspect.signature(method)
@@ -66,7 +66,7 @@ def operation[S: Operations, **P, R](method: Callable[Concatenate[S, P], R]) -> 
 
 
 def checked(signature: inspect.Signature, given: dict[str, Any]) -> dict[str, Any]:
-    """Check single numbers, flags and texts by their annotations. Raises ConfigError."""
+    """Check single numbers, flags and texts by their annotations. Raises ConfigError: one does not fit."""
     signature.bind(**given)
     found = {}
     for key, value in given.items():

@@ -36,7 +36,7 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def scene(self) -> dict[str, Any]:
-        """Describe the scene by fields as in scene files.
+        """Describe the scene by the fields of scene files.
 
         Returns:
             name, seed, arms with their placement, places, homes, props, furniture, tasks; names of the cameras.
@@ -128,7 +128,7 @@ class RigOperations(HandOperations, FaultOperations):
     def task(self, name: str, seed: int, time_limit_s: float | None = None) -> None:
         """Begin an attempt at a task of the scene: lay all things out by the seed, at rest. The arms stay.
 
-        time_limit_s: replaces the task's own.
+        time_limit_s: replaces the task's limit.
         """
         self.device.judge.place(name, seed, None if time_limit_s is None else number(time_limit_s, 0.0))
         self.device.events.add("task_placed", task=name, seed=seed)
@@ -231,9 +231,10 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def load(self, path: str) -> None:
-        """Run a Python file in the rig's process, once, and call its `install(device)`: for your own measurements.
+        """Run a Python file in the rig's process, once, and call `install(device)` in it, for measurements of yours.
 
-        `device` is the rig's `RigDevice`. `install` may add to its `operations`, `each_step` and `each_advance`.
+        `device` is the rig's `RigDevice`. `install` may add to the device's `operations`, `each_step` and
+        `each_advance`.
         """
         if path not in self.device.loaded:
             self.device.loaded.add(path)
@@ -244,7 +245,7 @@ def perform(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
     """Carry out a request: {"op": name, and the arguments of the operation}.
 
     Raises:
-        ConfigError: an unknown name, or a value that does not fit.
+        ConfigError: a name is unknown, or a value does not fit.
     """
     name, given = request.get("op", ""), {key: value for key, value in request.items() if key != "op"}
     known: dict[str, Callable[..., Any]] = REGISTERED | device.operations

@@ -35,7 +35,7 @@ class OuterForces:
         torque_nm: np.ndarray = _NO_TORQUE,
         site: int | None = None,
     ) -> None:
-        """Set what a source does to a body from now on; it replaces what that source did before."""
+        """Set the force and torque of a source on a body from now on, in place of earlier ones of that source."""
         before = self._applied.get(source)
         self._applied[source] = _Applied(body, site, force_n, torque_nm)
         if before is not None and before.body != body:
@@ -49,12 +49,12 @@ class OuterForces:
             self._add_up(before.body)
 
     def refresh(self) -> None:
-        """Move forces that act at a site along with it; call it every few milliseconds."""
+        """Move forces that act at a site along with the site; call this every few milliseconds."""
         for body in {applied.body for applied in self._applied.values() if applied.site is not None}:
             self._add_up(body)
 
     def force_n(self, source: str) -> np.ndarray:
-        """Return the force of a source (3,) N, zeros without it."""
+        """Return the force of a source (3,) N; zeros if there is no such source."""
         applied = self._applied.get(source)
         return np.zeros(3) if applied is None else applied.force_n
 
@@ -97,7 +97,7 @@ def contacts_of(world: World, channel: str) -> Iterator[Contact]:
 
 
 def tool_bodies(world: World, channel: str) -> set[str]:
-    """Return the bodies of an arm's tool: the one with the tcp frame, and those that it carries."""
+    """Return the bodies of an arm's tool: the body with the tcp frame, and all that it carries."""
     model = world.model
     tool = int(model.site(f"{channel}/tcp_site").bodyid[0])
     found = {tool}
@@ -110,7 +110,7 @@ def tool_bodies(world: World, channel: str) -> set[str]:
 class Ballast:
     """A payload and a person's hand at an arm's tool, which the profile, and so the driver's model, lacks.
 
-    They are the mass of a body that `world_model` fixes to the tool, at its tcp frame.
+    Both are masses of a body that `world_model` fixes to the tool, at its tcp frame.
     """
 
     def __init__(self, world: World, channel: str):

@@ -6,9 +6,9 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import FIRM_FRICTION
 
-_CONTROL_MAX = 1e9  # above 1e10 MuJoCo drops all controls; forces are limited far below
-_JAMMED = 1e5  # Nm s/rad: 10 Nm turn a jammed shaft by 0.1 mrad/s
-_INERTIA_KG_M2 = 0.05  # a loose shaft's, between an arm's shoulder (0.2) and its wrist (0.005); our choice
+_CONTROL_MAX = 1e9  # largest control: above 1e10 MuJoCo drops all controls; forces are limited far below
+_JAMMED = 1e5  # damping of a jammed shaft, Nm s/rad: 10 Nm turn it by 0.1 mrad/s
+_INERTIA_KG_M2 = 0.05  # inertia of a loose shaft, between an arm's shoulder (0.2) and its wrist (0.005); our choice
 _DAMPING_NM_S_RAD = 0.2  # damping in a loose shaft's gear and bearings; our choice
 _CATCH_UP_S = 2.0  # longest time that a loose shaft simulates at once; after it the shaft rests
 
@@ -60,7 +60,7 @@ class Drive:
         self._world.ctrl[self.actuator] = most if control > most else -most if control < -most else control
 
     def set_gains(self, kp: float, kd: float) -> None:
-        """Change the servo's gains alone."""
+        """Change only the servo's gains."""
         self._bias[1], self._bias[2] = -kp, -kd
         self.gains = kp, kd
 
@@ -83,7 +83,7 @@ class Drive:
 class LooseShaft(Drive):
     """A second arm's shaft, without gravity:  I ω̇ = clip(kp (u* − u) + kd (u̇* − ω) + tau) − b ω.
 
-    The world has no actuator for it: its calls simulate it up to now. It starts at rest at `angle_rad`.
+    The world has no actuator for such a shaft: each call simulates the shaft up to now, from rest at `angle_rad`.
     """
 
     def __init__(self, world: World, angle_rad: float, torque_max_nm: float):

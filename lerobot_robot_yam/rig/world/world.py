@@ -15,7 +15,7 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 
 logger = logging.getLogger(__name__)
 
-_SLIP_S = 0.05  # lag at which simulated time is skipped, a slip
+_SLIP_S = 0.05  # lag behind real time above which simulated time is skipped (a slip), s
 _SLIP_TELL_S = 5.0  # least time between two log messages about slips
 
 
@@ -26,7 +26,7 @@ class World:
         ctrl: the actuators' controls, a view of `data.ctrl` with faster access to single numbers.
         sim_s: simulated time in s.
         stamp_s: monotonic time of the present state.
-        slips: number of slips; `slipped_s`: time skipped by the last one.
+        slips: how often simulated time was skipped, being too far behind; `slipped_s`: time skipped the last time, s.
         steps: number of steps done.
         look_seed: seed of the pictures' look, see `Options.randomise_look`.
     """
@@ -58,7 +58,7 @@ class World:
         self._tell_time()
 
     def due(self, now_s: float) -> int:
-        """Return the number of steps until now; skip time (a slip) when too far behind."""
+        """Return the number of steps until now; skip time (a slip) when the simulation is too far behind."""
         behind = now_s - self.stamp_s
         if behind <= _SLIP_S:
             return max(0, int(behind / self.timestep_s))
@@ -98,15 +98,15 @@ class World:
         return [([int(j.qposadr[0]) for j in row], [int(j.dofadr[0]) for j in row]) for row in found]
 
     def joint_addresses(self, channel: str) -> list[int]:
-        """Return the positions of an arm's joints in qpos."""
+        """Return the indices of an arm's joints in qpos."""
         return self._addresses[channel][0][0]
 
     def joint_dofs(self, channel: str) -> list[int]:
-        """Return the positions of an arm's joints in qvel."""
+        """Return the indices of an arm's joints in qvel."""
         return self._addresses[channel][0][1]
 
     def bodies(self, of: str = "") -> dict[str, list[float]]:
-        """Return the position (3,) m of each body whose name begins with `of`."""
+        """Map each body whose name begins with `of` to its position (3,) m."""
         names = [self.model.body(i).name for i in range(1, self.model.nbody)]
         return {name: self.data.body(name).xpos.tolist() for name in names if name.startswith(of)}
 
@@ -120,7 +120,7 @@ class World:
         return float((sum(self.qpos[a] for a in fingers) / len(fingers) - low) / (high - low))
 
     def set_pose(self, channel: str, q_rad: np.ndarray | None = None, opening: float | None = None) -> None:
-        """Teleport an arm (n,) rad and its fingers, 0 … 1 open; at rest. Raises ConfigError: (n,) does not fit."""
+        """Teleport an arm (n,) rad and its fingers, 0 … 1 open; at rest. Raises ConfigError: n does not fit."""
         _, gripper = self.profiles[channel]
         (joints, dofs), (fingers, finger_dofs) = self._addresses[channel]
         if q_rad is not None:

@@ -20,13 +20,13 @@ from lerobot_robot_yam.rig.scene.deviation import Deviation
 from lerobot_robot_yam.rig.scene.props import Part, Thing
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Camera, Scene
 
-HAND_KP, HAND_KD = 200.0, 20.0  # Nm/rad, Nm s/rad of a firm grip on the leader's joints
+HAND_KP, HAND_KD = 200.0, 20.0  # stiffness, Nm/rad, and damping, Nm s/rad, of a firm grip on a leader's joints
 HAND_TORQUE_NM = 12.0  # limit of the operator's pull at a joint
 FIRM_FRICTION = 0.999  # solver impedance with which a braked shaft creeps by 5 mrad/s; 0.5 rad/s by default
 TABLE, FLAT = "table top", "flat thing"  # first words of materials whose textures the renderer draws (`render.shade`)
 BALLAST = "ballast"  # body at each arm's tcp whose mass `outer_forces.Ballast` sets; 0 at first
-_FLAT_M = 0.002  # things thinner than this show shadows as the table does
-_FLOOR_Z_M = -0.74  # with the table's top at z = 0
+_FLAT_M = 0.002  # thickness below which things show shadows as the table does
+_FLOOR_Z_M = -0.74  # height of the floor; the table's top is at z = 0
 _SHAPES = {"box": mujoco.mjtGeom.mjGEOM_BOX, "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER}
 _JOINTS = {"slide": mujoco.mjtJoint.mjJNT_SLIDE, "hinge": mujoco.mjtJoint.mjJNT_HINGE}
 
@@ -34,8 +34,8 @@ _JOINTS = {"slide": mujoco.mjtJoint.mjJNT_SLIDE, "hinge": mujoco.mjtJoint.mjJNT_
 def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
     """Compile the world's model. Names of an arm's parts carry its channel: "follower_left/joint1".
 
-    Each process of the rig that needs the model builds it from the scene, with the same result. Without `visible` it
-    lacks the shapes that only a camera sees, and each step costs a tenth less.
+    Each process of the rig that needs the model builds it from the scene, with the same result. Without `visible` the
+    model lacks the shapes that only a camera sees, and each step costs a tenth less.
 
     Raises:
         ConfigError: a profile is unknown or does not fit.
@@ -66,7 +66,7 @@ def world_dtype(model: mujoco.MjModel) -> np.dtype:
 
 
 def gripper_stroke(row: ArmPlacement, gripper: GripperProfile) -> tuple[float, float]:
-    """Return (closed stop rad, radians per metre of one finger / 2), joint space."""
+    """Return the closed stop, rad, and the motor's turn per sum of the fingers' travel, rad/m; in joint space."""
     assert gripper.calibration is not None and gripper.finger_range_m is not None
     stops = gripper.calibration.nominal_stops_rad if row.stops_rad is None else row.stops_rad
     travel = float(gripper.finger_range_m[1] - gripper.finger_range_m[0])
