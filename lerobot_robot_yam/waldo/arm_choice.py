@@ -1,4 +1,4 @@
-"""Choice of the arm and gripper that Commander shows, by the environment, as Commander passes no options.
+"""Choice of the arm and gripper that Commander shows, by environment variables, since Commander passes no options.
 
 YAM_WALDO_ARM=big_yam YAM_WALDO_GRIPPER=crank_4310 waldo-commander --host 127.0.0.1
 """
@@ -27,7 +27,7 @@ class ArmChoice(NamedTuple):
 
     @classmethod
     def of_environment(cls) -> "ArmChoice":
-        """Return the choice in the environment, else the standard arm."""
+        """Return the choice in the environment; the standard arm and gripper where a variable is missing."""
         return cls(os.environ.get(ENV_ARM, "yam"), os.environ.get(ENV_GRIPPER, "linear_4310"))
 
     def environment(self) -> dict[str, str]:
@@ -35,7 +35,7 @@ class ArmChoice(NamedTuple):
         return {ENV_ARM: self.arm, ENV_GRIPPER: self.gripper}
 
     def resolved(self) -> ResolvedArm:
-        """Return profiles and limits. Raises ConfigError: no such arm or gripper."""
+        """Return profiles and limits. Raises ConfigError: there is no such arm or gripper."""
         return ResolvedArm(ArmConfig(channel="none", name=Path(self.arm).stem, arm=self.arm, gripper=self.gripper))
 
 
@@ -50,9 +50,9 @@ def tool_keys(gripper: GripperProfile) -> list[str]:
 
 
 def tool_centre(gripper: GripperProfile) -> np.ndarray:
-    """Return (4, 4) of the point between the fingers in the flange, m; without fingers the end effector's tip.
+    """Return the pose (4, 4) in the flange, m, of the point between the fingers, or else of the end effector's tip.
 
-    gripper: as mounted, see `mounting.mounted`: its first body is fixed to the flange.
+    `gripper`: mounted profile (`mounting.mounted`), whose first body is fixed to the flange.
     """
     (root, *_) = gripper.bodies
     sites = {site.name: site for site in root.sites}
@@ -61,7 +61,7 @@ def tool_centre(gripper: GripperProfile) -> np.ndarray:
 
 
 def tip(gripper: GripperProfile, key: str, offset_m: np.ndarray) -> np.ndarray:
-    """Return (4, 4) of the tool's tip in the flange, m, with an offset (3,) along the tool's own axes.
+    """Return the pose (4, 4) of the tool's tip in the flange, m, with an offset (3,) along the tool's own axes.
 
     Raises:
         ConfigError: the arm has no such tool.

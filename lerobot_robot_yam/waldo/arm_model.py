@@ -3,8 +3,8 @@
     arm = ArmModel(arm, gripper)
     arm.write()          # …/yam.urdf and …/meshes/*.stl in the user's cache
 
-The chain ends at the flange, the frame of the arm's last link. The gripper is a tool: its meshes are in that frame,
-with the fingers open, and Commander slides them.
+The chain ends at the flange, the frame of the arm's last link. The gripper is a tool: its meshes are in that frame with
+the fingers open, and Commander slides the fingers.
 """
 
 import os
@@ -29,7 +29,7 @@ _PACKAGE = "lerobot_robot_yam"
 
 
 class Jaws(NamedTuple):
-    """Motion of the fingers in Commander: mesh i moves by −axis · travel · position, each second one by the opposite.
+    """Motion of the fingers in Commander: even meshes move by −axis · travel · position, odd meshes by the opposite.
 
     Position 0 is open, 1 closed.
 
@@ -45,12 +45,12 @@ class Jaws(NamedTuple):
 class ArmModel:
     """Files of one arm with its gripper.
 
-    arm, gripper: resolved profiles, see `mounting.resolve_profiles`.
+    `arm`, `gripper`: resolved profiles, see `mounting.resolve_profiles`.
 
     Attributes:
-        body_meshes: names of the files of the gripper's body, in the flange's frame.
-        jaw_meshes: names of those of its fingers, open, in the order of `Jaws`; none without fingers.
-        jaws: None without two fingers.
+        body_meshes: names of the mesh files of the gripper's body, in the flange's frame.
+        jaw_meshes: names of the mesh files of the open fingers, in the order of `Jaws`; [] without fingers.
+        jaws: motion of the fingers; None without two fingers.
     """
 
     def __init__(self, arm: ArmProfile, gripper: GripperProfile):
@@ -78,7 +78,7 @@ class ArmModel:
         return self.folder / MESHES
 
     def write(self) -> None:
-        """Write the files that are missing or differ, each whole. Raises ConfigError: they cannot be written."""
+        """Write the files that are missing or differ, each as a whole. Raises ConfigError: a file cannot be written."""
         try:
             self.mesh_dir.mkdir(parents=True, exist_ok=True)
             for name, content in self._files.items():

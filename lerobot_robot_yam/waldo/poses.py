@@ -1,4 +1,4 @@
-"""Numbers of commands, and poses as six of them: x y z rx ry rz, in a frame, absolute or relative to the tool.
+"""Numbers in commands, and poses as six numbers: x y z rx ry rz, in a frame, absolute or relative to the tool.
 
     R = Rx(rx) Ry(ry) Rz(rz)      intrinsic XYZ
 
@@ -19,12 +19,12 @@ AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
 
 Numbers = Sequence[float] | np.ndarray
 
-_UNITS = np.array([1e-3] * 3 + [np.pi / 180.0] * 3)  # units of commands, mm and degrees
-_LOCKED = 1e-7  # cos(ry), below which rx and rz turn about the same axis
+_UNITS = np.array([1e-3] * 3 + [np.pi / 180.0] * 3)  # units of poses in commands, mm and degrees, in m and rad
+_LOCKED = 1e-7  # cos(ry) below which rx and rz turn about the same axis
 
 
 def numbers(what: str, values: object, count: int) -> np.ndarray:
-    """Return `values` as (count,) finite floats. Raises PlanError: anything else."""
+    """Return `values` as (count,) finite floats. Raises PlanError: they are something else."""
     try:
         given = np.array(values, dtype=float)
     except (TypeError, ValueError):
@@ -35,14 +35,14 @@ def numbers(what: str, values: object, count: int) -> np.ndarray:
 
 
 def number(what: str, value: object, low: float, high: float) -> float:
-    """Return `value` as a float from `low` to `high`. Raises PlanError: anything else."""
+    """Return `value` as a float from `low` to `high`. Raises PlanError: it is something else."""
     if not (isinstance(value, Real) and low <= float(value) <= high):
         raise PlanError(f"{what} has to be a number from {low:g} to {high:g}, not {value!r}")
     return float(value)
 
 
 def check_frame(frame: str) -> str:
-    """Return `frame`. Raises PlanError: no frame of this name."""
+    """Return `frame` unchanged. Raises PlanError: there is no frame of this name."""
     if frame not in FRAMES:
         raise PlanError(f"there is no frame {frame!r}; frames are {' and '.join(FRAMES)}")
     return frame
@@ -51,15 +51,15 @@ def check_frame(frame: str) -> str:
 def commanded(now: np.ndarray, pose: Numbers, frame: str = "WRF", rel: bool = False) -> np.ndarray:
     """Return the pose (4, 4), m, that a command means.
 
-    In the tool's frame it is relative to the tool, with and without `rel`. In the base's frame with `rel` the tool is
-    shifted along the base's axes and turned about them, in place.
+    In the tool's frame, the numbers are relative to the tool, with and without `rel`. In the base's frame with `rel`,
+    the tool is shifted along the base's axes, and turned in place about axes parallel to them.
 
     Args:
         now: (4, 4) pose of the tool, m.
         pose: x y z rx ry rz (6,), mm and degrees.
 
     Raises:
-        PlanError: not six finite numbers, or no such frame.
+        PlanError: `pose` is not six finite numbers, or there is no such frame.
     """
     meant = from_command(pose)
     if check_frame(frame) == "TRF":
@@ -72,7 +72,7 @@ def commanded(now: np.ndarray, pose: Numbers, frame: str = "WRF", rel: bool = Fa
 
 
 def from_command(pose: Numbers) -> np.ndarray:
-    """Return (4, 4), m, for x y z rx ry rz (6,), mm and degrees. Raises PlanError: not six finite numbers."""
+    """Return the pose (4, 4), m, for x y z rx ry rz (6,), mm and degrees. Raises PlanError: not six finite numbers."""
     return from_vector(numbers("a pose, x y z in mm and rx ry rz in degrees,", pose, 6) * _UNITS)
 
 
@@ -82,7 +82,7 @@ def to_command(pose: np.ndarray) -> np.ndarray:
 
 
 def from_vector(vector: Numbers) -> np.ndarray:
-    """Return (4, 4), m, for x y z rx ry rz (6,), m and rad. Raises PlanError: not six finite numbers."""
+    """Return the pose (4, 4), m, for x y z rx ry rz (6,), m and rad. Raises PlanError: not six finite numbers."""
     x, y, z, rx, ry, rz = numbers("a pose, x y z rx ry rz,", vector, 6).tolist()
     pose = np.eye(4)
     turn = mink.SO3.from_x_radians(rx) @ mink.SO3.from_y_radians(ry) @ mink.SO3.from_z_radians(rz)

@@ -1,4 +1,4 @@
-"""Meaning of a program's commands: degrees and millimetres in, plans out.
+"""Meaning of a program's commands: the functions take degrees and millimetres, and return plans.
 
 The dry run, the simulator and the real arm all plan here, so that a preview shows what will happen.
 """
@@ -18,8 +18,8 @@ from lerobot_robot_yam.waldo.poses import Numbers, commanded, numbers
 PROFILES = ("ruckig",)
 """Motion profiles: one, limited in speed, acceleration and jerk."""
 
-_LONGEST_S = 600.0  # longest delay
-_ACTIONS = {"open": 0.0, "close": 1.0}  # in Commander's positions
+_LONGEST_S = 600.0  # longest delay, s
+_ACTIONS = {"open": 0.0, "close": 1.0}  # action of a gripper -> position, 0 open … 1 closed as in Commander
 
 
 def move_j(
@@ -34,11 +34,11 @@ def move_j(
     """Plan a move of the joints from start_q (n,) rad, to angles (deg) or to a pose of the tool (mm, deg).
 
     Args:
-        rel: the numbers are relative to the start.
+        rel: whether the numbers are relative to the start.
         pace: speed, accel, duration; see `Planner.joints`.
 
     Raises:
-        PlanError: neither or both are given, or see `Planner.joints`.
+        PlanError: neither or both of angles and pose are given, or `Planner.joints` refuses.
     """
     if (angles is None) == (pose is None):
         raise PlanError("move_j takes angles, or pose=, and not both")
@@ -55,13 +55,13 @@ def move_l(
     """Plan a straight line of the tool from start_q (n,) rad to a pose (mm, deg); arguments as for `move_j`.
 
     Raises:
-        PlanError: see `Planner.line`.
+        PlanError: `Planner.line` refuses.
     """
     return planner.line(start_q, commanded(planner.pose(start_q), pose, frame, rel), **pace)
 
 
 def pause(start_q: np.ndarray, seconds: float) -> Plan:
-    """Plan a pause at start_q (n,) rad. Raises PlanError: no time from 0 to 600 s."""
+    """Plan a pause at start_q (n,) rad. Raises PlanError: `seconds` is not from 0 to 600."""
     (time_s,) = numbers("seconds", [seconds], 1)
     if not 0.0 <= time_s <= _LONGEST_S:
         raise PlanError(f"a delay takes 0 to {_LONGEST_S:g} s, not {seconds!r}")
@@ -70,7 +70,7 @@ def pause(start_q: np.ndarray, seconds: float) -> Plan:
 
 
 def radius(r: float) -> float:
-    """Return a blend radius in m for one in mm. Raises PlanError: no number from 0 on."""
+    """Convert a blend radius from mm to m. Raises PlanError: `r` is no number, or negative."""
     (given,) = numbers("r", [r or 0.0], 1).tolist()
     if given < 0.0:
         raise PlanError(f"r, a radius in mm, is 0 or more, not {r!r}")
@@ -78,7 +78,7 @@ def radius(r: float) -> float:
 
 
 def jaw_position(gripper: GripperProfile, key: str, action: str, params: Sequence[float] | None) -> float:
-    """Return the jaws' target for a tool's action, 0 open … 1 closed. Raises PlanError: no such tool or action."""
+    """Return the jaws' target for an action, 0 open … 1 closed. Raises PlanError: there is no such tool or action."""
     fitted = tool_key(gripper)
     if key != fitted or fitted == NO_TOOL:
         raise PlanError(f"no tool {key!r} that moves; this arm has {fitted}")
@@ -95,6 +95,6 @@ def jaw_position(gripper: GripperProfile, key: str, action: str, params: Sequenc
 def swapped(position: float) -> float:
     """Convert a gripper position between Commander's (0 open … 1 closed) and ours (0 closed … 1 open).
 
-    This is the only place of the conversion.
+    No other code does this conversion.
     """
     return 1.0 - position

@@ -1,6 +1,6 @@
-"""The backend as Waldo Commander finds it: entry point `yam` of the group `waldoctl.robots`.
+"""Backend for Waldo Commander, which finds it as entry point `yam` of the group `waldoctl.robots`.
 
-Making a `Robot` opens no socket and starts nothing. `start` starts a controller, which energises nothing.
+The constructor of `Robot` opens no socket and starts nothing. `start` starts a controller, which energises nothing.
 """
 
 import dataclasses
@@ -49,19 +49,19 @@ from lerobot_robot_yam.waldo.tool_catalog import YamTools, model_of, tools_of
 from lerobot_robot_yam.waldo.wire import ANSWER_S, HOST, PORT, ask_once
 
 _CONTROLLER = "lerobot_robot_yam.waldo.controller.controller_process"
-_LOOK_S = 0.05  # between two looks at a controller that starts or ends
+_LOOK_S = 0.05  # period of checking a controller that starts or ends, s
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Robot(waldoctl.Robot):
-    """A YAM arm for Commander. Kinematics in m and rad, of the flange, or of the tool's tip once a tool is set.
+    """YAM arm for Commander. Kinematics in m and rad, of the flange, or of the tool's tip once a tool is set.
 
     Args:
-        arm, gripper: profiles; None for those of the environment, see `ArmChoice`.
-        options: other options of a host, ignored.
+        arm, gripper: names of profiles; None: the profiles in the environment, see `ArmChoice`.
+        options: other options of a host, which are ignored.
 
     Raises:
-        ConfigError: no such arm or gripper.
+        ConfigError: there is no such arm or gripper.
     """
 
     position_unit = "mm"
@@ -81,12 +81,12 @@ class Robot(waldoctl.Robot):
         self._choice = ArmChoice(arm or choice.arm, gripper or choice.gripper)
         self._hardware = self._choice.resolved()
         self._planner = Planner(self._hardware)
-        self._controller: int | None = None  # process that this one, `_owner`, has started
+        self._controller: int | None = None  # id of the controller's process, which process `_owner` has started
         self._owner = 0
 
     @property
     def name(self) -> str:
-        """Display name."""
+        """Name for display."""
         return f"{self._choice.arm} with {self._choice.gripper}"
 
     @cached_property
@@ -101,10 +101,10 @@ class Robot(waldoctl.Robot):
 
     @cached_property
     def native_tools(self) -> YamTools:
-        """Tools: none, and the gripper on the arm."""
+        """Tools of the arm: the bare flange, and the fitted gripper."""
         return tools_of(self._choice)
 
-    if "tools" in getattr(waldoctl.Robot, "__abstractmethods__", ()):  # in older versions; newer ones add their own
+    if "tools" in getattr(waldoctl.Robot, "__abstractmethods__", ()):  # only older versions of waldoctl need it
 
         @property
         def tools(self) -> YamTools:
@@ -128,7 +128,7 @@ class Robot(waldoctl.Robot):
         return str(self._model.mesh_dir)
 
     def fk(self, q_rad: np.ndarray, out: np.ndarray) -> np.ndarray:
-        """Write x y z rx ry rz at joints (6,) into `out` (6,), and return that."""
+        """Write the pose x y z rx ry rz at joints (6,) into `out` (6,); return `out`."""
         out[:] = self.fk_batch(q_rad)
         return out
 
@@ -137,7 +137,7 @@ class Robot(waldoctl.Robot):
         return to_vector(self._planner.pose(joint_path_rad))
 
     def ik(self, pose: np.ndarray, q_seed_rad: np.ndarray) -> IKResultData:
-        """Return joints that put the tool at a pose (6,), near the seed (6,); a failed result if out of reach."""
+        """Return joints near the seed (6,) that put the tool at a pose (6,); a failed result if out of reach."""
         try:
             q = self._planner.inverse(from_vector(pose), np.asarray(q_seed_rad, dtype=float))
         except YamError as error:
@@ -145,7 +145,7 @@ class Robot(waldoctl.Robot):
         return IKResultData(q, True)
 
     def ik_batch(self, poses: np.ndarray, q_start_rad: np.ndarray) -> list[IKResultData]:
-        """Return one result per pose (N, 6), each seeded with the one before."""
+        """Return one result per pose (N, 6), each seeded with the result before."""
         results: list[IKResultData] = []
         for pose in poses:
             results.append(self.ik(pose, results[-1].q if results else q_start_rad))
@@ -154,7 +154,7 @@ class Robot(waldoctl.Robot):
     def set_active_tool(
         self, tool_key: str, tcp_offset_m: Sequence[float] | None = None, variant_key: str | None = None
     ) -> None:
-        """Refer poses of this object to this tool's tip from now on. Raises ConfigError: no such tool."""
+        """Select the tool to whose tip poses of this object refer. Raises ConfigError: there is no such tool."""
         offset = np.array((0.0,) * 3 if tcp_offset_m is None else tcp_offset_m, dtype=float)
         self._planner.kinematics.tool = tip(self._hardware.gripper, tool_key, offset)
 
@@ -167,13 +167,13 @@ class Robot(waldoctl.Robot):
         return True
 
     def start(self, **kwargs: Any) -> None:
-        """Start a controller and wait until it answers; it ends with this process. Energises nothing.
+        """Start a controller, which ends with this process, and wait until it answers. Energises nothing.
 
-        Commander forks workers at the same time. `subprocess.Popen` waits for the end of a pipe that such a worker may
-        keep open for ever; `posix_spawn` does not.
+        Uses `posix_spawn`: `subprocess.Popen` waits for the end of a pipe, which a worker that Commander forks at the
+        same time may keep open for ever.
 
         Args:
-            kwargs: host, port; com_port, the CAN channel of the real arm or ''; timeout, s.
+            kwargs: host, port; com_port: CAN channel of the real arm or ''; timeout, s.
 
         Raises:
             ControllerError: the port is taken, or the controller did not come up.
@@ -210,13 +210,13 @@ class Robot(waldoctl.Robot):
         if self._controller is not None:
             try:
                 ended = os.waitpid(self._controller, os.WNOHANG)[0] == self._controller
-            except ChildProcessError:  # the host has reaped it
+            except ChildProcessError:  # Commander has reaped the process already
                 ended = True
             self._controller = None if ended else self._controller
         return self._controller is None
 
     def stop(self) -> None:
-        """End the controller that this object has started, if any, after it has landed the arm.
+        """End the controller that this object has started, if any; the controller lands the arm first.
 
         Idempotent; does nothing in a forked child.
 
@@ -248,7 +248,7 @@ class Robot(waldoctl.Robot):
         return RobotClient(**kwargs)
 
     def create_dry_run_client(self, **kwargs: Any) -> DryRunClient:
-        """Make a client that plans and moves nothing."""
+        """Make a client that plans, and moves nothing."""
         return DryRunClient(**kwargs)
 
 

@@ -1,6 +1,7 @@
-"""Tools of an arm as Commander shows them: none, and the gripper on the arm. Positions are 0 open … 1 closed.
+"""Tools of an arm for Commander: none, and the gripper on the arm. Positions are 0 open … 1 closed.
 
-Also the palette of commands in its editor, which shows each call whose docstring has a category and an example.
+`palette` marks calls for the palette in Commander's editor, which shows calls whose docstring has a category and an
+example.
 """
 
 import inspect
@@ -44,9 +45,9 @@ class NoTool(ToolSpec):
 
 
 class YamGripper(ElectricGripperTool):
-    """A gripper with a motor. Its actions need a client: `Robot.tools` only describes it.
+    """Gripper with a motor. Its actions need a client; a gripper from `Robot.tools` is only a description.
 
-    client: client for the actions, or None. spec: as for `ToolSpec`.
+    `client`: client for the actions, or None; `spec`: as for `ToolSpec`.
     """
 
     def __init__(self, client: Any = None, **spec: Any):
@@ -70,7 +71,7 @@ class YamGripper(ElectricGripperTool):
 
     @palette("Gripper", "rbt.tool.close()")
     async def close(self, **kwargs: Any) -> int:
-        """Close the jaws, with no more than the gripper's force limit on what is between them."""
+        """Close the jaws; the force on an object between the jaws stays within the gripper's limit."""
         return await self._act("close", None, **kwargs)
 
     async def _act(self, action: str, params: list[float] | None, wait: bool = False, timeout: float = 10.0) -> int:
@@ -80,7 +81,7 @@ class YamGripper(ElectricGripperTool):
 
 
 class YamTools(ToolsSpec):
-    """The tools of one arm, in display order, the bare flange first."""
+    """Tools of one arm, in display order, the bare flange first."""
 
     def __init__(self, *tools: ToolSpec):
         self._tools = {tool.key: tool for tool in tools}
@@ -108,12 +109,12 @@ class YamTools(ToolsSpec):
 
 @cache
 def model_of(choice: ArmChoice) -> ArmModel:
-    """Return Commander's model of an arm and its gripper. Raises ConfigError: unknown names."""
+    """Return Commander's model of an arm and its gripper. Raises ConfigError: a name is unknown."""
     return ArmModel(*resolve_profiles(choice.arm, choice.gripper))
 
 
 def tools_of(choice: ArmChoice, client: Any = None) -> YamTools:
-    """Return the tools of an arm, bound to a client if one is given. Raises ConfigError: unknown names."""
+    """Return the tools of an arm, bound to a client if one is given. Raises ConfigError: a name is unknown."""
     _, gripper = resolve_profiles(choice.arm, choice.gripper)
     none = NoTool(key=NO_TOOL, display_name="None", tool_type=ToolType.NONE, tcp_origin=(0.0,) * 3, tcp_rpy=(0.0,) * 3)
     if gripper.motor is None:

@@ -1,14 +1,14 @@
-"""The wire to a controller: one JSON object per line. A connection carries one request and its answer.
+"""Protocol between clients and a controller: one JSON object per line, one request and its answer per connection.
 
     {"do": "move_j", "with": {"angles": [0, 60, 60, -29, 0, 0]}, "client": "5f0c", "number": 7}     a request
     {"result": 3}                                                    its answer
-    {"refused": "joint_2 would be at 215.00°, beyond its …"}         or this
+    {"refused": "joint_2 would be at 215.00°, beyond its …"}         or its refusal
 
-Connections may overtake each other. So a client names itself and numbers its requests: one that it has sent before a
-stop, and that arrives after the stop, moves nothing. Both may be left out.
+Connections may overtake each other. So a client sends its name, and numbers its requests: a request that was sent
+before a stop, and arrives after the stop, moves nothing. Name and number may be left out.
 
-After the request "stream" the connection carries statuses, one per line. Clients come over TCP. The operator of this
-computer, who alone may arm and land, comes by a socket in the runtime directory, which is open to its user alone.
+After the request "stream", the connection carries statuses, one per line. Clients connect over TCP. The operator of
+this computer, who alone may arm and land, connects by a socket in the runtime directory, which only its user can open.
 """
 
 import json
@@ -21,18 +21,18 @@ from lerobot_robot_yam.system.runtime_files import runtime_dir
 
 HOST, PORT = "127.0.0.1", 5001  # Commander's own defaults
 STREAM = "stream"
-MOST_BYTES = 1 << 20  # longest line; the longest in use is a list of shapes
-ANSWER_S = 1.0  # wait for an answer that needs no work
-_OPERATOR_S = 120.0  # wait for an operator's request: a search of gripper stops, or a long landing
+MOST_BYTES = 1 << 20  # longest line, bytes; the longest messages are lists of shapes
+ANSWER_S = 1.0  # wait for an answer that needs no work, s
+_OPERATOR_S = 120.0  # wait for an operator's request, s: the gripper may search for its stops, or a landing be long
 
 
 def encode(message: dict[str, Any]) -> bytes:
-    """Encode a message as a line. Arrays become lists; NaN stays NaN, for the controller to refuse."""
+    """Encode a message as a line. Arrays become lists; NaN stays NaN, so that the controller can refuse it."""
     return json.dumps(message, separators=(",", ":"), default=_plain).encode() + b"\n"
 
 
 def decode(line: bytes) -> dict[str, Any]:
-    """Decode a line. Raises ValueError: it is no JSON object."""
+    """Decode a line. Raises ValueError: the line is no JSON object."""
     message = json.loads(line)
     if not isinstance(message, dict):
         raise ValueError("not a JSON object")
@@ -40,7 +40,7 @@ def decode(line: bytes) -> dict[str, Any]:
 
 
 def result_of(name: str, line: bytes) -> Any:
-    """Return the result in the answer to a request. Raises ControllerError: it is refused, or there is no answer."""
+    """Return the result in the answer to a request. Raises ControllerError: it was refused, or there is no answer."""
     if not line:
         raise ControllerError(f"{name}: the controller ended before it was done; see its terminal")
     answer = decode(line)
@@ -50,7 +50,7 @@ def result_of(name: str, line: bytes) -> Any:
 
 
 def ask_once(host: str, port: int, name: str) -> Any:
-    """Return the answer to one request without arguments; None if there is no controller."""
+    """Send one request without arguments; return the answer, or None if there is no controller."""
     try:
         with socket.create_connection((host, port), ANSWER_S) as line:
             return _exchange(line, name)
@@ -59,7 +59,7 @@ def ask_once(host: str, port: int, name: str) -> Any:
 
 
 def door_path(port: int) -> Path:
-    """Return the operator's socket of the controller on a port. Raises ConfigError: no runtime directory."""
+    """Return the path of the operator's socket for a port. Raises ConfigError: there is no runtime directory."""
     return runtime_dir() / f"waldo-{port}"
 
 
@@ -67,7 +67,7 @@ def ask_operator_door(port: int, act: str) -> str:
     """Send an operator's request to this computer's controller on `port`; return its report.
 
     Raises:
-        ControllerError: there is none, or it refused.
+        ControllerError: there is no controller, or it refused.
     """
     with socket.socket(socket.AF_UNIX) as line:
         line.settimeout(_OPERATOR_S)

@@ -14,19 +14,19 @@ from lerobot_robot_yam.waldo.client.state_client import StateClient
 from lerobot_robot_yam.waldo.tool_catalog import palette
 
 Numbers = Sequence[float]
-_WAIT_S = 60.0  # default time-out of wait=True, longer than any move of a YAM
-_JAW_S = 3.0  # time after which a gripper has stopped
+_WAIT_S = 60.0  # default time-out of wait=True, s: longer than any move of a YAM
+_JAW_S = 3.0  # time after which a gripper has stopped, s
 
 
 class AsyncRobotClient(StateClient, WaldoClient):
-    """A client of the controller. Lengths in mm, angles in degrees, times in s; gripper 0 open … 1 closed.
+    """Client of the controller. Lengths in mm, angles in degrees, times in s; gripper 0 open … 1 closed.
 
-    Queued commands return their index, others 1. Each call raises ControllerError if the controller refuses it, with
-    the reason, or does not answer. Arguments as for `StateClient`.
+    Queued commands return their index, others 1. Each call raises ControllerError if the controller does not answer,
+    or refuses the call; the message has the reason. Arguments as for `StateClient`.
     """
 
     async def _then_wait(self, index: int, wait: bool, timeout: float = _WAIT_S, **_: Any) -> int:
-        """Return a command's index, after its end if `wait`. Raises ControllerError: it did not end."""
+        """Return a command's index, after its end if `wait`. Raises ControllerError: the command did not end."""
         if wait and not await self.wait_command(index, timeout):
             raise ControllerError(f"command {index} did not end within {timeout:g} s, or was cancelled")
         return index
@@ -54,13 +54,13 @@ class AsyncRobotClient(StateClient, WaldoClient):
         timeout: float = 10.0,
         **wait_kwargs: Any,
     ) -> int:
-        """Move the joints to angles (deg), or to where they bring the tool to a pose (mm, deg).
+        """Move the joints to angles (deg), or to angles that bring the tool to a pose (mm, deg).
 
         Args:
-            duration: s; above 0 it counts in place of `speed`.
-            speed, accel: shares 0 … 1 of the limits; 0 is the default speed.
-            r: radius (mm) around the target within which the next move may begin, if it is sent in time.
-            rel: the numbers are added to where the move before ends.
+            duration: duration of the move, s; above 0, the duration replaces `speed`.
+            speed, accel: shares 0 … 1 of the limits; speed 0 is the default speed.
+            r: radius (mm) around the target within which the next move may begin, if that is sent in time.
+            rel: whether the numbers are relative to the end of the move before.
         """
         pace = {"duration": duration, "speed": speed, "accel": accel, "rel": rel, "r": r}
         index = await self._ask("move_j", _WAIT_S, angles=angles, pose=pose, **pace)
@@ -97,12 +97,12 @@ class AsyncRobotClient(StateClient, WaldoClient):
     async def servo_j(
         self, angles: Numbers, *, pose: Numbers | None = None, speed: float = 1.0, accel: float = 1.0
     ) -> int:
-        """Follow joint angles (deg) that change all the time: the newest replaces the one before."""
+        """Follow joint angles (deg) that change all the time: each call replaces the target of the call before."""
         return int(await self._ask("servo_j", angles=angles, pose=pose, speed=speed, accel=accel))
 
     @palette("Streaming", "rbt.servo_l([300, 0, 250, 0, -61, 180])")
     async def servo_l(self, pose: Numbers, *, speed: float = 1.0, accel: float = 1.0) -> int:
-        """Follow a pose of the tool (mm, deg) that changes all the time: the newest replaces the one before."""
+        """Follow a pose of the tool (mm, deg) that changes all the time: each call replaces the target before."""
         return int(await self._ask("servo_l", pose=pose, speed=speed, accel=accel))
 
     @palette("Jog", "rbt.jog_j(0, speed=0.3, duration=0.5)")
@@ -116,7 +116,7 @@ class AsyncRobotClient(StateClient, WaldoClient):
         speeds: Numbers | None = None,
         accel: float = 1.0,
     ) -> int:
-        """Turn a joint (0 … 5), at a share -1 … 1 of its jog speed, for `duration` s and no longer."""
+        """Turn a joint (0 … 5) at a share -1 … 1 of its jog speed, for `duration` s."""
         given = {"joints": [joint] if joints is None else joints, "speeds": [speed] if speeds is None else speeds}
         return int(await self._ask("jog_j", **given, duration=duration, accel=accel))
 
@@ -140,7 +140,7 @@ class AsyncRobotClient(StateClient, WaldoClient):
     async def tool_action(
         self, tool_key: str, action: str, params: Numbers | None = None, *, wait: bool = False, timeout: float = 10.0
     ) -> int:
-        """Have the tool `open`, `close`, or `move` to params[0], 0 open … 1 closed. It takes its turn in the queue."""
+        """Queue an action of the tool: `open`, `close`, or `move` to params[0], 0 open … 1 closed."""
         index = await self._ask("tool_action", tool_key=tool_key, action=action, params=params)
         if wait and not await self._ask("wait_command", timeout + _JAW_S, command_index=index, timeout=timeout):
             raise ControllerError(f"{tool_key}: {action} did not end within {timeout:g} s, or was cancelled")
@@ -160,13 +160,13 @@ class AsyncRobotClient(StateClient, WaldoClient):
 
     @palette("Synchronization", "rbt.wait_motion()")
     async def wait_motion(self, timeout: float = 10.0, **kwargs: Any) -> bool:
-        """Wait until nothing moves or is queued, and stays so for `settle_window` s (0.1). False: after `timeout` s."""
+        """Wait until nothing moves or is queued for `settle_window` s (0.1); return False after `timeout` s."""
         settle = kwargs.get("settle_window", 0.1)
         return bool(await self._ask("wait_motion", timeout + 1.0, timeout=timeout, settle_window=settle))
 
     @palette("Synchronization", "rbt.wait_command(rbt.home())")
     async def wait_command(self, command_index: int, timeout: float = 10.0) -> bool:
-        """Wait until a queued command has ended. False: it was cancelled, or has not ended after `timeout` s."""
+        """Wait until a queued command has ended; return False if it was cancelled, or after `timeout` s."""
         return bool(await self._ask("wait_command", timeout + 1.0, command_index=command_index, timeout=timeout))
 
     async def wait_checkpoint(self, label: str, timeout: float = 30.0) -> bool:
@@ -177,49 +177,49 @@ class AsyncRobotClient(StateClient, WaldoClient):
 
     @palette("Control", "rbt.stop()")
     async def stop(self) -> int:
-        """Stop, empty the queue, and hold: the next command is taken. In software; torque stays on."""
+        """Stop by software, empty the queue, and hold; torque stays on. The next command moves the arm again."""
         return int(await self._ask("stop"))
 
     @palette("Control", "rbt.estop()")
     async def estop(self) -> int:
-        """Stop, empty the queue, hold, and take no commands until `reset`. In software: TORQUE STAYS ON, the arm has
-        no brakes and would fall.
+        """Stop by software, empty the queue, hold, and refuse commands until `reset`. TORQUE STAYS ON, since the arm
+        has no brakes and would fall.
         """
         return int(await self._ask("estop"))
 
     @palette("Control", "rbt.reset()")
     async def reset(self) -> int:
-        """Take commands again after `estop` or a fault that has passed. Nothing moves, nothing is energised."""
+        """Accept commands again after `estop` or a fault that has passed. Nothing moves, nothing is energised."""
         return int(await self._ask("reset"))
 
     @palette("Control", "rbt.halt()")
     async def halt(self) -> int:
-        """The same as `estop`: its name in older versions."""
+        """Do `estop`, under its name in older versions."""
         return await self.estop()
 
     @palette("Control", "rbt.resume()")
     async def resume(self) -> int:
-        """The same as `reset`: its name in older versions."""
+        """Do `reset`, under its name in older versions."""
         return await self.reset()
 
     @palette("Control", "rbt.simulator(True)")
     async def simulator(self, enabled: bool) -> int:
-        """Have commands move the simulated arm, or the real one, which holds where it is. Energises nothing: the real
-        arm has to be armed before, by `yam-waldo arm`.
+        """Choose whether commands move the simulated arm or the real arm, which holds its pose. Energises nothing: the
+        real arm has to be armed before, by `yam-waldo arm`.
         """
         return int(await self._ask("simulator", enabled=bool(enabled)))
 
     @palette("Control", "rbt.teleport([0, 60, 60, -29, 0, 0])")
     async def teleport(self, angles_deg: Numbers, tool_positions: Numbers | None = None) -> int:
-        """Put the simulated arm, and its jaws (0 open … 1 closed), somewhere at once. No real arm can be told so."""
+        """Set joints (deg) and jaws (0 open … 1 closed) of the simulated arm at once; refused for a real arm."""
         return int(await self._ask("teleport", angles_deg=angles_deg, tool_positions=tool_positions))
 
     @palette("Control", "rbt.freedrive(True)")
     async def freedrive(self, enabled: bool) -> int:
-        """Let a hand move the real arm, which weighs nothing to it, or have it hold where it is."""
+        """Let a hand move the real arm, whose weight is compensated, or have the arm hold its pose."""
         return int(await self._ask("freedrive", enabled=bool(enabled)))
 
     @palette("Control", "rbt.reset_state()")
     async def reset_state(self) -> int:
-        """Stop, and put tool, offset, payload and shapes back to what they were at the start. Nothing else moves."""
+        """Stop, and reset tool, offset, payload and shapes to their values at the start. Nothing else moves."""
         return int(await self._ask("reset_state"))

@@ -1,6 +1,6 @@
-"""The client that moves nothing: it plans a program as the controller does, for the preview of the path.
+"""Client that moves nothing: it plans a program as the controller does, for the preview of the path.
 
-It reads no clock, as all clocks stand still in Commander's preview.
+The client reads no clock, as all clocks stand still in Commander's preview.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,15 +16,15 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.poses import Numbers, check_frame, numbers, to_command, to_vector
 from lerobot_robot_yam.waldo.tool_catalog import YamTools, tools_of
 
-_ROW_S = 0.02  # between two rows of a result, of which Commander plays 50 a second
+_ROW_S = 0.02  # time between two rows of a result, s: Commander plays 50 rows a second
 _MM = 1e-3
 _PACE = ("frame", "rel", "speed", "accel", "duration")
 
 
 class DryTool:
-    """The selected tool in a preview: its actions take the time that the jaws need, and the arm stays.
+    """Selected tool in a preview: its actions take the time that the jaws need, and the arm stays.
 
-    client: the dry run. tool: its description.
+    `client`: client of the preview; `tool`: description of the tool.
     """
 
     def __init__(self, client: "DryRunClient", tool: ToolSpec):
@@ -47,9 +47,9 @@ class DryTool:
 
 
 class DryRunClient:
-    """Planner of a program's motions from a pose on. Results in m and rad, arguments in mm and deg.
+    """Planner of a program's motions from an initial pose. Results in m and rad, arguments in mm and deg.
 
-    initial_joints_deg: (6,) pose at the start; None for home.
+    `initial_joints_deg`: joints (6,) at the start; None for home.
 
     A motion that cannot be planned raises PlanError, and does not change the state.
     """
@@ -60,8 +60,8 @@ class DryRunClient:
         self._planner, self._key = Planner(self._hardware), NO_TOOL
         given = None if initial_joints_deg is None else numbers("initial_joints_deg", initial_joints_deg, 6)
         self._q = self._planner.home_q if given is None else np.radians(given)
-        self._opening = 0.0  # in Commander's positions
-        self._held: tuple[Plan, float] | None = None  # motion whose end the next one may round, and radius in m
+        self._opening = 0.0  # position of the jaws, 0 open … 1 closed as in Commander
+        self._held: tuple[Plan, float] | None = None  # motion that may blend into the next motion, and blend radius, m
 
     @property
     def _tools(self) -> YamTools:
@@ -107,7 +107,7 @@ class DryRunClient:
         return self._moved(program.pause(self._q, seconds))
 
     def teleport(self, angles_deg: Numbers, tool_positions: Numbers | None = None) -> int:
-        """Set joints and jaws at once. A motion that was held back is dropped, as the controller cancels it."""
+        """Set joints and jaws at once. A motion that waits to be blended is dropped, as in the controller."""
         q = self._planner.within(np.radians(numbers("angles", angles_deg, len(self._q))))
         if tool_positions is not None and len(tool_positions):
             self._opening = float(np.clip(numbers("tool_positions", tool_positions, 1)[0], 0.0, 1.0))
@@ -115,7 +115,7 @@ class DryRunClient:
         return 1
 
     def select_tool(self, tool_name: str, variant_key: str = "") -> int:
-        """Refer poses to this tool's tip."""
+        """Select the tool to whose tip poses refer."""
         key = tool_name.upper()
         self._planner.kinematics.tool, self._key = tip(self._hardware.gripper, key, np.zeros(3)), key
         return 1
@@ -126,7 +126,7 @@ class DryRunClient:
         return 1
 
     def checkpoint(self, label: str) -> int:
-        """Do nothing: a preview does not show it."""
+        """Do nothing: a preview does not show checkpoints."""
         return 1
 
     def wait_motion(self, *_: Any, **__: Any) -> bool:
@@ -136,7 +136,7 @@ class DryRunClient:
     wait_command = wait_checkpoint = wait_ready = wait_status = wait_motion
 
     def flush(self) -> list[DryRunResultData]:
-        """Return the results that were held back for the next motion to round a corner."""
+        """Return the result that was held back to be blended with the next motion, or []."""
         held, self._held = self._held, None
         return [] if held is None else [result_of(held[0], self._planner.pose)]
 
@@ -157,7 +157,7 @@ class DryRunClient:
         return self._moved(program.pause(self._q, stroke_s))
 
     def _moved(self, plan: Plan, r: float = 0.0) -> DryRunResultData | None:
-        """Return the result of a motion and of those held back before it; None if the next one may round its end."""
+        """Return the result of a motion, joined to the one held back; None if it is held back to be blended itself."""
         radius_m = program.radius(r)
         if self._held is not None:
             first, before_m = self._held
@@ -173,9 +173,9 @@ def _pace(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def result_of(plan: Plan, pose: Callable[[np.ndarray], np.ndarray]) -> DryRunResultData:
-    """Return a plan as Commander shows it: rows evenly spaced over its duration.
+    """Return a plan in Commander's form: rows evenly spaced over the plan's duration.
 
-    pose: maps joints (…, n) rad to poses (…, 4, 4) m.
+    `pose`: function from joints (…, n) rad to poses (…, 4, 4) m.
     """
     rows = max(int(np.ceil(plan.duration_s / _ROW_S)), 1) + 1
     q = plan.at(np.linspace(0.0, plan.duration_s, rows))[0]

@@ -1,4 +1,4 @@
-"""The half of the client that moves nothing: queries and settings."""
+"""Base class of the client, with queries and settings, which move nothing."""
 
 import asyncio
 import itertools
@@ -17,8 +17,8 @@ from lerobot_robot_yam.waldo.wire import HOST, MOST_BYTES, PORT, encode, result_
 class StateClient:
     """Queries and settings of a controller, see `AsyncRobotClient`. Settings return 1.
 
-    Making it opens nothing, as Commander does so outside any event loop. Each call has its own connection, so that
-    calls may overlap.
+    The constructor opens no connection, since Commander calls it outside any event loop. Each call has its own
+    connection, so that calls may overlap.
 
     Args:
         host, port: address of the controller.
@@ -32,7 +32,7 @@ class StateClient:
         self._tool: ToolSpec | None = None
 
     async def _ask(self, name: str, within_s: float = 0.0, /, **arguments: Any) -> Any:
-        """Return the controller's answer, within the client's time-out, or `within_s` if that is longer."""
+        """Send a request and return the answer; wait for the client's time-out, or for `within_s` if that is longer."""
         limit_s, address = max(self.timeout, within_s), f"{self.host}:{self.port}"
         request = {"do": name, "with": arguments, "client": self._name, "number": next(self._numbers)}
         try:
@@ -87,7 +87,7 @@ class StateClient:
 
     @palette("Query", "rbt.ping()")
     async def ping(self) -> PingResult | None:
-        """Whether the controller is there (None: it is not), and whether it holds a real arm that may be driven."""
+        """Return whether the controller has a real arm that may be driven; None if no controller answers."""
         try:
             return PingResult(hardware_connected=bool((await self._ask("ping"))["hardware_connected"]))
         except ControllerError:
@@ -95,12 +95,12 @@ class StateClient:
 
     @palette("Query", "rbt.status()")
     async def status(self) -> dict[str, Any]:
-        """All that is known, as the status stream says it."""
+        """Return the newest status, with the fields of the status stream."""
         return dict(await self._ask("status"))
 
     @palette("Query", "rbt.angles()")
     async def angles(self) -> list[float] | None:
-        """The measured joint angles, deg; None: nobody answers."""
+        """Return the measured joint angles, deg; None if no controller answers."""
         try:
             return list(await self._ask("angles"))
         except ControllerError:
@@ -108,32 +108,32 @@ class StateClient:
 
     @palette("Query", "rbt.pose()")
     async def pose(self, frame: str = "WRF") -> list[float]:
-        """The pose of the tool, x y z rx ry rz in mm and deg (intrinsic XYZ)."""
+        """Return the pose of the tool, x y z rx ry rz in mm and deg (intrinsic XYZ)."""
         return list(await self._ask("pose", frame=frame))
 
     @palette("Query", "rbt.joint_speeds()")
     async def joint_speeds(self) -> list[float]:
-        """The measured speeds of the joints, deg/s."""
+        """Return the measured speeds of the joints, deg/s."""
         return list(await self._ask("joint_speeds"))
 
     @palette("Query", "rbt.tcp_speed()")
     async def tcp_speed(self) -> float:
-        """The speed of the tool, mm/s."""
+        """Return the speed of the tool, mm/s."""
         return float((await self.status())["tcp_speed"])
 
     @palette("Query", "rbt.io()")
     async def io(self) -> list[int]:
-        """The digital pins, of which there are none, and 1 for the circuit of the e-stop."""
+        """Return [1], the state of the e-stop circuit; there are no digital pins."""
         return list((await self.status())["io"])
 
     @palette("Query", "rbt.queue()")
     async def queue(self) -> list[str]:
-        """The commands that run or wait."""
+        """Return the commands that run or wait."""
         return list(await self._ask("queue"))
 
     @palette("Query", "rbt.activity()")
     async def activity(self) -> ActivityResult:
-        """What runs now, and what is wrong."""
+        """Return the command that runs now, and the present error."""
         now = await self.status()
         wrong = "" if now["error"] is None else now["error"][2]
         return ActivityResult(
@@ -142,44 +142,44 @@ class StateClient:
 
     @palette("Query", "rbt.error()")
     async def error(self) -> str | None:
-        """What keeps the arm from moving; None: nothing."""
+        """Return the error that keeps the arm from moving, or None."""
         wrong = (await self.status())["error"]
         return None if wrong is None else str(wrong[2])
 
     @palette("Query", "rbt.reachable()")
     async def reachable(self) -> dict[str, list[int]]:
-        """The directions in which the tool may go, by frame: X+ X- Y+ Y- Z+ Z- RX+ RX- RY+ RY- RZ+ RZ-, 1 = it may."""
+        """Return frame -> 1 for each free direction of the tool, else 0: X+ X- Y+ Y- Z+ Z- RX+ RX- RY+ RY- RZ+ RZ-."""
         return dict((await self.status())["cart_en"])
 
     @palette("Query", "rbt.is_simulator()")
     async def is_simulator(self) -> bool:
-        """Whether commands move the simulated arm."""
+        """Return whether commands move the simulated arm."""
         return bool((await self._ask("ping"))["simulator"])
 
     @palette("Query", "rbt.is_freedrive()")
     async def is_freedrive(self) -> bool:
-        """Whether a hand may move the arm now."""
+        """Return whether a hand may move the arm now."""
         return bool((await self.status())["freedrive"])
 
     # the tool
 
     @property
     def tool(self) -> ToolSpec:
-        """The selected tool. Raises RuntimeError: none was selected through this client yet."""
+        """Selected tool. Raises ControllerError (a RuntimeError): no tool was selected through this client yet."""
         if self._tool is None:
             raise ControllerError("no tool was selected through this client yet: call select_tool or tools")
         return self._tool
 
     @palette("Query", "rbt.tools()")
     async def tools(self) -> ToolResult:
-        """The selected tool, and those that there are."""
+        """Return the selected tool, and all tools of the arm."""
         found = ToolResult(**await self._ask("tools"))
         self._tool = bound_tool(found.tool, self)
         return found
 
     @palette("Configuration", 'rbt.select_tool("LINEAR_4310")')
     async def select_tool(self, tool_name: str, variant_key: str = "") -> int:
-        """Say which tool is on the arm: poses are its tip's from now on, without an offset."""
+        """Select the tool to whose tip poses refer from now on, without an offset."""
         code = int(await self._ask("select_tool", tool_name=tool_name, variant_key=variant_key))
         await self.tools()
         return code
@@ -191,14 +191,14 @@ class StateClient:
 
     @palette("Configuration", "rbt.tcp_offset()")
     async def tcp_offset(self) -> list[float]:
-        """The offset of the tool's tip, x y z in mm."""
+        """Return the offset of the tool's tip, x y z in mm."""
         return list(await self._ask("tcp_offset"))
 
     # other settings
 
     @palette("Configuration", 'rbt.connect_hardware("can_follower_l")')
     async def connect_hardware(self, port_str: str) -> int:
-        """Refused, unless it names the channel that the controller has: this choice is made at the arm's computer."""
+        """Check that the controller has this CAN channel; the channel is chosen at the arm's computer."""
         return int(await self._ask("connect_hardware", port_str=port_str))
 
     @palette("Configuration", 'rbt.select_profile("ruckig")')
@@ -208,27 +208,27 @@ class StateClient:
 
     @palette("Query", "rbt.profile()")
     async def profile(self) -> str:
-        """The selected motion profile."""
+        """Return the selected motion profile."""
         return str(await self._ask("profile"))
 
     @palette("Configuration", "rbt.set_payload(0.2)")
     async def set_payload(
         self, mass: float, com: Sequence[float] = (0.0, 0.0, 0.0), inertia: Sequence[float] | None = None
     ) -> int:
-        """Say what the tool carries: kg, and the centre in the frame of the tool, m. `inertia` is not used."""
+        """Set the load at the tool: mass, kg, and its centre in the frame of the tool, m. `inertia` is not used."""
         return int(await self._ask("set_payload", mass=mass, com=com))
 
     @palette("Query", "rbt.payload()")
     async def payload(self) -> dict[str, Any]:
-        """The load at the tool: mass (kg) and com (m)."""
+        """Return the load at the tool: mass (kg) and com (m)."""
         return dict(await self._ask("payload"))
 
     @palette("Configuration", 'rbt.set_shapes([{"name": "box", "center_m": [0.4, 0, 0.1], "size_m": [0.1, 0.1, 0.2]}])')
     async def set_shapes(self, shapes: Sequence[dict[str, Any]]) -> int:
-        """Say which boxes the arm keeps away from: name, center_m (3), size_m (3), yaw_rad, in the base frame."""
+        """Set the boxes that the arm keeps away from: name, center_m (3), size_m (3), yaw_rad, in the base frame."""
         return int(await self._ask("set_shapes", shapes=shapes))
 
     @palette("Query", "rbt.shapes()")
     async def shapes(self) -> list[dict[str, Any]]:
-        """The boxes that the arm keeps away from."""
+        """Return the boxes that the arm keeps away from."""
         return list(await self._ask("shapes"))

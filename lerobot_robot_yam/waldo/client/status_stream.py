@@ -12,7 +12,7 @@ from waldoctl import ActionState, ToolState, ToolStatus
 from lerobot_robot_yam.waldo.poses import FRAMES
 from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, encode
 
-_AGAIN_S = 0.2  # wait before the stream connects again
+_AGAIN_S = 0.2  # wait before the stream connects again, s
 _VARIANT = {"variant_key": ""} if "variant_key" in getattr(ToolStatus, "__dataclass_fields__", {}) else {}
 
 
@@ -26,13 +26,13 @@ class ControllerMode(IntEnum):
 class StatusBuffer:
     """One status. Lengths in mm, angles in deg; `speeds` in rad/s, torques in Nm, `tcp_speed` in mm/s.
 
-    The fields are those of the contract. `tool_status` is a new object each time, as the host writes into it.
+    The fields are defined by Commander's contract. `tool_status` is new in each status, as Commander writes into it.
     """
 
     def __init__(self) -> None:
         self.pose, self.angles, self.speeds = np.eye(4).reshape(16), np.zeros(6), np.zeros(6)
         self.torques: np.ndarray = np.zeros(6)
-        self.torques_ext: np.ndarray | None = None  # not offered, without a model of the tool's contact
+        self.torques_ext: np.ndarray | None = None  # external torques: always None, there is no model of contacts
         self.io, self.joint_en = np.ones(1, np.int32), np.zeros(12, np.int32)
         self.cart_en = {frame: np.zeros(12, np.int32) for frame in FRAMES}
         self.tool_status = ToolStatus()
@@ -40,7 +40,7 @@ class StatusBuffer:
         self.mode = ControllerMode.SIMULATOR
 
     def write(self, message: dict[str, Any]) -> None:
-        """Copy a status from a message of the wire."""
+        """Copy the fields of a message into this status."""
         for name, value in message.items():
             held = getattr(self, name, None)
             if isinstance(held, np.ndarray):
@@ -64,7 +64,7 @@ class StatusBuffer:
 
 
 class StatusStream:
-    """Statuses of the controller at an address, and of its successors there."""
+    """Stream of statuses of the controller at an address; it reconnects when another controller starts there."""
 
     def __init__(self, host: str, port: int):
         self._address = host, port

@@ -1,4 +1,4 @@
-"""The client for scripts: the calls of the asynchronous one, each of which blocks until its answer.
+"""Client for scripts, with the calls of the asynchronous client; each call blocks until its answer.
 
 from lerobot_robot_yam import RobotClient
 
@@ -17,15 +17,15 @@ from lerobot_robot_yam.waldo.client.async_client import AsyncRobotClient
 
 
 class RobotClient:
-    """A client of the controller with the calls of `AsyncRobotClient`, which block.
+    """Client of the controller with the calls of `AsyncRobotClient`, which block.
 
-    It runs an event loop of its own during a call, so in a running event loop use the asynchronous client.
+    Each call runs the client's own event loop, so use the asynchronous client inside a running event loop.
     """
 
     def __init__(self, *args: Any, **kwargs: Any):
         self._client = AsyncRobotClient(*args, **kwargs)
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._lock = threading.Lock()  # threads of a script take turns
+        self._lock = threading.Lock()  # held during a call, so that only one thread runs the event loop
 
     def _run(self, call: Coroutine[Any, Any, Any]) -> Any:
         with self._lock:
@@ -35,7 +35,7 @@ class RobotClient:
 
     @property
     def tool(self) -> "BlockingTool":
-        """The selected tool. Raises ControllerError: no controller answers."""
+        """Selected tool. Raises ControllerError: no controller answers."""
         if self._client._tool is None:
             self._run(self._client.tools())
         return BlockingTool(self._client.tool, self._run)
@@ -44,7 +44,7 @@ class RobotClient:
         """Disconnect. Idempotent."""
         if self._loop is not None and not self._loop.is_closed():
             self._run(self._client.close())
-            self._run(asyncio.sleep(0))  # closed transports end in the next turn
+            self._run(asyncio.sleep(0))  # closed transports end in the loop's next iteration
             self._loop.close()
 
     def __enter__(self) -> "RobotClient":
@@ -55,9 +55,9 @@ class RobotClient:
 
 
 class BlockingTool:
-    """A tool whose actions block; it has all attributes of the tool.
+    """Tool with blocking actions, and all attributes of the wrapped tool.
 
-    tool: a bound tool. run: runs a coroutine to its end.
+    `tool`: bound tool to wrap; `run`: function that runs a coroutine to its end.
     """
 
     def __init__(self, tool: Any, run: Callable[[Coroutine[Any, Any, Any]], Any]):

@@ -1,7 +1,7 @@
 """Requests of clients: motions, planned in a thread and queued in order, or streamed at once; and settings.
 
-A method that answers a request has name, arguments, units and results of the client's call (see `client`), and raises
-YamError with the reason to refuse it.
+A method for a request has the name, arguments, units and results of the client's call (see `client`). The method
+raises YamError with the reason if the request is refused.
 """
 
 import asyncio
@@ -25,13 +25,13 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.poses import Numbers, from_command, numbers
 from lerobot_robot_yam.waldo.program import PROFILES, swapped
 
-_STILL_RAD_S = 0.05  # three steps of the motors' reported speed
+_STILL_RAD_S = 0.05  # joint speed up to which the arm counts as still, rad/s: three steps of the reported speed
 _MM = 1e-3
 _NO_LOAD = {"mass": 0.0, "com": [0.0, 0.0, 0.0]}
 
 
 class MotionRequests:
-    """Motion commands of one controller. Each method but the first two answers a request."""
+    """Motion commands of one controller. The public methods except `set_workspace` and `close` answer requests."""
 
     def __init__(self, controller: Controller):
         self._controller, self._motion = controller, controller.motion
@@ -43,7 +43,7 @@ class MotionRequests:
         self._worker.shutdown(cancel_futures=True)
 
     async def set_workspace(self, workspace: WorkspaceConfig) -> None:
-        """Plan with this workspace from now on."""
+        """Use this workspace for all further plans."""
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(self._worker, lambda: self._planner.keep_clear(workspace))
 
@@ -63,7 +63,7 @@ class MotionRequests:
         return await self._planned(command, lambda p, q: program.pause(q, seconds), blends=False)
 
     async def _planned(self, command: Command, plan: Callable[[Planner, np.ndarray], Plan], blends: bool = True) -> int:
-        """Plan a command from the end of those before it, round the corner if allowed; return its queue index."""
+        """Plan a command from the end of the queue, blend it with the motion before if allowed; return its index."""
         motion, epoch = self._motion, self._motion.epoch
         async with self._in_turn:
             self._controller.check_enabled()
@@ -165,7 +165,7 @@ async def _until(condition: Callable[[], bool], timeout: float) -> bool:
 
 
 def _text(values: Any) -> str:
-    """Format numbers for the status, whatever was sent."""
+    """Format a client's numbers for the status; return "" if they are no numbers."""
     try:
         return " ".join(f"{float(value):.1f}" for value in values)
     except (TypeError, ValueError):
@@ -173,12 +173,12 @@ def _text(values: Any) -> str:
 
 
 class SettingRequests:
-    """Settings of one controller. None of them moves or energises the arm.
+    """Settings of one controller. No setting moves or energises the arm.
 
-    motions: the controller's motion commands, which keep away from the shapes.
+    `motions`: the controller's motion commands, which keep away from the shapes.
 
     Attributes:
-        scene_epoch: grows with each change of the shapes.
+        scene_epoch: counter that grows with each change of the shapes.
     """
 
     def __init__(self, controller: Controller, motions: MotionRequests):
@@ -221,7 +221,7 @@ class SettingRequests:
         return 1
 
     def set_payload(self, mass: float, com: Sequence[float] = (0.0, 0.0, 0.0)) -> int:
-        """Set a payload in the gravity model of the real arm, from its next arming on."""
+        """Set the payload in the real arm's gravity model; takes effect at the next arming."""
         (mass_kg,), com_m = numbers("mass", [mass], 1).tolist(), numbers("com", com, 3).tolist()
         ArmConfig(channel="none", payload_mass_kg=mass_kg, payload_com_m=com_m)  # checks the ranges
         if self._controller.real is not None:
@@ -233,7 +233,7 @@ class SettingRequests:
         return self._payload
 
     async def set_shapes(self, shapes: Sequence[Mapping[str, Any]]) -> int:
-        """Keep away from boxes in the frame of the base: plans at once, and the real arm's loop once it is armed."""
+        """Set boxes to avoid, in the frame of the base; plans use them at once, the real arm's loop once armed."""
         if not all(isinstance(shape, Mapping) for shape in shapes):
             raise PlanError("a shape is {name, center_m, size_m, yaw_rad}: a box in the frame of the base")
         own = self._controller.hardware.config.workspace

@@ -15,7 +15,7 @@ from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.status_report import STATUS_HZ, StatusReport
 from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, door_path, encode
 
-_BEHIND_BYTES = 1 << 16  # unread statuses at which a client gets no more until it reads
+_BEHIND_BYTES = 1 << 16  # bytes of unread statuses from which on a client gets no more until it reads
 _REQUESTS = {
     Controller: "stop estop reset simulator freedrive teleport",
     MotionRequests: (
@@ -31,7 +31,7 @@ _REQUESTS = {
 """Requests of clients. Arming and landing are the operator's alone."""
 
 _STOPS = ("stop", "estop")
-_MOST_CLIENTS = 64  # most clients whose stops are remembered
+_MOST_CLIENTS = 64  # largest number of clients whose newest stop is remembered
 
 Requests = Mapping[str, Callable[..., Any]]
 
@@ -39,9 +39,9 @@ logger = logging.getLogger(__name__)
 
 
 class CommandServer:
-    """The controller, its requests and its status stream, for a host and a port.
+    """Server of a controller: clients' requests and statuses over TCP, and the operator's requests.
 
-    operator: the operator's requests, at the socket `wire.door_path`; None does not open it.
+    `operator`: the operator's requests, served at the socket `wire.door_path`; None: the socket is not opened.
     """
 
     def __init__(self, controller: Controller, operator: Requests | None = None):
@@ -55,7 +55,7 @@ class CommandServer:
         }
         acts = f"{_REQUESTS[Controller]} {_REQUESTS[MotionRequests]}".split()
         self._acts = {name for name in acts if name not in _STOPS and not name.startswith("wait_")}
-        self._stopped: dict[str, int] = {}  # number of the newest stop, by client
+        self._stopped: dict[str, int] = {}  # client -> number of its newest stop
         self._subscribers: set[asyncio.StreamWriter] = set()
         self._tasks: set[asyncio.Task[None]] = set()
         self._operator = operator
@@ -63,7 +63,7 @@ class CommandServer:
         self._servers: list[asyncio.Server] = []
 
     async def open(self, host: str, port: int) -> None:
-        """Serve from now on. Raises ControllerError: the port is taken, or the host is not this computer's."""
+        """Start to serve. Raises ControllerError: the port is taken, or the address is not this computer's."""
         try:
             serve = functools.partial(self._serve, self._requests)
             self._servers.append(await asyncio.start_server(serve, host, port, limit=MOST_BYTES))
@@ -71,7 +71,7 @@ class CommandServer:
             raise ControllerError(f"{host}:{port} cannot be served ({error.strerror}); is it taken?") from error
         if self._operator is not None:
             self._door = door_path(port)
-            self._door.unlink(missing_ok=True)  # left by a dead controller, as the port is ours
+            self._door.unlink(missing_ok=True)  # only a dead controller can have left the socket, since we own the port
             serve = functools.partial(self._serve, self._operator)
             self._servers.append(await asyncio.start_unix_server(serve, self._door))
             self._door.chmod(0o600)
@@ -79,7 +79,7 @@ class CommandServer:
             self._keep(asyncio.create_task(work))
 
     async def close(self) -> None:
-        """Stop serving. The arm is not touched: see `Controller.land`."""
+        """Stop serving. The arm stays as it is; `Controller.land` lands it."""
         for server in self._servers:
             server.close()
         if self._door is not None:
@@ -92,7 +92,7 @@ class CommandServer:
         self.motions.close()
 
     async def request(self, name: str, /, **arguments: Any) -> Any:
-        """Return the result of a client's request. Raises YamError: it is refused."""
+        """Do a client's request and return the result. Raises YamError: the request is refused."""
         return await self._result(self._requests, name, arguments)
 
     async def _result(self, requests: Requests, name: str, arguments: dict[str, Any]) -> Any:
@@ -117,12 +117,12 @@ class CommandServer:
         while True:
             try:
                 self.controller.tick()
-            except Exception as error:  # a defect: the arm's own loop holds when targets cease
+            except Exception as error:  # a defect in our code; the arm's own loop holds when targets cease
                 if not self.controller.fault:
                     logger.exception("a tick of the controller failed")
                     self.controller.fail(f"the controller has a defect ({error}); see its log")
             self.report.ticked()
-            due_s = max(due_s + TICK_S, loop.time())  # no burst after a delay
+            due_s = max(due_s + TICK_S, loop.time())  # after a delay, missed ticks are skipped
             await asyncio.sleep(due_s - loop.time())
 
     async def _send_on(self) -> None:
@@ -154,9 +154,9 @@ class CommandServer:
             else:
                 writer.write(encode(await self._answer(requests, message)))
                 await writer.drain()
-        except (OSError, ValueError) as error:  # disconnected, or no client of ours
+        except (OSError, ValueError) as error:  # the client has disconnected, or sends no JSON
             logger.debug("a client is gone: %s", error)
-        except asyncio.CancelledError:  # the controller's end, which Python would log as an error
+        except asyncio.CancelledError:  # raised at the controller's end; Python would log it as an error
             pass
         finally:
             self._subscribers.discard(writer)
@@ -164,7 +164,7 @@ class CommandServer:
                 writer.close()
 
     def _refuse_overtaken(self, name: str, client: object, number: object) -> None:
-        """Raise ControllerError if a stop that the client has sent after this request has arrived first."""
+        """Raise ControllerError if a stop that the client sent after this request has arrived earlier."""
         if not (isinstance(client, str) and isinstance(number, int)):
             return
         newest = self._stopped.get(client, 0)
@@ -184,6 +184,6 @@ class CommandServer:
             return {"result": await self._result(requests, name, dict(message.get("with", {})))}
         except YamError as error:
             return {"refused": str(error)}
-        except Exception as error:  # a defect must still be answered
+        except Exception as error:  # a defect in our code; the client still needs an answer
             logger.exception("%s failed", name)
             return {"refused": f"{name} failed ({type(error).__name__}); see the log of the controller"}

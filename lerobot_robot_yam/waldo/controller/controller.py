@@ -1,6 +1,6 @@
-"""The controller of one arm: the plant that it moves, whether it accepts commands, and what stops it.
+"""Controller of one arm: moves a plant, accepts or refuses commands, and stops.
 
-Single-threaded: all but planning runs in one event loop. Only `arm` energises the arm, and no client can request it.
+Everything but planning runs in one event loop. Only `arm` energises the arm, and no client can request `arm`.
 """
 
 import asyncio
@@ -21,29 +21,29 @@ from lerobot_robot_yam.waldo.poses import numbers
 from lerobot_robot_yam.waldo.program import swapped
 
 TICK_S = 0.01
-_REST_S = 0.2  # after the last motion the arm has to hold; its own loop would do so after 0.5 s
+_REST_S = 0.2  # time after the last motion until the arm is told to hold, s; its own loop would wait 0.5 s
 _NOT_HERE = "start the controller with --hardware at the arm's computer, and arm it there: yam-waldo arm"
 
 logger = logging.getLogger(__name__)
 
 
 class Controller:
-    """One arm, simulated or real, and its set-point. Begins in simulator mode.
+    """Controller of one arm, simulated or real. It begins in simulator mode.
 
     Args:
-        hardware: profiles and limits.
-        real: the real arm; None for the simulated one only.
-        now: the clock, s.
+        hardware: profiles and limits of the arm.
+        real: the real arm; None: there is only the simulated arm.
+        now: function that returns the time, s.
 
     Attributes:
-        planner: for the thread of the event loop.
-        motion: the set-point.
-        plant: the arm that follows it.
-        reading: the plant's at the newest tick.
-        tool_key, offset_m: the selected tool, and the offset (3,) of its tip.
-        stopped: an e-stop is latched.
-        fault: why the plant has failed; empty if it has not.
-        session_id: a new one for each controller.
+        planner: planner for use in the event loop's thread.
+        motion: set-point of the arm, and the commands that move it.
+        plant: arm that follows the set-point.
+        reading: reading of the plant at the newest tick.
+        tool_key, offset_m: selected tool, and the offset (3,) of its tip, m.
+        stopped: whether an e-stop is latched.
+        fault: why the plant has failed; empty if all is well.
+        session_id: random number in every status, by which clients notice a new controller.
     """
 
     def __init__(self, hardware: ResolvedArm, real: RealArm | None = None, now: Callable[[], float] = time.monotonic):
@@ -72,12 +72,12 @@ class Controller:
 
     @property
     def ready_hardware(self) -> bool:
-        """Whether there is a real arm that was armed and may be driven."""
+        """Whether there is a real arm that is armed and well."""
         return self.real is not None and self.real.armed and not self.real.trouble()
 
     @property
     def refusal(self) -> str:
-        """Why no commands that move are accepted; empty if they are."""
+        """Reason why motion commands are refused; empty if they are accepted."""
         if self.fault:
             return f"the arm has failed, and holds as far as it can: {self.fault}"
         if self.stopped:
@@ -85,12 +85,12 @@ class Controller:
         return "the arm floats, so that a hand can move it: freedrive(False) ends that" if self.floats else ""
 
     def check_enabled(self) -> None:
-        """Raise ControllerError if no commands are accepted."""
+        """Raise ControllerError if motion commands are refused."""
         if self.refusal:
             raise ControllerError(self.refusal)
 
     def tick(self) -> None:
-        """Advance the set-point, and have the plant follow; hold when the plant fails."""
+        """Advance the set-point, and send it to the plant; hold when the plant fails."""
         now = self.now()
         try:
             self.reading = self.plant.read()
@@ -112,7 +112,7 @@ class Controller:
             self.fail(str(error))
 
     def _float_on(self) -> None:
-        """Begin at the hand's last pose once the arm no longer floats. Raises ControllerError: it has failed."""
+        """Set the set-point to the arm's pose once the arm no longer floats. Raises ControllerError: it has failed."""
         assert self.real is not None
         if why := self.real.trouble():
             raise ControllerError(why)
@@ -120,7 +120,7 @@ class Controller:
             self.motion.take_over(self.reading)
 
     def fail(self, why: str) -> None:
-        """Cancel all commands; the arm's own loop holds or lands it."""
+        """Cancel all commands and note the fault; the arm's own loop holds or lands the arm."""
         logger.error("%s", why)
         self.fault = why
         self.motion.take_over(self.reading)
@@ -138,7 +138,7 @@ class Controller:
         return 1
 
     def _hold_again(self) -> None:
-        """End the floating: the arm holds its pose."""
+        """End the floating, so that the arm holds its pose."""
         self.plant.rest()
         self.reading = self.plant.read()
         self.motion.take_over(self.reading)
@@ -163,7 +163,7 @@ class Controller:
         return 1
 
     def simulator(self, enabled: bool) -> int:
-        """Have commands move the simulated arm, or the real one, which holds its pose. Queue and streams are dropped.
+        """Choose whether commands move the simulated arm or the real arm, which holds its pose; drop all commands.
 
         Raises:
             ControllerError: there is no real arm that is armed and well.
@@ -184,7 +184,7 @@ class Controller:
         last = self.reading
         try:
             self.plant.rest()
-        except YamError as error:  # the arm has failed: its own loop holds or lands it
+        except YamError as error:  # the arm has failed; its own loop holds or lands the arm
             logger.warning("%s", error)
         self.simulated.teleport(np.clip(last.q, self.planner.lower, self.planner.upper), last.opening)
         self._use(self.simulated)
@@ -195,10 +195,10 @@ class Controller:
         self.motion.take_over(self.reading)
 
     def freedrive(self, enabled: bool) -> int:
-        """Let a hand move the real arm, or have it hold its pose.
+        """Let a hand move the real arm, or have the arm hold its pose.
 
         Raises:
-            ControllerError: in simulator mode, or no commands are accepted.
+            ControllerError: commands move the simulated arm, or motion commands are refused.
         """
         if self.in_simulator or self.real is None:
             raise ControllerError("freedrive is for the real arm; a simulated one is put somewhere by teleport")
@@ -211,11 +211,11 @@ class Controller:
         return 1
 
     def teleport(self, angles_deg: Sequence[float], tool_positions: Sequence[float] | None = None) -> int:
-        """Set the simulated arm's joints and jaws at once. No other plant can do so.
+        """Set the simulated arm's joints (deg) and jaws (0 open … 1 closed) at once.
 
         Raises:
-            ControllerError: not in simulator mode.
-            PlanError: malformed, or beyond a limit.
+            ControllerError: commands move the real arm.
+            PlanError: the values are malformed, or beyond a limit.
         """
         if not self.in_simulator:
             raise ControllerError("teleport is for the simulator, and commands move the real arm now; nothing moves")
@@ -228,7 +228,7 @@ class Controller:
         return 1
 
     def use_tool(self, key: str, offset_m: np.ndarray) -> None:
-        """Refer poses to this tool's tip from now on. Raises ConfigError: the arm has no such tool."""
+        """Select the tool to whose tip poses refer from now on. Raises ConfigError: the arm has no such tool."""
         frame = tip(self.hardware.gripper, key, offset_m)
         self.tool_key, self.offset_m, self.tip = key, offset_m, frame
         self.planner.kinematics.tool = frame
@@ -236,10 +236,10 @@ class Controller:
     # what only an operator at this computer may do
 
     async def arm(self) -> None:
-        """ENERGISE the real arm, which then holds its pose; commands go on moving what they moved.
+        """ENERGISE the real arm, which then holds its pose; commands still move the same plant as before.
 
         Raises:
-            YamError: there is none, or it failed; nothing is energised.
+            YamError: there is no real arm, or arming failed; nothing is energised.
         """
         async with self._arming:
             if self.real is None:
@@ -247,10 +247,10 @@ class Controller:
             await asyncio.to_thread(self.real.arm)
 
     async def land(self) -> bool:
-        """Land the real arm and cut torque; commands move the simulated one from now on.
+        """Land the real arm and cut torque; commands move the simulated arm from now on.
 
         Returns:
-            Whether it is down. Else its control loop holds it, and lands it as soon as it can.
+            Whether the arm is down. If not, its control loop holds the arm, and lands as soon as possible.
         """
         async with self._arming:
             if not self.in_simulator:

@@ -1,4 +1,4 @@
-"""The process of the controller: serves until it is told to end, and lands the arm then.
+"""Process of the controller: serves until a signal or its parent's end, and then lands the arm.
 
     python -m lerobot_robot_yam.waldo.controller.controller_process --port 5001
 
@@ -28,13 +28,13 @@ from lerobot_robot_yam.waldo.controller.plant import RealArm
 from lerobot_robot_yam.waldo.wire import HOST, PORT
 
 _LOOK_S = 0.2
-_SWITCH_S = 0.001  # longest delay of a tick by the planning thread; Python's 5 ms are half a tick
+_SWITCH_S = 0.001  # longest delay of a tick by the planning thread, s; Python's default of 5 ms is half a tick
 
 logger = logging.getLogger(__name__)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
+    """Run the controller; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--host", default=HOST, help=f"address to serve (default {HOST}: this computer only)")
     parser.add_argument("--port", type=int, default=PORT, help=f"port to serve (default {PORT})")
@@ -62,13 +62,13 @@ async def serve(
     """Serve one arm until a signal or the parent's end; then land it.
 
     Args:
-        host, port: address to serve.
-        config: the real arm; None for the simulated one of the environment only.
-        parent: process with which it ends; None: it ends by a signal alone.
-        opened: called when it serves.
+        host, port: address to listen on.
+        config: config of the real arm; None: only the simulated arm that the environment names.
+        parent: process whose end also ends this one; None: only a signal does.
+        opened: called when the server is ready.
 
     Raises:
-        YamError: it cannot be served.
+        YamError: the server cannot be started.
     """
     if config is None:
         controller = Controller(ArmChoice.of_environment().resolved())

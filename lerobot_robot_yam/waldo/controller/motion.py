@@ -1,4 +1,4 @@
-"""The set-point of the arm: one queue of planned commands, or one stream of jog and servo commands.
+"""Set-point of the arm, moved by a queue of planned commands, or by one stream of jog and servo commands.
 
 Pure: the caller passes the time and receives the set-point of each tick. A stream is refused while the queue moves the
 arm, and a queued command waits until a stream has come to rest.
@@ -18,18 +18,18 @@ from lerobot_robot_yam.waldo.planning.jog import Play, State, Stream
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
 
-MOST_QUEUED = 1000  # commands; a program that sends more has lost its waits
-_REMEMBERED = 100_000  # ends of commands that are kept for `wait_command`
-_ARRIVED_RAD = 2e-3  # distance of the arm's own set-point to a plan's end that counts as arrived
-_SAME_RAD = 1e-6  # largest distance of a plan's begin from the set-point
-_REST_RAD_S = 1e-6  # speed that counts as rest, for rounding
-_ARRIVE_S = 2.0  # wait for the arm after a plan's end, then it counts as held back
-_JAW_S = 3.0  # longest move of a gripper
-_JAW_BEGINS_S = 0.15  # time after a command in which a jaw may still stand
+MOST_QUEUED = 1000  # largest number of commands in the queue: a program with more probably lacks waits
+_REMEMBERED = 100_000  # number of commands whose end is remembered for `wait_command`
+_ARRIVED_RAD = 2e-3  # distance of the arm's own set-point from a plan's end that counts as arrived, rad
+_SAME_RAD = 1e-6  # largest distance of a plan's first point from the set-point, rad
+_REST_RAD_S = 1e-6  # speed that counts as rest, rad/s: above rounding errors
+_ARRIVE_S = 2.0  # wait for the arm after a plan's end, s; a later arm counts as held back
+_JAW_S = 3.0  # longest move of a gripper, s
+_JAW_BEGINS_S = 0.15  # time after a command in which a jaw may not move yet, s
 
 
 class End(Enum):
-    """End of a command."""
+    """How a command ended."""
 
     DONE = "done"
     CANCELLED = "cancelled"
@@ -40,12 +40,12 @@ class Command:
     """One entry of the queue: a motion, a move of the jaws, or a mark.
 
     Attributes:
-        name, text: as the status shows them.
-        plan: the motion; None: the arm stays.
-        opening: target of the jaws, 0 closed … 1 open; None: they stay.
-        label: a checkpoint's.
-        radius_m: distance to its end at which the next motion may begin; 0: it comes to rest there.
-        index: number in the queue, once it is queued.
+        name, text: name and arguments in the status.
+        plan: motion of the arm; None: the arm stays.
+        opening: target of the jaws, 0 closed … 1 open; None: the jaws stay.
+        label: label of a checkpoint.
+        radius_m: distance to the motion's end at which the next motion may begin, m; 0: it ends at rest.
+        index: number of the command, given when it is queued.
     """
 
     name: str
@@ -58,24 +58,24 @@ class Command:
 
 
 class Blend(NamedTuple):
-    """A motion, and its union with the next one."""
+    """Blend of two motions: the first motion, and both joined to one."""
 
     first: Plan
     joined: Plan
 
 
 class Motion:
-    """The set-point of one arm, and the commands that move it.
+    """Set-point of one arm, and the commands that move it.
 
-    planner: this arm's, for stops. reading: the arm's.
+    `planner`: the arm's planner, for stops; `reading`: present reading of the arm.
 
     Attributes:
-        q, dq: (n,) rad and rad/s, the set-point.
-        opening: the gripper's, 0 closed … 1 open; None without one.
+        q, dq: set-point (n,) and its speed, rad and rad/s.
+        opening: set-point of the gripper, 0 closed … 1 open; None without a gripper.
         running: the present command, or None.
         completed: index of the last command that was carried out, -1 at first.
-        checkpoint: label of the last one passed.
-        epoch: grows when commands are cancelled; plans of an earlier epoch must not be queued.
+        checkpoint: label of the last checkpoint that was passed.
+        epoch: counter that grows when commands are cancelled; plans of an earlier epoch must not be queued.
     """
 
     def __init__(self, planner: Planner, reading: Reading):
@@ -84,16 +84,16 @@ class Motion:
         self._ends: dict[int, End] = {}
         self._next_index, self._began_s = 0, 0.0
         self._last_s: float | None = None
-        self._free_s: float | None = None  # time since which nothing runs
+        self._free_s: float | None = None  # begin of the next command, s; None: its first tick
         self._late = False
         self._stream: Stream | None = None
-        self._stopping = False  # the stream is the way to rest after a stop
+        self._stopping = False  # whether the stream only brings the arm to rest
         self.running: Command | None = None
         self.completed, self.checkpoint, self.epoch = -1, "", 0
         self.take_over(reading)
 
     def take_over(self, reading: Reading) -> None:
-        """Begin at the arm's own set-point, at rest; drop everything queued or streamed."""
+        """Restart from the arm's own set-point, at rest; drop everything queued or streamed."""
         self._cancel()
         self._stream, self._free_s = None, None
         self.q, self.dq = np.array(reading.setpoint_q), np.zeros(len(reading.setpoint_q))
@@ -101,7 +101,7 @@ class Motion:
 
     @property
     def setpoint(self) -> State:
-        """The set-point and its speed."""
+        """Set-point and its speed."""
         return self.q, self.dq
 
     @property
@@ -111,12 +111,12 @@ class Motion:
 
     @property
     def streams(self) -> bool:
-        """Whether a stream moves the arm, or it comes to rest after a stop."""
+        """Whether a stream moves the arm or brings it to rest."""
         return self._stream is not None
 
     @property
     def waiting(self) -> list[Command]:
-        """The present command and those that wait, in order."""
+        """Present command and all waiting commands, in order."""
         return [*([self.running] if self.running else []), *self._queue]
 
     @property
@@ -126,22 +126,22 @@ class Motion:
         return plans[-1].q[-1] if plans else self.q
 
     def end_of(self, index: int) -> End | None:
-        """Return the end of a command; None if it has not ended, or never existed."""
+        """Return how a command ended; None if it has not ended, or never existed."""
         return self._ends.get(index)
 
     @property
     def blending(self) -> Plan | None:
-        """The motion whose end the next one may round, or None."""
+        """Last motion in the queue if the next motion may be blended with it, or None."""
         last = self.waiting[-1] if self.planned else None
         return last.plan if last is not None and last.radius_m > 0.0 else None
 
     def add(self, command: Command, epoch: int, blend: Blend | None = None) -> int:
         """Queue a command that was planned from `end_q` in this epoch; return its index.
 
-        blend: the union with the motion before, used if that one has not come too far meanwhile.
+        `blend`: this motion joined to the motion before, used if the motion before has not gone too far meanwhile.
 
         Raises:
-            ControllerError: commands were cancelled, or the arm was moved, meanwhile; or too many wait.
+            ControllerError: commands were cancelled or the arm was moved meanwhile, or too many commands wait.
         """
         if epoch != self.epoch:
             raise ControllerError(f"{command.name}: the arm was stopped meanwhile; nothing moves")
@@ -157,7 +157,7 @@ class Motion:
         return command.index
 
     def _round(self, before: Command, command: Command, joined: Plan) -> None:
-        """Blend two motions, unless the first one has passed the begin of the blend."""
+        """Blend two motions, unless the first motion has passed the begin of the blend."""
         assert before.plan is not None and command.plan is not None
         overlap_s = before.plan.duration_s + command.plan.duration_s - joined.duration_s
         begins_s = before.plan.duration_s - overlap_s
@@ -166,11 +166,11 @@ class Motion:
         before.plan, command.plan = joined.cut(begins_s + overlap_s / 2)
 
     def stream(self, begin: Callable[[], Stream]) -> None:
-        """Jog or servo by the stream that `begin` makes.
+        """Start a jog or servo stream, or renew the present one with it. `begin`: function that makes the stream.
 
         Raises:
             ControllerError: a queued command moves the arm.
-            PlanError: from `begin`; the present stream goes on.
+            PlanError: `begin` failed; the present stream goes on.
         """
         if any(command.plan is not None for command in self.waiting):
             raise ControllerError("a queued command moves the arm: stop it, or wait until it has ended")
@@ -179,12 +179,12 @@ class Motion:
             self._stream, self._stopping = newer, False
 
     def end_stream(self) -> None:
-        """Let a stream come to rest, for a planned command to follow."""
+        """Bring a stream to rest, so that a planned command can follow."""
         if self._stream is not None and not self._stopping:
             self._come_to_rest(self._planner.stop(self.q, self.dq))
 
     def stop(self, now: float) -> None:
-        """Come to rest as soon as the limits allow, on the path of the running plan; cancel everything."""
+        """Cancel everything, and come to rest as soon as the limits allow, on the path of the running plan."""
         running = self.running.plan if self.running is not None else None
         self._cancel()
         if running is not None:
@@ -207,7 +207,7 @@ class Motion:
         self._ends.pop(command.index - _REMEMBERED, None)
 
     def step(self, now: float, reading: Reading) -> bool:
-        """Advance the set-point; return whether it or the jaws move or will move.
+        """Advance the set-point; return whether the arm or its jaws move or will move.
 
         Raises:
             ControllerError: the arm does not reach the end of a plan; everything is cancelled.
@@ -238,7 +238,7 @@ class Motion:
             over_s = past_s - command.plan.duration_s
             if over_s < 0.0:
                 return False
-            rests = np.abs(command.plan.dq[-1]).max() < _REST_RAD_S  # else it blends into the next one
+            rests = np.abs(command.plan.dq[-1]).max() < _REST_RAD_S  # a blended motion ends with a speed
             if rests and np.abs(reading.setpoint_q - self.q).max() > _ARRIVED_RAD:
                 if over_s > _ARRIVE_S:
                     self._cancel()

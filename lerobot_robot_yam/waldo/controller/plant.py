@@ -1,7 +1,7 @@
-"""Plants of the controller: arms that follow its set-point, simulated or real.
+"""Plants of the controller: arms that follow the controller's set-point, simulated or real.
 
-The real arm is behind the session layer: its limits, landing, emergency stop and stand-by all hold. Only `RealArm.arm`
-energises, which only an operator's own command reaches.
+The real arm is driven through a session, so its limits, landing, emergency stop and stand-by apply. Only
+`RealArm.arm` energises the arm, and only an operator's command calls it.
 """
 
 import dataclasses
@@ -21,20 +21,20 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import ArmState
 
 _JAW_ROUNDING = 0.03  # share of the stroke by which a free jaw may miss its target
-_STILL_PER_S = 0.02  # strokes/s below which a jaw counts as still
+_STILL_PER_S = 0.02  # speed below which a jaw counts as still, strokes/s
 
 logger = logging.getLogger(__name__)
 
 
 class Reading(NamedTuple):
-    """An arm at one moment. n joints; the gripper 0 closed … 1 open, None without one.
+    """State of an arm with n joints at one moment.
 
     Attributes:
-        q, dq, tau_nm: (n,) measured; rad, rad/s, Nm.
-        setpoint_q: (n,) rad.
-        opening, asked_opening: the gripper, measured and its target.
-        jaw_still: it has arrived, or gets no farther.
-        grip_nm: torque of its motor.
+        q, dq, tau_nm: (n,) measured angles, speeds and torques, rad, rad/s, Nm.
+        setpoint_q: (n,) set-point of the arm's own loop, rad.
+        opening, asked_opening: measured opening and target of the gripper, 0 closed … 1 open; None without a gripper.
+        jaw_still: whether the jaws have arrived, or get no farther.
+        grip_nm: torque of the gripper's motor, Nm.
     """
 
     q: np.ndarray
@@ -48,33 +48,33 @@ class Reading(NamedTuple):
 
     @property
     def holds_part(self) -> bool:
-        """Whether something keeps the jaws from closing."""
+        """Whether an object keeps the jaws from closing."""
         if self.opening is None or self.asked_opening is None or not self.jaw_still:
             return False
         return self.opening - self.asked_opening > _JAW_ROUNDING
 
 
 class Plant(Protocol):
-    """An arm that follows a set-point."""
+    """Arm that follows a set-point."""
 
     def read(self) -> Reading:
         """Return the present reading. Raises YamError: the arm has failed or is silent."""
 
     def follow(self, q: np.ndarray, dq: np.ndarray, opening: float | None, dt_s: float) -> None:
-        """Set q (n,) rad, moving with dq (n,) rad/s, for this tick of dt_s.
+        """Set the set-point q (n,) rad, with speed dq (n,) rad/s, and the gripper's target for this tick of dt_s.
 
         Raises:
             YamError: the arm accepts no targets.
         """
 
     def rest(self) -> None:
-        """Keep the last set-point, as no more come for now. Raises YamError: the arm has failed."""
+        """Hold the last set-point, since no more come for now. Raises YamError: the arm has failed."""
 
 
 class SimulatedArm:
-    """A plant that is exactly at its set-point; its jaws move at the gripper's speed limit. It has no motors.
+    """Plant without motors that is always exactly at its set-point; its jaws move at the gripper's speed limit.
 
-    q: (n,) rad, pose at the start.
+    `q`: joints (n,) at the start, rad.
     """
 
     def __init__(self, hardware: ResolvedArm, q: np.ndarray):
@@ -104,17 +104,17 @@ class SimulatedArm:
 
 
 class RealArm:
-    """A plant that drives the arm on a CAN channel. Methods other than `arm` and `land` return at once.
+    """Plant that drives the arm on a CAN channel. Methods other than `arm` and `land` return at once.
 
-    It tracks with `track_integral`: without, friction moves the tool up to 2.7 mm off a line on the virtual rig.
+    The arm tracks with `track_integral`; without it, friction moves a virtual arm's tool up to 2.7 mm off a line.
 
     Args:
-        config: the arm.
-        isolation: where its control loop runs, see `ArmSession`.
+        config: config of the arm.
+        isolation: where the arm's control loop runs, see `ArmSession`.
 
     Attributes:
-        config: configuration for the next arming.
-        floats: a hand may move the arm, and it accepts no targets.
+        config: config for the next arming.
+        floats: whether a hand may move the arm, which then accepts no targets.
     """
 
     def __init__(self, config: ArmConfig, isolation: Isolation = "process"):
@@ -124,18 +124,18 @@ class RealArm:
 
     @property
     def armed(self) -> bool:
-        """Whether an operator has armed it, and it has not landed since."""
+        """Whether an operator has armed the arm, and the arm has not landed since."""
         return self._session is not None and self._session.running
 
     @property
     def client(self) -> ArmClient:
-        """Client of the armed arm. Raises ControllerError: it is not armed."""
+        """Client of the armed arm. Raises ControllerError: the arm is not armed."""
         if self._session is None or not self._session.running:
             raise ControllerError(f"{self.config.name}: it is not armed; at its computer: yam-waldo arm")
         return self._session[self.config.name]
 
     def load(self, mass_kg: float, com_m: Sequence[float]) -> None:
-        """Set the payload at the tool. Raises YamError: out of range, or the arm is armed."""
+        """Set the payload at the tool. Raises YamError: the values are out of range, or the arm is armed."""
         if self.armed:
             raise ControllerError(
                 f"{self.config.name}: the arm is armed, and carries what it was armed with; `yam-waldo land` first"
@@ -143,18 +143,18 @@ class RealArm:
         self.config = dataclasses.replace(self.config, payload_mass_kg=mass_kg, payload_com_m=list(com_m))
 
     def keep_clear(self, workspace: WorkspaceConfig) -> None:
-        """Set the workspace. Raises YamError: malformed, or the arm is armed."""
+        """Set the workspace. Raises YamError: the workspace is malformed, or the arm is armed."""
         if self.armed:
             raise ControllerError(f"{self.config.name}: the arm is armed; `yam-waldo land`, then change the shapes")
         self.config = dataclasses.replace(self.config, workspace=workspace)
 
     def arm(self) -> None:
-        """ENERGISE the arm: it holds its pose. Waits; does nothing for one that is armed and well.
+        """ENERGISE the arm, which then holds its pose. Waits; does nothing if the arm is armed and well.
 
         A failed arm is enabled again in its pose; if that does not help, it lands as far as it can, and is armed again.
 
         Raises:
-            YamError: the reason; nothing is energised that was not.
+            YamError: arming failed; nothing is energised that was not energised before.
         """
         if self._session is not None:
             why = self.trouble()
@@ -173,12 +173,12 @@ class RealArm:
         self._session = session
 
     def land(self) -> bool:
-        """Land the arm, cut torque, release the channel. Waits; idempotent. Returns False if it is still in the air."""
+        """Land the arm, cut torque, release the channel; return False if the arm is still in the air. Idempotent."""
         session, self._session = self._session, None
         return session is None or session.stop()
 
     def trouble(self) -> str:
-        """Return why it neither accepts targets nor floats as requested; empty if all is well."""
+        """Return why the arm neither accepts targets nor floats as requested; empty if all is well."""
         try:
             self._taking()
         except YamError as error:
@@ -218,7 +218,7 @@ class RealArm:
         self.floats = False
 
     def let_float(self) -> None:
-        """Let a hand move the arm, carried against gravity. Raises YamError: it does not float, and holds."""
+        """Let a hand move the arm, carried against gravity. Raises YamError: the arm does not float, and holds."""
         self._taking()
         self.client.float()
         self.floats = True

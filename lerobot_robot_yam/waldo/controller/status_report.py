@@ -1,7 +1,7 @@
-"""Statuses of the controller's arm, 100 times a second, as plain values; and the queries that are parts of them.
+"""Statuses of the controller's arm, 100 times a second, as plain values; and the queries that return parts of one.
 
-Lengths in mm, angles in deg, joint speeds in rad/s, torques in Nm, as in the contract. A status also has the open jog
-buttons: those of joints off their limits, and of axes along or about which the tool could go a little farther.
+Lengths in mm, angles in deg, joint speeds in rad/s, torques in Nm, as in Commander's contract. A status also says
+which jog buttons are enabled: of joints off their limits, and of axes on which the tool can still move a little.
 """
 
 import asyncio
@@ -20,17 +20,17 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.poses import FRAMES, check_frame, commanded, to_command
 from lerobot_robot_yam.waldo.program import swapped
 
-STATUS_HZ = 100  # the contract's maximum, at which one late turn does not make an interval of 30 ms
-_PROBE_S = 0.2  # between two probes of the tool's directions
-_MOVED_RAD = 1e-3  # motion since the last probe that needs a new one
-_AHEAD_S = 1e-3  # step over which the tool's speed follows from the joints'
+STATUS_HZ = 100  # rate of statuses, Hz: the contract's maximum, so that one late status leaves no gap of 30 ms
+_PROBE_S = 0.2  # wait between two probes of the tool's directions, s
+_MOVED_RAD = 1e-3  # joint motion since the last probe that requires a new probe, rad
+_AHEAD_S = 1e-3  # step of the finite difference for the tool's speed, s
 _LATE_S = 2.0 * TICK_S
-_IDLE, _EXECUTING, _ERROR = 0, 1, 2  # ActionState
-_TOOL_OFF, _TOOL_IDLE, _TOOL_ACTIVE = 0, 1, 2  # ToolState
+_IDLE, _EXECUTING, _ERROR = 0, 1, 2  # values of Commander's ActionState
+_TOOL_OFF, _TOOL_IDLE, _TOOL_ACTIVE = 0, 1, 2  # values of Commander's ToolState
 _FAULT_CODE, _STOP_CODE = 1, 2  # codes of warnings
-_BAND_RAD = np.radians(1.0)  # distance from which a joint counts as at its limit
+_BAND_RAD = np.radians(1.0)  # distance below which a joint counts as at its limit, rad
 _PROBES = np.array([5.0] * 3 + [1.0] * 3)  # probed steps, mm and degrees
-_JUMP_RAD = 0.5  # distance beyond which a solution is another way of holding the tool
+_JUMP_RAD = 0.5  # joint distance beyond which a solution belongs to another configuration of the arm, rad
 
 
 class StatusReport:
@@ -44,11 +44,11 @@ class StatusReport:
         self._ticks: deque[float] = deque(maxlen=500)
 
     def ticked(self) -> None:
-        """Note a tick of the controller."""
+        """Record the time of a tick of the controller."""
         self._ticks.append(self._controller.now())
 
     async def probe_on(self) -> None:
-        """Probe the tool's directions again and again, in a thread, until cancelled."""
+        """Probe the tool's directions repeatedly, in a thread, until cancelled."""
         while True:
             q, tip = self._controller.reading.q.copy(), self._controller.tip
             moved = self._probed is None or np.abs(self._probed[0] - q).max() > _MOVED_RAD
@@ -99,7 +99,7 @@ class StatusReport:
             "angles": self.angles(),
             "speeds": _listed(reading.dq),
             "torques": _listed(reading.tau_nm),
-            "io": [1],  # no pins, and the closed circuit of an e-stop
+            "io": [1],  # only the e-stop circuit, closed; there are no digital pins
             "tool": self._tool(),
             "joint_en": _listed(joints_enabled(controller.planner, reading.q)),
             "cart_en": self._open,
@@ -114,7 +114,7 @@ class StatusReport:
             "collision_active": False,
             "collision_pairs": [],
             "scene_epoch": self._settings.scene_epoch,
-            "homed": True,  # the motors know their angles
+            "homed": True,  # always: the motors know their angles without homing
             "enabled": not controller.refusal,
             "warnings": warnings,
             "link_health": {},
@@ -141,7 +141,7 @@ class StatusReport:
         }
 
     def _warnings(self) -> list[tuple[int, int, str, str, str, str]]:
-        """Return (command, code, title, cause, effect, remedy) of each warning; the standing fault first."""
+        """Return (command, code, title, cause, effect, remedy) of each warning, a present fault first."""
         controller, found = self._controller, []
         why = controller.fault
         if not why and controller.in_simulator and controller.real is not None and controller.real.armed:
@@ -163,7 +163,7 @@ class StatusReport:
             return {}
         return {
             "temperatures_c": _listed(state.temp_mos_c),
-            "currents_ma": None,  # these motors report torque
+            "currents_ma": None,  # unknown: these motors report torque
             "bus_voltage_v": None,
             "faults": [
                 fault.name for fault in Fault if fault in state.fault and fault not in (Fault.NORMAL, Fault.DISABLED)
@@ -176,13 +176,13 @@ class StatusReport:
 
 
 def joints_enabled(planner: Planner, q: np.ndarray) -> np.ndarray:
-    """Return (2 n,) int32, 1 where joint 1 may be jogged up, down, joint 2 up … at q (n,) rad, else 0."""
+    """Return (2 n,) int32 for joint 1 up, 1 down, joint 2 up …: 1 if this jog is possible at q (n,) rad, else 0."""
     ways = np.stack([q < planner.upper - _BAND_RAD, q > planner.lower + _BAND_RAD], axis=1)
     return ways.ravel().astype(np.int32)
 
 
 def axes_enabled(planner: Planner, q: np.ndarray) -> dict[str, np.ndarray]:
-    """Return, by frame, (12,) int32 for X+ X− Y+ Y− … RZ−: 1 where the tool can go 5 mm or turn 1° from q, else 0."""
+    """Return frame -> (12,) int32 for X+ X− Y+ Y− … RZ−: 1 if the tool can go 5 mm or turn 1° from q, else 0."""
     now, found = planner.pose(q), {}
     steps = [sign * _PROBES * axis for axis in np.eye(6) for sign in (1.0, -1.0)]
     for frame in FRAMES:

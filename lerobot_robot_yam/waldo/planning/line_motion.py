@@ -1,14 +1,14 @@
-"""A straight line of the tool, as a motion of the joints: first the joints along it, then the timing.
+"""A straight line of the tool, as a motion of the joints: first the joints along the line, then the timing.
 
     p(s) = p0 + s Δp        R(s) = exp(s φ) R0        0 ≤ s ≤ 1,  φ the rotation vector from start to end
 
-The joints at some shares come from inverse kinematics, each seeded from the one before; between them they move on the
-cubics through q and dq/ds = J⁻¹ (Δp, φ). The middle of each piece is checked, and pieces are halved until all are
-straight. Where that fails, or the joints would have to race, the line passes a singularity: two ways of holding the
-tool meet there, and an arm cannot go on at a finite speed.
+The joints at some shares come from inverse kinematics, each solution seeded from the one before; between the shares,
+joints move on cubics through q and dq/ds = J⁻¹ (Δp, φ). The middle of each piece is checked, and pieces are halved
+until all are straight. If halving fails, or joints would be too fast, the line passes a singularity: two configurations
+of the arm meet there, and the arm cannot go on at a finite speed.
 
-With the share s of the way, joints turn with q' ds/dt and accelerate with q'' (ds/dt)² + q' d²s/dt². One speed holds
-for a whole line: the highest that the tool may have, and that each joint can do everywhere on it.
+At the share s of the way, joints turn with q' ds/dt and accelerate with q'' (ds/dt)² + q' d²s/dt². A whole line has
+one speed: the highest that the tool's limits allow, and that each joint can follow everywhere on the line.
 """
 
 import math
@@ -34,16 +34,16 @@ from lerobot_robot_yam.waldo.planning.tool_kinematics import ToolKinematics
 STRAIGHT_M, STRAIGHT_RAD = 1e-4, 1e-3
 """Largest error in the middle of a piece: a fifth of the promised 0.5 mm and 0.3°."""
 
-_PIECE_M, _PIECE_RAD = 0.01, 0.05  # largest pieces of the first division
-_DIVISIONS = 3  # most halvings
-_AHEAD_RAD = 0.5  # largest extrapolation from one share to the next
+_PIECE_M, _PIECE_RAD = 0.01, 0.05  # largest length and turn of a piece in the first division, m and rad
+_DIVISIONS = 3  # largest number of halvings
+_AHEAD_RAD = 0.5  # largest extrapolation of a joint from one share to the next, rad
 _AT_LIMIT_RAD = 1e-6
 _SLOWEST = 0.1  # share of the tool's full speed below which a joint shows that a singularity is near
 _TINY = 1e-9
 
 
 class Line(NamedTuple):
-    """A line from a pose (4, 4) of the tool: way (3,) m, and turn (3,), a rotation vector in the axes of the base."""
+    """Line from a pose (4, 4) of the tool: way (3,), m, and turn (3,), a rotation vector in the base's axes, rad."""
 
     start: np.ndarray
     way: np.ndarray
@@ -51,12 +51,12 @@ class Line(NamedTuple):
 
     @classmethod
     def between(cls, start: np.ndarray, end: np.ndarray) -> "Line":
-        """Return the line from one pose (4, 4) to another, with the shorter turn."""
+        """Return the line between two poses (4, 4), with the shorter turn."""
         return cls(start, end[:3, 3] - start[:3, 3], rotation_vector(end[:3, :3] @ start[:3, :3].T))
 
     @property
     def size(self) -> tuple[float, float]:
-        """Length in m, and turn in rad."""
+        """Length, m, and turn, rad."""
         return float(np.linalg.norm(self.way)), float(np.linalg.norm(self.turn))
 
     def at(self, share: float) -> np.ndarray:
@@ -68,7 +68,7 @@ class Line(NamedTuple):
 
     @property
     def twist(self) -> np.ndarray:
-        """Speed and rate of turn (6,) per share."""
+        """Change of the pose per share (6,): way, m, and rotation vector, rad."""
         return np.concatenate([self.way, self.turn])
 
 
@@ -76,8 +76,8 @@ def joint_path(arm: ToolKinematics, line: Line, start_q: np.ndarray, names: list
     """Return the joints along a line, as a `Plan` whose times are shares of the way.
 
     Args:
-        start_q: (n,) rad at the line's start; a joint outside its range may only come back.
-        names: the joints'.
+        start_q: joints (n,) at the line's start, rad; a joint outside its range may only come back.
+        names: names of the joints, for messages.
 
     Raises:
         PlanError: the line leaves the reach or a joint's range, or passes a singularity.
@@ -101,13 +101,13 @@ def timed(
 
     Args:
         path: the joints along the line, see `joint_path`.
-        joints: their limits.
+        joints: limits of the joints' motion.
         share: shares of the limits of speed and of acceleration.
-        duration_s: 0 for as short as the limits allow.
-        names: the joints'.
+        duration_s: wanted duration, s; 0: as short as the limits allow.
+        names: names of the joints, for messages.
 
     Raises:
-        PlanError: a joint would have to race, or it takes longer than `duration_s`.
+        PlanError: a joint would be too fast, or the motion takes longer than `duration_s`.
     """
     length, turn = (max(extent, _TINY) for extent in line.size)
     speed = min(LINE_SPEED_M_S / length, LINE_SPEED_RAD_S / turn)
@@ -133,7 +133,7 @@ def timed(
 
 
 def _divided(arm: ToolKinematics, line: Line, start_q: np.ndarray, names: list[str], pieces: int) -> Plan:
-    """Return the path through this many equal pieces; if the joints jump, it is not straight in between."""
+    """Return the path through `pieces` equal pieces; if the joints jump, the path is not straight in between."""
     shares = np.linspace(0.0, 1.0, pieces + 1)
     q, rate = np.empty((2, pieces + 1, len(start_q)))
     q[0], rate[0] = start_q, arm.rates(start_q, line.twist)
@@ -156,7 +156,7 @@ def _straight(arm: ToolKinematics, line: Line, path: Plan) -> bool:
 
 
 def _why_not(arm: ToolKinematics, q: np.ndarray, names: list[str], share: float) -> str:
-    """Explain why there was no solution but q (n,), the nearest one."""
+    """Return the reason why there was no solution; q (n,) is the nearest attempt, rad."""
     room = np.minimum(q - arm.lower, arm.upper - q)
     where = f"at {100 * share:.0f} % of the line"
     stopped = [f"{names[i]} at {math.degrees(q[i]):.1f}°" for i in np.flatnonzero(room <= _AT_LIMIT_RAD).tolist()]

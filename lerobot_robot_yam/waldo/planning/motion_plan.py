@@ -1,15 +1,15 @@
-"""A planned motion: one value that the dry run draws, the simulator plays, and a real arm follows.
+"""Planned motions: the dry run draws a plan, the simulator plays it, and a real arm follows it.
 
-Motions are time-optimal under limits of speed, acceleration and jerk, by ruckig. From rest to rest all coordinates keep
-the same share of their way (phase synchronisation), so that the way is a straight line in joint space and does not
-depend on the speed. From a moving start they only end at the same time.
+ruckig makes motions time-optimal under limits of speed, acceleration and jerk. From rest to rest, all coordinates keep
+the same share of their way (phase synchronisation), so the way is a straight line in joint space and does not depend
+on the speed. From a moving start, coordinates only end at the same time.
 
 Two motions become one if the second begins before the first has come to rest. The corner between them is rounded:
 
     q(t) = first(t) + second(t − t_b) − corner
 
-so it leaves the first motion and enters the second smoothly, and differs from both only while the tool is within a
-radius of the corner.
+so the joined motion leaves the first motion and enters the second smoothly, and differs from both only while the tool
+is within a radius of the corner.
 """
 
 import math
@@ -22,22 +22,22 @@ import ruckig
 from lerobot_robot_yam.errors import PlanError
 from lerobot_robot_yam.waldo.poses import number
 
-JOINT_ACCELERATION_RAD_S2 = 6.0  # ours: 1.5 rad/s after 0.35 s; the control loop's set-point can do 30
-JOINT_JERK_RAD_S3 = 60.0  # ours: full acceleration after 0.1 s
-STOP_FACTOR = 2.0  # factor on both for a stop: from 1.5 rad/s to rest in 0.23 s
-LINE_SPEED_M_S, LINE_SPEED_RAD_S = 0.25, 1.2  # ours: a hand beside the arm can follow it
-LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2 = 1.0, 5.0  # ours: full speed after 0.35 s
-LINE_RAMP_S = 0.1  # duration of the ramp to full acceleration
+JOINT_ACCELERATION_RAD_S2 = 6.0  # our choice: 1.5 rad/s after 0.35 s; the control loop's set-point allows 30
+JOINT_JERK_RAD_S3 = 60.0  # our choice: full acceleration after 0.1 s
+STOP_FACTOR = 2.0  # factor on the accelerations for a stop: from 1.5 rad/s to rest in 0.13 s
+LINE_SPEED_M_S, LINE_SPEED_RAD_S = 0.25, 1.2  # our choice: slow enough that a hand can follow the arm
+LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2 = 1.0, 5.0  # our choice: full speed after 0.35 s
+LINE_RAMP_S = 0.1  # duration of the ramp to full acceleration, s
 JOG_SHARE = 0.5  # share of the joints' speed limits for jogging
-DEFAULT_SPEED = 0.5  # share of the limits for a command with speed 0
-LEAST_ACCELERATION = 0.05  # least share, as Commander's slider goes down to 0
+DEFAULT_SPEED = 0.5  # share of the speed limits for a command with speed 0
+LEAST_ACCELERATION = 0.05  # least share of the acceleration limits: Commander's slider goes down to 0
 HOME_RAD = np.radians([0.0, 60.0, 60.0, -29.0, 0.0, 0.0])
 """Pose of `home`, away from limits and gimbal lock: the upper arm raised, the tool 29° below the level."""
 
-_LONGEST_S = 3600.0  # longest duration of a motion
-_SAMPLE_S = 0.01  # between two points of a plan; a cubic through them is off by less than 1e-5 rad
-_LOOKS = 100  # samples of each motion that are compared with the radius
-_LATE = 1.05  # factor on the wanted duration beyond which a motion is refused
+_LONGEST_S = 3600.0  # longest duration of a motion, s
+_SAMPLE_S = 0.01  # time between two points of a plan, s: cubics through the points are off by less than 1e-5 rad
+_LOOKS = 100  # number of intervals of each motion whose ends are compared with the radius
+_LATE = 1.05  # factor on the wanted duration beyond which a motion counts as too slow
 _TINY = 1e-9
 _JERK_SHARES = (1.0, 0.999, 0.99, 0.9)
 
@@ -50,7 +50,7 @@ class Limits(NamedTuple):
     jerk: np.ndarray
 
     def scaled(self, speed: float, acceleration: float) -> "Limits":
-        """Return these shares of the limits; the jerk goes with the acceleration."""
+        """Return these shares of the limits; the jerk has the acceleration's share."""
         return Limits(speed * self.speed, acceleration * self.acceleration, acceleration * self.jerk)
 
 
@@ -64,11 +64,11 @@ def shares(speed: float, accel: float, duration_s: float) -> tuple[float, float]
     """Return a command's shares of the speed and acceleration limits.
 
     Args:
-        speed, accel: 0 … 1; a speed of 0 is `DEFAULT_SPEED`.
-        duration_s: above 0 it replaces the speed.
+        speed, accel: shares 0 … 1; a speed of 0 is `DEFAULT_SPEED`.
+        duration_s: wanted duration, s; above 0, the duration replaces the speed.
 
     Raises:
-        PlanError: not numbers, or outside these ranges.
+        PlanError: an argument is not a number, or outside its range.
     """
     fast, quick = number("speed", speed, 0.0, 1.0), number("accel", accel, 0.0, 1.0)
     timed = number("duration", duration_s, 0.0, _LONGEST_S) > 0.0
@@ -76,12 +76,12 @@ def shares(speed: float, accel: float, duration_s: float) -> tuple[float, float]
 
 
 class Plan(NamedTuple):
-    """A motion of n joints through k points, k ≥ 2; between two of them each joint moves on a cubic.
+    """Motion of n joints through k ≥ 2 points; between two points each joint moves on a cubic.
 
     Attributes:
-        times_s: (k,) from 0, rising.
-        q: (k, n) rad.
-        dq: (k, n) rad/s.
+        times_s: (k,) rising times from 0, s.
+        q: (k, n) joint angles, rad.
+        dq: (k, n) joint speeds, rad/s.
     """
 
     times_s: np.ndarray
@@ -90,11 +90,11 @@ class Plan(NamedTuple):
 
     @property
     def duration_s(self) -> float:
-        """Duration, s."""
+        """Duration of the motion, s."""
         return float(self.times_s[-1])
 
     def at(self, t_s: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return q (n,) rad and dq (n,) rad/s at a time, clamped to the plan; for times (m,), (m, n) each."""
+        """Return q (n,) rad and dq (n,) rad/s at a time, clamped to the plan; both are (m, n) for times (m,)."""
         t = np.clip(t_s, 0.0, self.times_s[-1])
         i = np.clip(np.searchsorted(self.times_s, t, side="right") - 1, 0, len(self.times_s) - 2)
         h = np.asarray(self.times_s[i + 1] - self.times_s[i])[..., None]
@@ -105,7 +105,7 @@ class Plan(NamedTuple):
         return q, (before + u * (2.0 * square + 3.0 * u * cube)) / h
 
     def cut(self, t_s: float) -> "tuple[Plan, Plan]":
-        """Split the plan at a time within it."""
+        """Split the plan at a time within it; return both parts."""
         i = int(np.searchsorted(self.times_s, t_s))
         q, dq = (value[None] for value in self.at(t_s))
         before = Plan(np.append(self.times_s[:i], t_s), np.append(self.q[:i], q, 0), np.append(self.dq[:i], dq, 0))
@@ -114,21 +114,21 @@ class Plan(NamedTuple):
 
 
 def standing(q: np.ndarray) -> Plan:
-    """Return the plan of a move from q (n,) rad to itself, of 1 ms."""
+    """Return a plan of 1 ms that stays at q (n,) rad."""
     return Plan(np.array([0.0, 1e-3]), np.array([q, q]), np.zeros((2, len(q))))
 
 
 def sample_times(duration_s: float) -> np.ndarray:
-    """Return (k,) s, evenly from 0 to a duration, at most `_SAMPLE_S` apart."""
+    """Return evenly spaced times (k,) from 0 to a duration, at most `_SAMPLE_S` apart, s."""
     return np.linspace(0.0, duration_s, max(math.ceil(duration_s / _SAMPLE_S), 1) + 1)
 
 
 def overlap_s(first: Plan, second: Plan, pose: Callable[[np.ndarray], np.ndarray], radius_m: float) -> float:
-    """Return the time for which the two motions may run together, s.
+    """Return the time for which the two motions may overlap, s, at most half of each motion.
 
     Args:
-        pose: maps joints (k, n) rad to poses (k, 4, 4) m of the tool.
-        radius_m: distance to the corner within which the tool may leave them. No motion is shortened by more than half.
+        pose: function from joints (k, n) rad to poses (k, 4, 4) m of the tool.
+        radius_m: distance to the corner within which the tool may leave the two motions, m.
     """
     looks = [plan.at(np.linspace(0.0, plan.duration_s, _LOOKS + 1))[0] for plan in (first, second)]
     first_m, second_m = (pose(q)[:, :3, 3] for q in looks)
@@ -142,7 +142,7 @@ def overlap_s(first: Plan, second: Plan, pose: Callable[[np.ndarray], np.ndarray
 
 
 def superposed(first: Plan, second: Plan, overlap: float) -> Plan:
-    """Return both motions as one, the second begun `overlap` s before the first ends."""
+    """Return both motions as one plan; the second begins `overlap` s before the first ends."""
     begin = first.duration_s - overlap
     times = sample_times(begin + second.duration_s)
     (q, dq), (further, further_dq) = first.at(times), second.at(times - begin)
@@ -150,18 +150,18 @@ def superposed(first: Plan, second: Plan, overlap: float) -> Plan:
 
 
 def move(start: np.ndarray, speed: np.ndarray, target: np.ndarray, limits: Limits, duration_s: float = 0.0) -> Plan:
-    """Plan from start (n,), moving with speed (n,), to rest at target (n,).
+    """Plan a motion from start (n,), moving with speed (n,), to rest at target (n,).
 
-    duration_s: wanted duration; 0 for as short as the limits allow.
+    `duration_s`: wanted duration, s; 0: as short as the limits allow.
 
     Raises:
-        PlanError: it takes longer than `duration_s`.
+        PlanError: the motion takes longer than `duration_s`.
     """
     if np.abs(target - start).max() < _TINY and np.abs(speed).max() < _TINY and not duration_s:
         return standing(start)
     given = ruckig.InputParameter(len(start))
     given.current_position, given.current_velocity, given.target_position = start, speed, target
-    # ruckig refuses a start that is faster than its limit; a set-point may be, by rounding or from a quicker motion.
+    # ruckig refuses a start above its speed limit, but a set-point may be faster, by rounding or from a faster motion.
     given.max_velocity = np.maximum(limits.speed, np.abs(speed))
     given.max_acceleration, given.max_jerk = limits.acceleration, limits.jerk
     given.synchronization = ruckig.Synchronization.Phase
@@ -171,7 +171,7 @@ def move(start: np.ndarray, speed: np.ndarray, target: np.ndarray, limits: Limit
     times = sample_times(trajectory.duration)
     rows = [trajectory.at_time(t) for t in times.tolist()]
     plan = Plan(times, np.array([row[0] for row in rows]), np.array([row[1] for row in rows]))
-    plan.q[-1], plan.dq[-1] = target, 0.0  # to the last bit: a target may be a limit
+    plan.q[-1], plan.dq[-1] = target, 0.0  # exact, since the target may be a limit
     if 0.0 < duration_s * _LATE < plan.duration_s:
         raise PlanError(
             f"this takes at least {plan.duration_s:.2f} s within the limits, not {duration_s:.2f} s; "
@@ -181,9 +181,9 @@ def move(start: np.ndarray, speed: np.ndarray, target: np.ndarray, limits: Limit
 
 
 def brake(start: np.ndarray, speed: np.ndarray, deceleration: np.ndarray) -> Plan:
-    """Plan to rest from start (n,), moving with speed (n,), each coordinate evenly with its deceleration (n,).
+    """Plan a stop from start (n,), moving with speed (n,); each coordinate brakes with its own deceleration (n,).
 
-    The deceleration has no ramp, so that any motion that could brake before a limit still can.
+    The deceleration starts at once, without a ramp, so the stop is never longer than a motion's own braking.
     """
     lasts_s = np.abs(speed) / deceleration
     if lasts_s.max() < _TINY:
@@ -195,7 +195,7 @@ def brake(start: np.ndarray, speed: np.ndarray, deceleration: np.ndarray) -> Pla
 
 
 def _trajectory(given: ruckig.InputParameter) -> ruckig.Trajectory:
-    """Compute by ruckig, which fails where two of its cases meet to the last bit; slightly less jerk avoids that."""
+    """Compute a trajectory; where ruckig fails at the exact border of two of its cases, slightly less jerk helps."""
     trajectory = ruckig.Trajectory(given.degrees_of_freedom)
     jerk = np.array(given.max_jerk)
     for share in _JERK_SHARES:

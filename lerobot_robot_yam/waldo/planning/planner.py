@@ -1,6 +1,6 @@
-"""Plans of one arm: the only place where commands become motions, for the dry run, the simulator and a real arm alike.
+"""Planner of one arm: the only place where commands become motions, for dry run, simulator and real arm.
 
-Nothing here reads a clock or a motor, and the same calls give the same plans. Impossible commands are refused before
+The planner reads no clock and no motor, so the same calls give the same plans. Impossible commands are refused before
 anything moves.
 """
 
@@ -29,31 +29,31 @@ from lerobot_robot_yam.waldo.planning.motion_plan import (
 from lerobot_robot_yam.waldo.planning.tool_kinematics import ToolKinematics
 from lerobot_robot_yam.waldo.poses import numbers
 
-_ROUNDING_RAD = 1e-4  # allowed excess over a limit, for degrees rounded as text
-_SAME_M, _SAME_RAD = 1e-6, 1e-6  # length and turn of a line that count as none
-_SAME_S = 1e-3  # braking time that counts as none
+_ROUNDING_RAD = 1e-4  # allowed excess over a limit, rad: degrees in text are rounded
+_SAME_M, _SAME_RAD = 1e-6, 1e-6  # length and turn up to which a line counts as a point, m and rad
+_SAME_S = 1e-3  # braking time up to which the arm counts as at rest, s
 _RESTS_RAD_S = 1e-6
 _SPEED_ROUNDING = 1.001
-_LOOK_RAD = 0.05  # joint motion between two checks; `Clearance` checks in between near obstacles
+_LOOK_RAD = 0.05  # joint motion between two collision checks, rad; `Clearance` checks more closely near obstacles
 
 
 class Planner:
     """Planner of an arm's motions. Not thread-safe.
 
-    All angles in rad, lengths in m; poses are (4, 4) of the tool's tip in the frame of the arm's base.
+    All angles in rad, lengths in m; poses (4, 4) are of the tool's tip in the frame of the arm's base.
 
     Args:
         hardware: the arm.
-        workspace: limits in space; None for those of its configuration.
+        workspace: limits in space; None: the workspace in the arm's config.
 
     Attributes:
-        kinematics: the arm's and its tool's; the bare flange's at first.
+        kinematics: kinematics of arm and tool; at first of the bare flange.
         lower, upper: (n,) limits of the joints.
         limits: limits of the joints' motion.
         home_q: (n,) target of `home`.
 
     Raises:
-        ConfigError: it does not have six joints, or its workspace cannot be used.
+        ConfigError: the arm does not have six joints, or its workspace cannot be used.
     """
 
     def __init__(self, hardware: ResolvedArm, workspace: WorkspaceConfig | None = None):
@@ -68,17 +68,17 @@ class Planner:
         self.keep_clear(hardware.config.workspace if workspace is None else workspace)
 
     def keep_clear(self, workspace: WorkspaceConfig) -> None:
-        """Keep these limits in space from now on: floor, boxes and the arm itself, the gripper open.
+        """Set the limits in space for further plans: floor, boxes, and the arm itself with its gripper open.
 
         Raises:
-            ConfigError: they cannot be used; the old ones stay.
+            ConfigError: the workspace cannot be used; the old limits stay.
         """
         hardware = self.hardware
         guarded = GuardedArm(hardware.name, hardware.arm, hardware.gripper, workspace, hardware.tilt_rad)
         self._clearance = Clearance([guarded]) if workspace.limits_anything else None
 
     def conflict(self, q: np.ndarray) -> tuple[str, str] | None:
-        """Return the names of the first two parts that joints (k, n) bring too near; None for a clear way."""
+        """Return the names of the first two parts that come too close on the way (k, n); None for a clear way."""
         if self._clearance is None:
             return None
         kept = [0]
@@ -99,16 +99,16 @@ class Planner:
             )
 
     def pose(self, q: np.ndarray) -> np.ndarray:
-        """Return (…, 4, 4) of the tool's tip at joints (…, n)."""
+        """Return the poses (…, 4, 4) of the tool's tip at joints (…, n)."""
         return self.kinematics.pose(q)
 
     def inverse(self, pose: np.ndarray, near_q: np.ndarray, turn_over: bool = True) -> np.ndarray:
         """Return joints (n,) that put the tool's tip at a pose, if possible near `near_q`.
 
-        turn_over: search farther away, too.
+        `turn_over`: whether to search far from `near_q`, too.
 
         Raises:
-            PlanError: out of reach.
+            PlanError: the pose is out of reach.
         """
         found = self.kinematics.solve(pose, near_q, turn_over)
         if not found.converged:
@@ -130,23 +130,23 @@ class Planner:
         duration: float | None = 0.0,
         start_dq: np.ndarray | None = None,
     ) -> Plan:
-        """Plan a move of the joints: from rest on a straight line in joint space.
+        """Plan a move of the joints, which from rest is a straight line in joint space.
 
         Args:
-            start_q: (n,) the set-point.
-            target_q: (n,).
+            start_q: (n,) present set-point, rad.
+            target_q: (n,) joints at the end, rad.
             speed, accel: shares 0 … 1 of the limits; a speed of 0 is `motion_plan.DEFAULT_SPEED`.
-            duration: s; above 0 it replaces `speed`.
-            start_dq: (n,) rad/s of a set-point that moves; None for one at rest.
+            duration: wanted duration, s; above 0, the duration replaces `speed`.
+            start_dq: (n,) speed of the present set-point, rad/s; None: at rest.
 
         Raises:
-            PlanError: malformed, beyond a limit, too fast, or blocked.
+            PlanError: the target is malformed or beyond a limit, or the move is too fast or blocked.
         """
         duration_s = duration or 0.0
         target, limits = self.within(target_q), self.limits.scaled(*shares(speed, accel, duration_s))
         resting = np.zeros(len(target))
         plan = motion_plan.move(start_q, resting if start_dq is None else start_dq, target, limits, duration_s)
-        if start_dq is not None:  # a moving start may overshoot
+        if start_dq is not None:  # a moving start may overshoot a limit
             self._check_range(plan, start_q)
         self._check_clear(plan.q)
         return plan
@@ -160,14 +160,14 @@ class Planner:
         accel: float = 1.0,
         duration: float | None = 0.0,
     ) -> Plan:
-        """Plan a move of the tool's tip along a straight line, turning evenly; from rest.
+        """Plan a move of the tool's tip from rest along a straight line, turning evenly.
 
         Args:
-            target: (4, 4).
+            target: pose (4, 4) at the end.
             speed, accel, duration: as for `joints`; the speed also scales the tool's limits.
 
         Raises:
-            PlanError: malformed, out of reach or through a singularity somewhere on the line, too fast, or blocked.
+            PlanError: the line leaves the reach or meets a singularity, or the move is malformed, too fast or blocked.
         """
         duration_s = duration or 0.0
         share = shares(speed, accel, duration_s)
@@ -184,13 +184,13 @@ class Planner:
         return self.joints(start_q, self.home_q)
 
     def stop(self, q: np.ndarray, dq: np.ndarray) -> Plan:
-        """Plan from a set-point (n,) that moves with dq (n,) rad/s to rest, braking harder than a move."""
+        """Plan a stop from a set-point (n,) that moves with dq (n,) rad/s, braking harder than a move."""
         return motion_plan.brake(q, dq, STOP_FACTOR * self.limits.acceleration)
 
     def stop_on(self, plan: Plan, t_s: float) -> Plan:
-        """Plan to rest from t_s within a running plan, on its path.
+        """Plan a stop on the path of a running plan, from its time t_s on.
 
-        The plan's time runs ever more slowly:  τ = t + u − u² / 2T,  and stands after T.
+        The plan's time slows down as  τ = t + u − u² / 2T,  and stands still after T.
         """
         q, dq = plan.at(t_s)
         lasts_s = float((np.abs(dq) / self.limits.acceleration).max())
@@ -203,9 +203,9 @@ class Planner:
         return Plan(times, way, speed * (1.0 - times / lasts_s)[:, None])
 
     def joined(self, first: Plan, second: Plan, radius_m: float) -> Plan:
-        """Join two moves, the second from the first one's end, and round the corner within `radius_m`.
+        """Join two successive moves, and round the corner between them within `radius_m`.
 
-        Less of the corner is rounded, or none, if rounding would break a limit or come too near to something.
+        The corner is rounded less, or not at all, if rounding would exceed a limit or come too close to an obstacle.
         """
         overlap = overlap_s(first, second, self.pose, radius_m)
         for share in (1.0, 0.5, 0.25):
@@ -220,7 +220,7 @@ class Planner:
         """Return `q` as (n,) floats, with rounding beyond the limits removed.
 
         Raises:
-            PlanError: malformed, or beyond a limit; names the joint.
+            PlanError: `q` is malformed, or a joint is beyond its limit; the message names the joint.
         """
         given = numbers(f"{self.hardware.name}: a target, angles of joints,", q, len(self.lower))
         over = self._outside(given)
@@ -234,7 +234,7 @@ class Planner:
         return np.clip(given, self.lower, self.upper)
 
     def _outside(self, q: np.ndarray) -> np.ndarray:
-        """Return each joint's largest excess over its range in q (…, n): (n,) rad, below 0 inside."""
+        """Return each joint's largest excess (n,) over its range in q (…, n), rad; negative inside the range."""
         over = np.maximum(self.lower - q, q - self.upper)
         return over.reshape(-1, over.shape[-1]).max(axis=0)
 
