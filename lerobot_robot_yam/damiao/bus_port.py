@@ -15,27 +15,27 @@ from lerobot_robot_yam.system.own_commands import as_root
 RESET_LINK = as_root("yam-setup-can --reset")
 """Command that takes a link down and up as the arms need it; the channel's name follows."""
 
-_STAMP_TRUST_S = 1.0  # a bus's own stamp is used when it lies at most this far in the past
-_EPOCH_S = 1e9  # stamps above are seconds since 1970, python-can's custom; below, seconds of the monotonic clock
+_STAMP_TRUST_S = 1.0  # largest age of a bus's own stamp that is used
+_EPOCH_S = 1e9  # stamps above are seconds since 1970, as in python-can; below, seconds of the monotonic clock
 
 
 def data_message(can_id: int, data: bytes) -> can.Message:
-    """A classic data frame with an 11-bit identifier."""
+    """Make a classic data frame with an 11-bit identifier."""
     return can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
 
 
 def is_classic_data(message: can.Message) -> bool:
-    """Whether a motor or a handle can have sent this: they send data frames with 11-bit identifiers only."""
+    """Return whether a motor or handle can have sent a frame: both send data frames with 11-bit identifiers only."""
     return not (message.is_extended_id or message.is_remote_frame or message.is_error_frame)
 
 
 def _receiver(bus: can.BusABC) -> Callable[[float], can.Message | None]:
-    """`bus.recv` by the monotonic clock.
+    """Return a `bus.recv` that waits by the monotonic clock.
 
     python-can's own (4.6) measures its wait with `time.time`. If the clock is set back by a second during the wait, it
     waits a second longer, `recv(0)` included, and motors that nobody commands let go after 0.4 s. No public call waits
-    by another clock, so this uses `_recv_internal`, which interfaces implement and whose wait is the kernel's. It also
-    takes 0.2 µs per frame instead of 0.7. An interface that overrides `recv` keeps its own.
+    by another clock, so this uses `_recv_internal`, which interfaces implement and whose wait is the kernel's. That
+    takes 0.2 µs per frame instead of 0.7, too. An interface that overrides `recv` keeps its own.
     """
     if getattr(bus.recv, "__func__", None) is not can.BusABC.recv:
         return bus.recv
@@ -55,7 +55,7 @@ def _receiver(bus: can.BusABC) -> Callable[[float], can.Message | None]:
 
 
 class BusPort:
-    """Sends and receives on a bus that somebody else opened and will close.
+    """Sending and receiving on a bus that somebody else opened and will close.
 
     A bus may offer `send_many(messages)` to take a whole tick in one system call.
     """
@@ -67,13 +67,13 @@ class BusPort:
         self._recv = _receiver(bus)
         self.clock = clock_of(bus)
         self._epoch_offset_s = 0.0
-        self._asked_s = (-math.inf, -math.inf)  # when the question before the last was asked, and the last
+        self._asked_s = (-math.inf, -math.inf)  # when the last question but one was asked, and the last
         self.synchronise()
 
     def synchronise(self) -> None:
-        """Note how far the epoch clock is from the monotonic one; the former may be stepped at any time.
+        """Note how far the epoch clock is from the monotonic one; the epoch clock may be stepped at any time.
 
-        To be called before each question: what bears an earlier stamp than the question before it is stamped wrongly.
+        Call this before each question: a frame with a stamp before the previous question is stamped wrongly.
         """
         now = self.clock.now()
         self._epoch_offset_s = time.time() - now
@@ -93,7 +93,7 @@ class BusPort:
             raise self._error("send", error) from error
 
     def recv(self, timeout_s: float) -> can.Message | None:
-        """Next frame, or None after `timeout_s`; 0 only looks. Raises BusError: the channel is gone."""
+        """Return the next frame, or None after `timeout_s`; 0 does not wait. Raises BusError: the channel is gone."""
         try:
             return self._recv(timeout_s)
         except BusError:
@@ -102,9 +102,9 @@ class BusPort:
             raise self._error("receive", error) from error
 
     def arrival_s(self, message: can.Message) -> float:
-        """When the frame arrived (the clock's time): the bus's own stamp where it is believable, else now.
+        """Return when the frame arrived (the clock's time): the bus's own stamp where that is believable, else now.
 
-        The kernel (and the rig) stamp the arrival; now is only when we got round to reading. An adapter's own clock
+        The kernel (and the rig) stamp the arrival, while now is the later time of reading. An adapter's own clock
         drifts, and then an answer seems to have come before its question.
         """
         now = self.clock.now()

@@ -28,17 +28,17 @@ from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
 from lerobot_robot_yam.errors import ActionError, BusError, MotorError
 from lerobot_robot_yam.system.few_values import any_of
 
-ENABLE_PAUSE_S = 0.003  # before each enable, as in the vendor's driver
-CLEAR_REPEATS = 3  # of "clear error", as in the vendor's driver
-# After them, as long as they and their answers take on the wire: a link brought up by default has room for 20 frames.
+ENABLE_PAUSE_S = 0.003  # pause before each enable, s, as in the vendor's driver
+CLEAR_REPEATS = 3  # how often "clear error" is sent, as in the vendor's driver
+# Pause after them, for their time on the wire with answers: a link brought up by default has room for 20 frames.
 _CLEAR_PAUSE_S = 2 * CLEAR_REPEATS * FRAME_TIME_S
-# A connection asks 110 times. At 1 % of all frames lost, three attempts would refuse one connection in 1,100, and five
-# one in 3 million.
+# A connection asks 110 times. If 1 % of all frames are lost, three attempts refuse one connection in 1,100, five one in
+# 3 million.
 _REGISTER_ATTEMPTS = 5
 
 
 def _of(path: str) -> Any:
-    """A read-only property: what a part of the chain keeps, under the name that the chain gives it."""
+    """Make a read-only property for an attribute of a part of the chain."""
     return property(attrgetter(path))
 
 
@@ -47,11 +47,11 @@ class MotorChain:
 
     Attributes:
         feedback: the newest state of the motors. Its arrays have the same names on the chain.
-        round_trip: how long the adapter takes.
+        round_trip: delays of the adapter.
         expected_wire_s: time that one exchange occupies the wire, two frames per motor and for the handle.
-        missed: (n,) questions in a row without an answer.
-        all_answered: every motor has answered the last `send` that was collected.
-        foreign_commands: frames that another driver sent to our motors.
+        missed: (n,) number of questions in a row without an answer.
+        all_answered: whether every motor has answered the last `send` that was collected.
+        foreign_commands: number of frames that another driver sent to our motors.
         foreign: identifier -> count of frames that belong to nothing here.
         error_frames: count of CAN error frames.
     """
@@ -75,7 +75,7 @@ class MotorChain:
     def __init__(
         self, bus: can.BusABC, motors: Sequence[MotorSpec], *, channel: str, encoder: HandleEncoder | None = None
     ):
-        """Raises ConfigError: names or identifiers are not unique, or a type is unknown."""
+        """Check the motors. Raises ConfigError: names or identifiers are not unique, or a type is unknown."""
         check_specs(motors, channel)
         self.channel, self.motors, self.encoder = channel, tuple(motors), encoder
         self._ranges = [ranges_of(spec.type) for spec in self.motors]
@@ -97,40 +97,40 @@ class MotorChain:
 
     @property
     def duplicates(self) -> np.ndarray:
-        """(n,) answers to no question, the mark of two motors with one id. They are not used: their age is unknown."""
+        """Answers to no question (n,), the mark of two motors with one id. They are not used: their age is unknown."""
         return np.array(self._requests.duplicates)
 
     @property
     def lost(self) -> np.ndarray:
-        """(n,) answers that never came."""
+        """Number of answers that never came (n,)."""
         return np.array(self._requests.lost)
 
     def silence_s(self, now: float) -> np.ndarray:
-        """(n,) seconds for which nothing was heard of each motor, beyond what its adapter takes anyway."""
+        """Return (n,) seconds for which nothing was heard of each motor, without the adapter's delay."""
         return now - self.stamp_s - 2.0 * self.round_trip.one_way_s
 
     def drain(self) -> None:
-        """Take everything that has already arrived, without waiting."""
+        """Process everything that has already arrived, without waiting."""
         self._receiver.drain()
 
     def listen(self) -> FeedbackStore:
-        """A second store of feedback, which judges anew what motors say from now on, until `stop_listening`."""
+        """Return a second store of feedback, which judges the motors' readings anew from now until `stop_listening`."""
         self._receiver.trial = trial = self._receiver.new_store()
         return trial
 
     def stop_listening(self) -> None:
-        """Leave the store of `listen` as it is."""
+        """Update the store of `listen` no more."""
         self._receiver.trial = None
 
     def send(self, commands: np.ndarray, instead: Mapping[int, SpecialCommand] = MappingProxyType({})) -> None:
         """Send one MIT command per motor, then the handle's request, without waiting for anything.
 
-        The torques make up for what packing loses of positions and velocities, see `codec.pack_mit`.
-        After losses a motor is left out of some ticks, see `reply_matching`. It keeps its last command.
+        The torques compensate for what packing loses of positions and velocities, see `codec.pack_mit`.
+        After losses a motor is left out of some ticks, see `reply_matching`, and keeps its last command.
 
         Args:
             commands: (n, 5), columns q*, dq*, kp, kd, tau in motor coordinates: rad, rad/s, Nm/rad, Nm s/rad, Nm.
-            instead: special commands in place of those of some motors, by index; answered alike.
+            instead: index of a motor -> special command in place of its command; motors answer both alike.
 
         Raises:
             ActionError: wrong shape or a non-finite value; nothing was sent.
@@ -151,7 +151,7 @@ class MotorChain:
         self.drain()
         absent = [i for i in self._requests.absent() if i not in instead]  # DISABLE must not wait
         messages = self._messages
-        if absent:  # hardly ever
+        if absent:  # rarely
             messages = [message for i, message in enumerate(messages) if i not in absent]
         self._begin([i for i in range(count) if i not in absent], handle=self.encoder is not None)
         try:
@@ -161,9 +161,9 @@ class MotorChain:
             raise
 
     def collect(self, deadline_s: float) -> bool:
-        """Take the replies to the last `send`; wait until `deadline_s` (the clock's time) only for stragglers.
+        """Process the replies to the last `send`; wait for late ones until `deadline_s` (the clock's time).
 
-        Returns whether every motor answered. A later tick takes the answers that come later.
+        Return whether every motor answered. A later tick processes the answers that come later.
 
         Raises:
             BusError: the channel is gone.
@@ -180,7 +180,7 @@ class MotorChain:
     ) -> list[bool]:
         """Send a special command to motors (by index; default all).
 
-        ENABLE makes motors obey. ZERO moves their origin, so the next reading is taken as it is.
+        ENABLE makes motors obey. ZERO moves their origin, so the next reading is accepted as it is.
 
         Returns:
             Per motor of the chain, whether it answered within `timeout_s`.
@@ -200,7 +200,7 @@ class MotorChain:
         return self._answered(timeout_s)
 
     def refresh(self, timeout_s: float = 0.05) -> list[bool]:
-        """Ask all motors for feedback; commands no motion. Returns, per motor, whether it answered."""
+        """Ask all motors for feedback; commands no motion. Return, per motor, whether it answered."""
         self._settle()
         self._begin(range(len(self.motors)))
         self._port.send([data_message(REGISTER_ID, encode_refresh(spec.can_id)) for spec in self.motors])
@@ -209,7 +209,7 @@ class MotorChain:
     def read_register(
         self, motor: int, register: int, timeout_s: float = 0.05, attempts: int = _REGISTER_ATTEMPTS
     ) -> float | int:
-        """Value of a register of motor number `motor` (index). Waits for the answer: not for use inside the loop.
+        """Read a register of motor number `motor` (index). Not for use in the loop, since this waits for an answer.
 
         Raises:
             MotorError: no answer to any attempt.
@@ -229,7 +229,7 @@ class MotorChain:
         )
 
     def _ask(self, spec: MotorSpec, payload: bytes, timeout_s: float, answers: Callable[[bytes], bool]) -> bytes | None:
-        """Send a register request; data of the first frame of that motor that `answers` it, None after the time-out."""
+        """Send a request; return the data of the motor's first frame that `answers`, None after a time-out."""
         self.drain()
         self._port.send([data_message(REGISTER_ID, payload)])
         for message in self._receiver.frames(self.clock.now() + timeout_s):
@@ -241,7 +241,7 @@ class MotorChain:
         return None
 
     def _begin(self, motors: Iterable[int], handle: bool = False, repeats: int = 1) -> Request:
-        """Open a question that is about to be sent; what has arrived until now has been taken."""
+        """Register a question that is about to be sent. The caller has processed all frames that arrived so far."""
         self._port.synchronise()
         request = self._requests.begin(motors, handle, repeats)
         request.sent_s = self.clock.now()
@@ -250,7 +250,7 @@ class MotorChain:
     def _settle(self) -> None:
         """Wait as long as answers to earlier questions can take: they must not be taken for answers to the next one.
 
-        It gives up nothing before the first answer: until then it is unknown how long answers take.
+        Nothing is given up before the first answer, since it is unknown how long answers take.
         """
         self.drain()
         longest_s = self.round_trip.longest_s
@@ -263,7 +263,7 @@ class MotorChain:
         self._requests.forget()
 
     def _close(self, deadline_s: float) -> set[int]:
-        """Wait for the answers to the newest question; returns the motors that have not answered it."""
+        """Wait for the answers to the newest question; return the motors that have not answered it."""
         request = self._requests.newest
         self._receiver.take_answers(request, deadline_s)
         if self._requests.give_up_handle() and self.encoder is not None:

@@ -21,12 +21,12 @@ from lerobot_robot_yam.errors import ActionError, BusError
 _MAX16 = 0xFFFF
 _MAX12 = 0xFFF
 _ALL_ONES = 0xFFFF_FFFF_FFFF_FFFF
-_FIRST_SPECIAL = 0xFFFF_FFFF_FFFF_FFFB  # from here on a command word would read as a special command
+_FIRST_SPECIAL = 0xFFFF_FFFF_FFFF_FFFB  # first command word that would read as a special command
 _FLOAT_PAIR = struct.Struct("<ff")
 
 Ranges = tuple[float, float, float, float, float]  # (position_max, velocity_max, torque_max, kp_max, kd_max)
 
-# Both directions share these rows.
+# Ranges of each motor type, for both directions.
 _ROWS: dict[str, Ranges] = {
     row.name: (row.position_max_rad, row.velocity_max_rad_s, row.torque_max_nm, row.kp_max, row.kd_max)
     for row in tables.MOTOR_TYPES.values()
@@ -46,7 +46,7 @@ class Feedback(NamedTuple):
 
 
 class MitCommand(NamedTuple):
-    """torque = kp (position - q) + kd (velocity - dq) + torque: rad, rad/s, Nm/rad, Nm s/rad, Nm."""
+    """Command for torque = kp (position - q) + kd (velocity - dq) + torque: rad, rad/s, Nm/rad, Nm s/rad, Nm."""
 
     position: float
     velocity: float
@@ -64,13 +64,13 @@ class SpecialCommand(Enum):
     CLEAR = b"\xff\xff\xff\xff\xff\xff\xff\xfb"
 
 
-SPECIAL_OF = {command.value: command for command in SpecialCommand}  # by payload; other commands are not in it
+SPECIAL_OF = {command.value: command for command in SpecialCommand}  # payload -> special command
 
 
 def encode_mit(motor_type: str, position: float, velocity: float, kp: float, kd: float, torque: float) -> bytes:
-    """MIT command, 8 bytes, for identifier = motor id. Units: rad, rad/s, Nm/rad, Nm s/rad, Nm.
+    """Encode an MIT command, 8 bytes, for identifier = motor id. Units: rad, rad/s, Nm/rad, Nm s/rad, Nm.
 
-    Values outside the type's ranges are clamped to them, as the frame cannot say more.
+    Values outside the type's ranges are clamped to them, since the frame carries no more.
 
     Raises:
         ActionError: a value is NaN or infinite.
@@ -87,17 +87,17 @@ def encode_mit(motor_type: str, position: float, velocity: float, kp: float, kd:
     try:
         ranges = _ROWS[motor_type]
     except KeyError:
-        ranges = ranges_of(motor_type)  # says which types are known
+        ranges = ranges_of(motor_type)  # raises an error with the known types
     return pack_mit(ranges, position, velocity, kp, kd, torque, make_up=False)
 
 
 def pack_mit(
     ranges: Ranges, position: float, velocity: float, kp: float, kd: float, torque: float, make_up: bool = True
 ) -> bytes:
-    """`encode_mit` of finite floats, for the loop: the ranges are known and nothing is checked.
+    """Encode an MIT command like `encode_mit`, for the loop: of finite floats, with known ranges and no checks.
 
     Zero speed is sent as −half a step, which at kd = 1.5 Nm s/rad is 11 mNm and lets a wrist with kp = 10 Nm/rad stand
-    1.1 mrad off. The loss of position and velocity is known, so the torque can make up for it:
+    1.1 mrad off. The loss of position and velocity is known, so the torque can compensate for the loss:
 
         tau ← tau + kp (q* − q*_sent) + kd (dq* − dq*_sent) + half a torque step
     """
@@ -131,7 +131,7 @@ def pack_mit(
 
 
 def decode_mit(motor_type: str, data: bytes) -> MitCommand:
-    """Inverse of `encode_mit` up to quantisation.
+    """Decode an MIT command: the inverse of `encode_mit` up to quantisation.
 
     Raises:
         BusError: `data` is not 8 bytes long.
@@ -143,7 +143,7 @@ def decode_mit(motor_type: str, data: bytes) -> MitCommand:
 
 
 def unpack_mit(ranges: Ranges, data: bytes) -> tuple[float, float, float, float, float]:
-    """`decode_mit` of 8 bytes, for the virtual rig: the fields in the same order, with nothing checked."""
+    """Decode 8 bytes like `decode_mit`, for the virtual rig: the fields in the same order, with nothing checked."""
     p_max, v_max, t_max, kp_max, kd_max = ranges
     word = int.from_bytes(data, "big")
     return (
@@ -156,7 +156,7 @@ def unpack_mit(ranges: Ranges, data: bytes) -> tuple[float, float, float, float,
 
 
 def decode_feedback(motor_type: str, data: bytes) -> Feedback:
-    """Feedback frame (8 bytes) in rad, rad/s, Nm, °C.
+    """Decode a feedback frame (8 bytes) to rad, rad/s, Nm, °C.
 
     Raises:
         BusError: `data` is not 8 bytes long.
@@ -168,17 +168,17 @@ def decode_feedback(motor_type: str, data: bytes) -> Feedback:
 
 
 def ranges_of(motor_type: str) -> Ranges:
-    """Ranges that scale the frames of this type, for `unpack_feedback`. Raises ConfigError: unknown motor type."""
+    """Return the ranges that scale frames of this type, for `unpack_feedback`. Raises ConfigError: unknown type."""
     return _ROWS[tables.motor_type(motor_type).name]
 
 
 def torque_step_nm(motor_type: str) -> float:
-    """Step in which motors of this type tell their torque, Nm; they round down. Raises ConfigError: unknown type."""
+    """Return the step in which motors of a type report torque, Nm, rounded down. Raises ConfigError: unknown type."""
     return 2.0 * ranges_of(motor_type)[2] / _MAX12
 
 
 def unpack_feedback(ranges: Ranges, data: bytes) -> tuple[int, int, float, float, float, int, int]:
-    """`decode_feedback` of 8 bytes, for the loop: the fields in the same order, with nothing checked."""
+    """Decode 8 bytes like `decode_feedback`, for the loop: the fields in the same order, with nothing checked."""
     p_max, v_max, t_max, _, _ = ranges
     word = int.from_bytes(data, "big")
     return (
@@ -195,7 +195,7 @@ def unpack_feedback(ranges: Ranges, data: bytes) -> tuple[int, int, float, float
 def pack_feedback(
     ranges: Ranges, status: int, position: float, velocity: float, torque: float, temp_mos: int, temp_rotor: int
 ) -> bytes:
-    """Feedback frame of a motor of the virtual rig: finite numbers, clamped; `status` is fault << 4 | id."""
+    """Encode a feedback frame of a motor of the virtual rig: finite numbers, clamped; `status` is fault << 4 | id."""
     p_max, v_max, t_max, _, _ = ranges
     position = p_max if position > p_max else -p_max if position < -p_max else position
     velocity = v_max if velocity > v_max else -v_max if velocity < -v_max else velocity
@@ -212,7 +212,7 @@ def pack_feedback(
 
 
 def encode_position_velocity(position_rad: float, speed_rad_s: float) -> bytes:
-    """Position-velocity command, for identifier `POSITION_VELOCITY_OFFSET` + motor id: where to, and how fast at most.
+    """Encode a position-velocity command (target and speed limit) for identifier `POSITION_VELOCITY_OFFSET` + motor id.
 
     Raises:
         ActionError: a value is NaN or infinite.
@@ -221,12 +221,12 @@ def encode_position_velocity(position_rad: float, speed_rad_s: float) -> bytes:
 
 
 def encode_velocity(velocity_rad_s: float) -> bytes:
-    """Velocity command, for identifier `VELOCITY_OFFSET` + motor id. Raises ActionError: it is NaN or infinite."""
+    """Encode a velocity command for identifier `VELOCITY_OFFSET` + motor id. Raises ActionError: NaN or infinite."""
     return _FLOAT_PAIR.pack(*_finite(velocity=velocity_rad_s), 0.0)
 
 
 def decode_position_velocity(data: bytes) -> tuple[float, float]:
-    """(position rad, velocity limit rad/s) of a position-velocity command; of a velocity command, (rad/s, 0).
+    """Decode a position-velocity command to (rad, speed limit rad/s), or a velocity command to (rad/s, 0).
 
     Raises:
         BusError: `data` is not 8 bytes long.
@@ -238,7 +238,7 @@ def decode_position_velocity(data: bytes) -> tuple[float, float]:
 
 
 def _finite(**values: float) -> list[float]:
-    """The values as plain floats. Raises ActionError that names the value that is not finite."""
+    """Convert values to plain floats. Raises ActionError: a value is not finite; the message names it."""
     plain = []
     for name, value in values.items():
         try:

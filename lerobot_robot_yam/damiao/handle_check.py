@@ -1,4 +1,4 @@
-"""Before the loop asks a teaching handle: is one there, is its firmware new enough, does it wait to be asked?
+"""Checks of a teaching handle before the loop: is one there, is its firmware new enough, does it report on request?
 
 Steps and limits: I2RT encoder driver v1.2.4.
 """
@@ -32,18 +32,18 @@ from lerobot_robot_yam.errors import MotorError
 logger = logging.getLogger(__name__)
 
 _ATTEMPTS = 3
-_SILENCE_S = 0.1  # after a change of the report frequency, wait for so long without a frame
+_SILENCE_S = 0.1  # silence to wait for after a change of the report frequency
 _SILENCE_LIMIT_S = 3.0
 
 
 def prepare_handle(bus: can.BusABC, channel: str, timeout_s: float = 0.1) -> tuple[tuple[int, int, int], int]:
-    """Find the handle, make it report on request only and, if it is an older one, sample as fast as it can.
+    """Find the handle, make it report on request only and, if its firmware is old, sample as fast as possible.
 
-    Waits up to three times `timeout_s` per question. Returns the firmware version, and the report frequency (Hz) with
-    which it was found.
+    Waits up to three times `timeout_s` per question. Return the firmware version, and the report frequency (Hz) that
+    the handle had before.
 
     Raises:
-        MotorError: no handle answers, its firmware is too old, or it goes on reporting by itself.
+        MotorError: no handle answers, its firmware is too old, or the handle goes on reporting by itself.
         BusError: the channel is gone.
     """
     port = BusPort(bus, channel)
@@ -74,13 +74,13 @@ def prepare_handle(bus: can.BusABC, channel: str, timeout_s: float = 0.1) -> tup
 
 
 def _frequency(port: BusPort, low: int, high: int, what: str, timeout_s: float) -> int:
-    """A frequency of which the EEPROM keeps two bytes."""
+    """Read a frequency, which the EEPROM keeps in two bytes."""
     values = [_told(port, encode_eeprom_read(at), decode_eeprom_byte, f"its {what}", timeout_s) for at in (low, high)]
     return decode_frequency(*values)
 
 
 def handle_firmware(bus: can.BusABC, channel: str, timeout_s: float = 0.03) -> tuple[int, int, int] | None:
-    """Firmware version of the teaching handle, None when no handle answers. Raises BusError: the channel is gone."""
+    """Read the handle's firmware version; None when no handle answers. Raises BusError: the channel is gone."""
     return ask_handle(BusPort(bus, channel), encode_version_request(), decode_version, timeout_s)
 
 
@@ -97,10 +97,10 @@ def _told[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None],
 def ask_handle[T](
     port: BusPort, request: bytes, decode: Callable[[bytes], T | None], timeout_s: float, identifier: int = REQUEST_ID
 ) -> T | None:
-    """The handle's answer, under that identifier, to one of three questions; None without one."""
+    """Ask up to three times; return the handle's answer with that identifier, None without one."""
     for _ in range(_ATTEMPTS):
         while port.recv(0.0) is not None:
-            pass  # an earlier answer does not say what it answers, so it must not be left
+            pass  # drop earlier answers, which do not say what they answer
         port.send([data_message(REQUEST_ID, request)])
         deadline = port.clock.now() + timeout_s
         while (remaining := deadline - port.clock.now()) > 0.0:
@@ -113,7 +113,7 @@ def ask_handle[T](
 
 
 def _wait_for_silence(port: BusPort) -> None:
-    """Until no frame of a handle has come for a while; other devices may talk."""
+    """Wait until no frame of a handle has come for a while; other devices may send."""
     begin = heard = port.clock.now()
     while (now := port.clock.now()) < begin + _SILENCE_LIMIT_S:
         if now >= heard + _SILENCE_S:

@@ -37,8 +37,8 @@ EEPROM_REPORT_FREQUENCY_HIGH = 28
 EEPROM_BYTES = 31
 REPORT_FREQUENCY_MAX_HZ = 600
 FIRMWARE_REQUIRED = (2, 2, 12)
-FIRMWARE_FAST_ADC = (2, 4, 0)  # from here on the ADC runs as fast as it can by itself
-ADC_FREQUENCY = 255  # of older ones; as fast as they can
+FIRMWARE_FAST_ADC = (2, 4, 0)  # first version whose ADC always runs as fast as it can
+ADC_FREQUENCY = 255  # setting for older versions: as fast as they can
 
 RAD_PER_COUNT = 2 * math.pi / 4096
 TRIGGER_TRAVEL_RAD = 0.7
@@ -47,7 +47,7 @@ _REPORT = struct.Struct(">BhhB")
 
 
 class HandleReport(NamedTuple):
-    """Position (rad) and velocity (rad/s) of the trigger, buttons (SYNC, RECORD), trigger 0 released … 1."""
+    """Position (rad) and velocity (rad/s) of the trigger, buttons (SYNC, RECORD), trigger 0 released … 1 squeezed."""
 
     position_rad: float
     velocity_rad_s: float
@@ -56,39 +56,39 @@ class HandleReport(NamedTuple):
 
 
 def encode_report_request() -> bytes:
-    """Ask for one report. Two bytes for 0x50E."""
+    """Encode a request for one report, two bytes for 0x50E."""
     return bytes((ALL_DEVICES, OP_REPORT))
 
 
 def encode_version_request() -> bytes:
-    """Ask for the firmware version."""
+    """Encode a request for the firmware version."""
     return bytes((ALL_DEVICES, OP_VERSION))
 
 
 def encode_eeprom_read(offset: int) -> bytes:
-    """Ask for one EEPROM byte, offset 0 … 30."""
+    """Encode a request for one EEPROM byte, offset 0 … 30."""
     return bytes((ALL_DEVICES, OP_READ_EEPROM, offset))
 
 
 def encode_zero() -> bytes:
-    """Take the trigger's present position as zero. Not acknowledged by the device."""
+    """Encode a command that makes the trigger's present position zero. Not acknowledged by the device."""
     return bytes((ALL_DEVICES, OP_SET_ZERO))
 
 
 def encode_report_frequency(hz: int) -> bytes:
-    """Set the report frequency, 0 … 600 Hz; 0 reports only on request. Not acknowledged by the device."""
+    """Encode a report frequency, 0 … 600 Hz; 0 reports only on request. Not acknowledged by the device."""
     if hz <= 0xFF:
         return bytes((ALL_DEVICES, OP_SET_REPORT_FREQUENCY, hz))
     return bytes((ALL_DEVICES, OP_SET_REPORT_FREQUENCY, hz >> 8, hz & 0xFF))
 
 
 def encode_adc_frequency(frequency: int) -> bytes:
-    """Set the frequency (0 … 255, the device's own unit) at which the trigger is sampled. Not acknowledged."""
+    """Encode the frequency (0 … 255, the device's own unit) at which the trigger is sampled. Not acknowledged."""
     return bytes((ALL_DEVICES, OP_SET_ADC_FREQUENCY, frequency))
 
 
 def decode_report(data: bytes) -> HandleReport:
-    """A report or event (6 bytes).
+    """Decode a report or event (6 bytes).
 
     The second button is the second input bit alone; a third input must not change it.
 
@@ -108,38 +108,38 @@ def decode_report(data: bytes) -> HandleReport:
 
 
 def encode_report(position_rad: float, velocity_rad_s: float, buttons: tuple[bool, bool], device: int = 1) -> bytes:
-    """Report of the device, 6 bytes for 0x50F; values beyond int16 counts saturate."""
+    """Encode a report of the device, 6 bytes for 0x50F; values beyond int16 counts saturate."""
     return _REPORT.pack(
         device, _counts(position_rad), _counts(velocity_rad_s), (1 if buttons[0] else 0) | (2 if buttons[1] else 0)
     )
 
 
 def encode_version(version: tuple[int, int, int], device: int = 1) -> bytes:
-    """The device's answer on 0x50E to a version request."""
+    """Encode the device's answer on 0x50E to a version request."""
     return bytes((device, OP_VERSION | REPLY_FLAG, *version))
 
 
 def decode_version(data: bytes) -> tuple[int, int, int] | None:
-    """Firmware version (major, minor, patch), or None when the frame is another reply."""
+    """Decode the firmware version (major, minor, patch); return None when the frame is another reply."""
     if len(data) < 5 or data[1] != OP_VERSION | REPLY_FLAG:
         return None
     return data[2], data[3], data[4]
 
 
 def encode_eeprom_byte(value: int, device: int = 1) -> bytes:
-    """The device's answer on 0x50E to an EEPROM read."""
+    """Encode the device's answer on 0x50E to an EEPROM read."""
     return bytes((device, OP_READ_EEPROM | REPLY_FLAG, value))
 
 
 def decode_eeprom_byte(data: bytes) -> int | None:
-    """The EEPROM byte of a reply, or None when the frame is another reply."""
+    """Decode the EEPROM byte of a reply; return None when the frame is another reply."""
     if len(data) < 3 or data[1] != OP_READ_EEPROM | REPLY_FLAG:
         return None
     return data[2]
 
 
 def decode_frequency(low: int, high: int) -> int:
-    """Report (Hz) or ADC frequency of its two EEPROM bytes; a high byte of 0xFF means not set."""
+    """Decode a report (Hz) or ADC frequency from its two EEPROM bytes; a high byte of 0xFF means not set."""
     return low if high == 0xFF else high << 8 | low
 
 
@@ -148,7 +148,7 @@ def _counts(radians: float) -> int:
 
 
 class HandleEncoder:
-    """The newest report of the handle, with its time stamp and the number of lost reports."""
+    """Newest report of the handle, with its time stamp and the number of lost reports."""
 
     def __init__(self) -> None:
         self.report = HandleReport(0.0, 0.0, (False, False), 0.0)
@@ -156,7 +156,7 @@ class HandleEncoder:
         self.lost = 0
 
     def accept(self, data: bytes, stamp_s: float) -> bool:
-        """Take a report or event; False when the frame has another length."""
+        """Process a report or event; return False when the frame has another length."""
         if len(data) != _REPORT.size:
             return False
         self.report = decode_report(data)

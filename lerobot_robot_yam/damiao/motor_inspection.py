@@ -1,4 +1,4 @@
-"""Before a motor is energised: is the channel free, the wire wide enough, are the motors the right ones?"""
+"""Checks before a motor is energised: is the channel free and fast enough, are the motors the right ones?"""
 
 import logging
 from collections import Counter
@@ -28,7 +28,7 @@ from lerobot_robot_yam.errors import ChannelInUseError, ConfigError, MotorError
 logger = logging.getLogger(__name__)
 
 LISTEN_S = 0.05
-_MOST_LATE_FRAMES = 1_000  # more than a bus carries while one listens
+_MOST_LATE_FRAMES = 1_000  # more frames than a bus carries while we listen
 _PRESENCE_ATTEMPTS = 3
 _DUPLICATE_WAIT_S = 0.01
 
@@ -37,7 +37,7 @@ def check_bandwidth(motors: int, encoder: bool, rate_hz: float) -> None:
     """Refuse a loop rate that the wire cannot carry: 2 · devices · 130 bit · rate ≤ bitrate / 1.1.
 
     Raises:
-        ConfigError: it cannot; the message says which rate it can.
+        ConfigError: the rate is too high; the message names the highest rate.
     """
     bits_per_tick = 2 * (motors + encoder) * BITS_PER_FRAME
     limit_hz = BITRATE / BANDWIDTH_MARGIN / bits_per_tick
@@ -49,10 +49,10 @@ def check_bandwidth(motors: int, encoder: bool, rate_hz: float) -> None:
 
 
 def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str = "") -> None:
-    """Listen without sending: does another driver command motors `ids` on this bus?
+    """Listen, without sending, for another driver that commands motors `ids` on this bus.
 
     A lock keeps out our own processes only. Answers of motors count as well as commands: motors speak only
-    when spoken to. Other devices may talk; they are logged.
+    when spoken to. Other devices may send; they are logged.
 
     Raises:
         ChannelInUseError: frames of a foreign driver were seen.
@@ -65,7 +65,7 @@ def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str =
     seen: Counter[int] = Counter()
     port = BusPort(bus, channel)
     deadline = port.clock.now() + seconds
-    # Frames that arrived by the deadline count even if we did not run then; a flood does not keep us for ever.
+    # Frames that arrived by the deadline count even if they are read later; a flood is read only in part.
     late = 0
     while late < _MOST_LATE_FRAMES:
         remaining = deadline - port.clock.now()
@@ -94,7 +94,7 @@ def verify(chain: MotorChain) -> None:
     `WATCHDOG_S`.
 
     Raises:
-        MotorError: names motors and registers, expected against found, and what to check.
+        MotorError: a motor is missing or differs; the message has expected and found values, and what to check.
     """
     _check_presence(chain)
     contradictions: list[str] = []
@@ -115,7 +115,7 @@ def verify(chain: MotorChain) -> None:
 
 
 def expected_registers(spec: MotorSpec) -> dict[Register, float]:
-    """What a motor of a profile must hold, in the registers' own units."""
+    """Return register -> value that a motor of a profile must hold, in the registers' own units."""
     row = motor_type(spec.type)
     expected: dict[Register, float] = {
         Register.PMAX: row.position_max_rad,
@@ -150,7 +150,7 @@ def _check_presence(chain: MotorChain) -> None:
             f"{chain.channel}: no answer from {len(missing)} of {len(chain)} motors: {names}. Check {check}"
             + (f"; unexpected answers came from {strangers}: a motor may have another MST_ID" if strangers else "")
         )
-    # The second answer of a pair of motors with one id comes after the one that ended the wait.
+    # The second answer of two motors with one id comes after the answer that ended the wait.
     chain.clock.sleep(_DUPLICATE_WAIT_S)
     chain.drain()
     doubled = [

@@ -1,4 +1,4 @@
-"""How a motor is addressed on its bus."""
+"""Address and type of a motor on its bus."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ MAX_MOTORS = len(MOTOR_IDS)
 class MotorSpec:
     """One motor: name for messages, CAN id it listens on, type (of `MOTOR_TYPES`), way of answering.
 
-    `turns`: it may leave the range of positions that the wire can say, and is followed there. A joint of an arm never
-    does: what looks like that is a reading that cannot be.
+    `turns`: whether the motor may leave the range of positions that the wire carries, and is followed there. A joint of
+    an arm never does: a reading that looks so is impossible.
     """
 
     name: str
@@ -35,13 +35,13 @@ class MotorSpec:
     def answer_key(self) -> int:
         """Identifier of the answers and, below it, the id nibble inside them.
 
-        With both, a motor with a wrong MST_ID is not taken for its neighbour, and several may answer on 0.
+        Thus a motor with a wrong MST_ID is not mistaken for its neighbour, and several motors may answer on 0.
         """
         return self.feedback_id << 4 | self.can_id & 0xF
 
 
 def check_specs(motors: Sequence[MotorSpec], channel: str) -> None:
-    """Raises ConfigError: names, identifiers or answers are not unique, an id is out of range, a type unknown."""
+    """Check motors. Raises ConfigError: names, ids or answers are not unique, an id is out of range, a type unknown."""
     for values in (
         [spec.name for spec in motors],
         [spec.can_id for spec in motors],

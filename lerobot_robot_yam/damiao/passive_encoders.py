@@ -1,7 +1,7 @@
 """The encoders of a leader without motors, all on one CAN channel: one device per joint, then the trigger's.
 
 Each is a device of the teaching handle's kind (`handle_encoder`): device 0 is joint 1, the device behind the last joint
-has the trigger and both buttons. They report by themselves, 200 times a second, once they have been told to.
+has the trigger and both buttons. Each device reports by itself, 200 times a second, once that is set.
 """
 
 import math
@@ -24,12 +24,12 @@ from lerobot_robot_yam.errors import MotorError
 REPORT_HZ = 200
 TRIGGER_TRAVEL_RAD = 0.67
 READY_TIMEOUT_S = 3.0
-_STREAMS_S = 0.1  # a device that streams has reported within this
+_STREAMS_S = 0.1  # time within which a streaming device has reported
 _REPORT_BYTES = 6
 
 
 def encode_stream_request(device: int, hz: int = REPORT_HZ) -> bytes:
-    """Have one device report by itself so often. Up to 255 Hz."""
+    """Encode a request that one device report by itself, at up to 255 Hz."""
     return bytes((device, OP_SET_REPORT_FREQUENCY, hz))
 
 
@@ -37,9 +37,9 @@ class PassiveEncoders:
     """Newest report of each device of a channel.
 
     Attributes:
-        angle_rad, rate_rad_s, stamp_s: (joints + 1,) as the encoders count, the trigger last; stamp −inf before the
+        angle_rad, rate_rad_s, stamp_s: (joints + 1,) in encoder coordinates, the trigger last; stamp −inf before the
             first report.
-        buttons: the top and the second one.
+        buttons: whether the top and the second button are down.
     """
 
     def __init__(self, joints: int):
@@ -50,7 +50,7 @@ class PassiveEncoders:
         self.buttons = (False, False)
 
     def accept(self, message: can.Message, stamp_s: float) -> bool:
-        """Take a frame; False when it is no report of one of these devices."""
+        """Process a frame; return False when it is no report of these devices."""
         if message.arbitration_id not in (REPORT_ID, EVENT_ID) or not is_classic_data(message):
             return False
         data = bytes(message.data)
@@ -65,7 +65,7 @@ class PassiveEncoders:
         return True
 
     def collect(self, port: BusPort, until_s: float) -> None:
-        """Take what has arrived, and what arrives until a time of the clock. Raises BusError: the channel is gone."""
+        """Process all frames that arrive until `until_s` (the clock's time). Raises BusError: the channel is gone."""
         while True:
             message = port.recv(max(0.0, until_s - port.clock.now()))
             if message is None:
@@ -73,14 +73,14 @@ class PassiveEncoders:
             self.accept(message, port.arrival_s(message))
 
     def silent(self, since_s: float) -> list[str]:
-        """Names of the devices that have not reported since then."""
+        """Name the devices that have not reported since `since_s`."""
         return [self._name(device) for device in np.flatnonzero(self.stamp_s < since_s)]
 
     def start(self, port: BusPort, name: str) -> None:
-        """Have all devices report, and wait for the first reports.
+        """Make all devices report, and wait for the first reports.
 
         Raises:
-            MotorError: names those that stay silent.
+            MotorError: a device stays silent; the message names it.
             BusError: the channel is gone.
         """
         clock = port.clock
@@ -98,7 +98,7 @@ class PassiveEncoders:
 
     @staticmethod
     def _ask(port: BusPort, devices: Sequence[int]) -> None:
-        """One write to the EEPROM of each that does not stream; those that do keep theirs."""
+        """Write to the EEPROM of each device that does not stream, once; the others keep theirs."""
         if devices:
             port.send([data_message(REQUEST_ID, encode_stream_request(device)) for device in devices])
 

@@ -1,4 +1,4 @@
-"""Whether a motor can have done what its answer says, since its last good one.
+"""Checks whether an answer of a motor is possible after its last good answer.
 
 With v the speeds of both answers, Δt the time between their samples, δt the time since the last answer of any kind and
 a the largest acceleration of the motor:
@@ -7,19 +7,19 @@ a the largest acceleration of the motor:
     |v₁|  ≤  |v₀| + min(a Δt, g) + noise
 
 The bare rotor of a small motor could gain more speed than g = 2.5 rad/s, and on average u = 2 rad/s, from one tick to
-the next, but no joint of an arm is as light. A gripper is: its fingers open and close within half a second. After a
+the next, but no joint of an arm is as light. Grippers are: their fingers open and close within half a second. After a
 silence a hand may have snatched at a joint: it moves up to 0.24 rad farther, at up to 5 rad/s. Whatever an adapter does
 to the times, a joint turns by no more than 0.5 rad between two readings, and gains no more than 10 rad/s.
 
-A reading that is not within is never used; it is forgotten but counted. Three kinds wait for the next one, which is
-then judged by them:
+A reading beyond these bounds is never used; it is forgotten but counted. Three kinds wait for the next reading, which
+is then judged by them:
 
-- beyond by its speed alone: a blow may give a joint more speed, but does not move it at once;
-- of a joint, and within only because nothing was heard for more than 0.02 s;
-- within only if the adapter has just become slower or quicker: then all that is known of a sample is that it was taken
-  after its command was sent and before its answer arrived.
+- beyond the bounds by its speed alone: a blow may give a joint more speed, but does not move it at once;
+- within the bounds, for a joint, only because nothing was heard for more than 0.02 s;
+- within the bounds only if the adapter has just become slower or quicker: then a sample is only known to have been
+  taken after its command was sent and before its answer arrived.
 
-When several readings that cannot be come within a short time the motor is not believed any more, until somebody says so
+When several impossible readings come within a short time the motor is distrusted, until somebody lifts that
 (`restart`).
 """
 
@@ -30,15 +30,15 @@ from lerobot_robot_yam.damiao.tables import MotorType
 
 _NOISE_RAD = 0.005  # noise of a position, rad: play in the gears, 13 codes
 _NOISE_RAD_S = 0.5  # noise of a speed, rad/s
-_UNSEEN_RAD_S = 2.0  # mean speed of a joint between two samples, rad/s, beyond what both say
+_UNSEEN_RAD_S = 2.0  # mean speed of a joint between two samples beyond both reported speeds, rad/s
 _SNATCHED_RAD_S, _SNATCHED_RAD = (
     5.0,
     0.24,
 )  # mean speed, rad/s, and way, rad, of a joint that a hand snatches in a silence
-_AWAY_RAD, _BLOW_RAD_S = 0.5, 10.0  # most way, rad, and gain of speed, rad/s, of a joint between two samples
+_AWAY_RAD, _BLOW_RAD_S = 0.5, 10.0  # largest way, rad, and gain of speed, rad/s, of a joint between two samples
 _GAINED_RAD_S = 2.5  # gain of speed of a joint from one sample to the next, rad/s
-_DOUBTS = 4  # impossible answers after which a motor is not believed
-_FORGET = 1.0 / 50.0  # impossible answers that a good one makes forgotten
+_DOUBTS = 4  # impossible answers after which a motor is distrusted
+_FORGET = 1.0 / 50.0  # impossible answers that one good answer cancels
 
 _UNHEARD_S = 0.02  # silence, s, after which one reading is not enough: five ticks
 
@@ -47,19 +47,19 @@ _Sample = tuple[float, float, float, float, float, float]
 """Position, rad, and speed, rad/s; when it was taken: most likely, and at the latest, if the adapter is as it was; when
 it was asked for, and when it arrived, s."""
 
-_NOTHING: _Sample = (math.nan,) * 6  # whatever follows it is not beyond it
+_NOTHING: _Sample = (math.nan,) * 6  # a sample after which every answer is possible
 
 
 class Plausibility:
-    """Judges the answers of the motors of a chain. Lists and plain floats: each frame is judged.
+    """Judge of the answers of the motors of a chain. Lists and plain floats: each frame is judged.
 
     Args:
         types: types of the motors.
-        light: per motor, whether it moves next to nothing, as a gripper's does.
+        light: per motor, whether it moves next to no mass, like a gripper's motor.
 
     Attributes:
         before: per motor, position (rad) and speed (rad/s) of the sample that the last good one was judged by.
-        rejected: per motor, answers that could not be, in total.
+        rejected: per motor, number of impossible answers so far.
         distrusted: per motor, whether its answers are not used any more.
     """
 
@@ -72,36 +72,36 @@ class Plausibility:
         self._acceleration = [row.acceleration_max_rad_s2 for row in types]
         self.before = [(math.nan, math.nan)] * count
         self._good: list[_Sample] = [_NOTHING] * count
-        self._struck: list[_Sample | None] = [None] * count  # waits for the next one
+        self._struck: list[_Sample | None] = [None] * count  # sample that waits for the next one
         self._heard_s = [math.nan] * count
         self._doubt = [0.0] * count
         self.rejected = [0] * count
         self.distrusted = [False] * count
 
     def restart(self, motors: Iterable[int]) -> None:
-        """Believe the next answers of these motors, whatever they say."""
+        """Accept the next answer of each of these motors, whatever it says."""
         for i in motors:
             self._good[i], self._struck[i], self._doubt[i], self.distrusted[i] = _NOTHING, None, 0.0, False
 
     def distrust(self, motors: Iterable[int]) -> None:
-        """Believe nothing that these motors say."""
+        """Accept no answers of these motors."""
         for i in motors:
             self.distrusted[i] = True
 
     def assume(self, motor: int, q: float, dq: float, at_s: float) -> None:
-        """Judge the next answer by this one, which somebody else has had."""
+        """Judge the next answer by this sample, which another object has received."""
         self._good[motor], self._heard_s[motor] = (q, dq, at_s, at_s, at_s, at_s), at_s
 
     def accept(
         self, motor: int, q: float, dq: float, sampled_s: float, latest_s: float, asked_s: float, arrived_s: float
     ) -> bool:
-        """Whether an answer can be believed. Hot: once per frame.
+        """Return whether an answer can be believed. Hot: once per frame.
 
         Args:
-            motor: by index.
-            q, dq: rad, rad/s.
-            sampled_s, latest_s: when its sample was taken: most likely, and at the latest.
-            asked_s, arrived_s: between which it was taken for certain.
+            motor: index of the motor.
+            q, dq: position, rad, and speed, rad/s.
+            sampled_s, latest_s: when the sample was taken: most likely, and at the latest.
+            asked_s, arrived_s: times between which the sample was certainly taken.
         """
         since_s, self._heard_s[motor] = latest_s - self._heard_s[motor], latest_s
         if self.distrusted[motor]:
@@ -110,7 +110,7 @@ class Plausibility:
         sample = (q, dq, sampled_s, latest_s, asked_s, arrived_s)
         slack = self._slack(motor, since_s if self._light[motor] else min(since_s, _UNHEARD_S))
         struck = self._struck[motor]
-        if struck is not None:  # hardly ever
+        if struck is not None:  # rarely
             self._struck[motor] = None
             if _continues(struck, sample, slack):
                 self.before[motor], self._good[motor] = struck[:2], sample
@@ -120,7 +120,7 @@ class Plausibility:
         faster = abs(dq) - abs(good[1])
         leaps = abs(q - good[0]) > _AWAY_RAD or faster > _BLOW_RAD_S
         if leaps and not self._light[motor]:
-            pass  # no reading that follows makes it possible
+            pass  # no later reading makes such a leap possible
         elif _continues(good, sample, slack):
             gained = min(self._acceleration[motor] * (latest_s - good[2]), self._gained[motor])
             if not faster > gained + _NOISE_RAD_S:
@@ -137,11 +137,11 @@ class Plausibility:
         return False
 
     def _slack(self, motor: int, unheard_s: float) -> float:
-        """How far a motor can get in that time beyond what its speeds say, rad."""
+        """Return how far a motor can get in that time beyond what its speeds explain, rad."""
         return _NOISE_RAD + min(0.5 * self._acceleration[motor] * unheard_s, self._unseen[motor]) * unheard_s
 
     def _may_continue(self, motor: int, before: _Sample, after: _Sample, unheard_s: float) -> bool:
-        """Whether it can have got there if nobody was looking, or if the adapter has become slower or quicker."""
+        """Return whether a motor can have got there in a silence, or if the adapter has become slower or quicker."""
         slack = self._slack(motor, unheard_s)
         if unheard_s > _UNHEARD_S and not self._light[motor]:
             slack = min(slack + _SNATCHED_RAD, _NOISE_RAD + _SNATCHED_RAD_S * unheard_s)
@@ -149,12 +149,12 @@ class Plausibility:
 
 
 def _continues(before: _Sample, after: _Sample, slack: float) -> bool:
-    """Whether a joint can have got from one sample, if there is one, to another, if the adapter is as it was."""
+    """Return whether a joint can have got from a sample, if any, to another while the adapter's delay is unchanged."""
     return _reaches(before, after, after[2] - before[3], after[3] - before[2], slack)
 
 
 def _reaches(before: _Sample, after: _Sample, least_s: float, most_s: float, slack: float) -> bool:
-    """Whether a joint can have got from one sample to another within least_s … most_s."""
+    """Return whether a joint can have got from one sample to another within least_s … most_s."""
     least_s = least_s if least_s > 0.0 else 0.0
     low, high = (before[1], after[1]) if before[1] < after[1] else (after[1], before[1])
     step = after[0] - before[0]

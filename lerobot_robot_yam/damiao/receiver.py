@@ -1,6 +1,6 @@
-"""Everything that arrives on a channel of motors: each frame goes where it belongs, whenever it comes.
+"""Receiver of a channel of motors: each frame that arrives goes where it belongs, whenever it comes.
 
-Answers are told apart by identifier: a late or lost one ages its own motor and is never taken for another's.
+Answers are distinguished by identifier: a late or lost one ages its own motor's state and never counts for another's.
 `requests` finds out which command each answer belongs to, and `round_trip` when its sample was taken. The newest
 feedback of every motor is decoded, judged and stamped.
 """
@@ -22,7 +22,7 @@ from lerobot_robot_yam.damiao.reply_matching import Request, Requests
 from lerobot_robot_yam.damiao.round_trip import RoundTrip
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
 
-_NO_STATE = 0x10  # first bytes below carry no state: feedback of a disabled motor, or a register's answer
+_NO_STATE = 0x10  # first bytes below this carry no state: feedback of a disabled motor, or a register's answer
 # Position, velocity, torque, two temperatures, when sampled, when asked, position and velocity before; in that order.
 _NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, -math.inf, -math.inf, math.nan, math.nan)
 
@@ -38,14 +38,14 @@ class FeedbackStore:
         turns: per motor, whether it may turn beyond the range of the wire, and is followed there.
 
     Attributes:
-        position_rad (unwrapped from the first reading where the motor turns), velocity_rad_s, torque_nm.
-        temp_mos_c, temp_rotor_c: °C.
-        stamp_s: when the motor has sampled this (the clock's time), -inf before the first reply.
-        before_rad, before_rad_s: position and speed of the sample before that, NaN at first.
-        asked_s: when the command went out that it answers.
-        fault: int, see `tables.Fault`.
-        distrusted: bool, its readings cannot be true and are not used any more.
-        all_normal: no fault, all enabled and trusted.
+        position_rad, velocity_rad_s, torque_nm: state; a motor that turns is unwrapped from its first reading.
+        temp_mos_c, temp_rotor_c: temperatures of power stage and coil, °C.
+        stamp_s: when the motor has sampled its state (the clock's time), -inf before the first reply.
+        before_rad, before_rad_s: position and speed of the previous sample, NaN at first.
+        asked_s: when the command was sent that the state answers.
+        fault: fault code, see `tables.Fault`.
+        distrusted: whether the motor's readings are impossible and not used any more.
+        all_normal: whether all motors are enabled, trusted and without a fault.
     """
 
     def __init__(self, types: Sequence[str], turns: Sequence[bool]):
@@ -59,20 +59,20 @@ class FeedbackStore:
         self._fault: list[int] = [Fault.DISABLED] * count
         self._normal: list[int] = [Fault.NORMAL] * count
         self._turn_rad = [0.0] * count
-        self._fresh = [True] * count  # the next reading says which turn it is on
+        self._fresh = [True] * count  # whether the next reading sets the turn
         self.publish()
 
     def take(
         self, index: int, data: bytes, asked_s: float, sampled_s: float, latest_s: float, arrived_s: float
     ) -> None:
-        """Decode one feedback frame, 8 bytes, of motor number `index`; use it if it can be. Hot: once per frame.
+        """Decode one feedback frame, 8 bytes, of motor number `index`; use it if possible. Hot: once per frame.
 
-        Between two readings a motor that turns is taken to have gone the shorter way round; the first is taken as it
-        is.
+        A motor that turns is assumed to have gone the shorter way round between two readings; its first reading is used
+        as it is.
 
         Args:
-            asked_s, arrived_s: when the command went out that this answers, and when this came.
-            sampled_s, latest_s: when the motor has sampled in between: most likely, and at the latest.
+            asked_s, arrived_s: when the command was sent that the frame answers, and when the frame arrived.
+            sampled_s, latest_s: when the motor sampled its state: most likely, and at the latest.
         """
         _, fault, position, velocity, torque, mos, rotor = unpack_feedback(self._ranges[index], data)
         turn, half = self._turn_rad[index], self._half[index]
@@ -92,9 +92,9 @@ class FeedbackStore:
         self._newest[index] = (position, velocity, torque, mos, rotor, sampled_s, asked_s, *before)
 
     def assume(self, position_rad: np.ndarray, velocity_rad_s: np.ndarray, sampled_s: np.ndarray) -> None:
-        """Where motors were when somebody last heard them, (n,) in motor coordinates.
+        """Assume positions of motors when they were last heard, (n,) in motor coordinates.
 
-        They are taken to be there until they answer, and their first answers are judged by it.
+        Motors count as there until they answer, and their first answers are judged by these positions.
         """
         rows = zip(position_rad.tolist(), velocity_rad_s.tolist(), sampled_s.tolist(), strict=True)
         for index, (q, dq, at_s) in enumerate(rows):
@@ -106,25 +106,25 @@ class FeedbackStore:
         self.publish()
 
     def restart(self, motors: Iterable[int] | None = None) -> None:
-        """Take the next reading of these motors (default: all) as it is, on whatever turn, however far off."""
+        """Accept the next reading of these motors (default: all) as it is, on any turn, however far off."""
         chosen = range(len(self._ranges)) if motors is None else list(motors)
         self._judge.restart(chosen)
         for index in chosen:
             self._turn_rad[index], self._fresh[index] = 0.0, True
 
     def believe(self, motors: Iterable[int]) -> None:
-        """Take the next readings of these motors however far off: limp joints may have been moved."""
+        """Accept the next readings of these motors, however far off: limp joints may have been moved."""
         self._judge.restart(motors)
 
     def distrust(self, motors: Sequence[int], position_rad: np.ndarray) -> None:
-        """Use no readings of these motors until `restart`; they are where they were believed last, (n,) in all."""
+        """Use no readings of these motors until `restart`; assume position_rad, of (n,) in all, for them."""
         self._judge.distrust(motors)
         for index in motors:
             self._newest[index] = (float(position_rad[index]), 0.0, *self._newest[index][2:])
         self.publish()
 
     def adopt(self, other: "FeedbackStore", motors: Iterable[int]) -> None:
-        """Know of these motors what another store knows, and judge their next readings by that."""
+        """Copy the state of these motors from another store, and judge their next readings by it."""
         chosen = list(motors)
         self.restart(chosen)
         for i in chosen:
@@ -136,11 +136,11 @@ class FeedbackStore:
 
     @property
     def rejected(self) -> np.ndarray:
-        """(n,) readings that could not be, in total."""
+        """Number of implausible readings so far, per motor, (n,)."""
         return np.array(self._judge.rejected)
 
     def publish(self) -> None:
-        """Make what was taken visible in the arrays."""
+        """Publish the newest state in the arrays."""
         state = np.array(self._newest).reshape(-1, len(_NOTHING)).T.copy()
         self.position_rad, self.velocity_rad_s, self.torque_nm = state[0], state[1], state[2]
         self.temp_mos_c, self.temp_rotor_c, self.stamp_s, self.asked_s = state[3], state[4], state[5], state[6]
@@ -151,14 +151,14 @@ class FeedbackStore:
 
 
 class Receiver:
-    """The receiving half of a `chain.MotorChain`; see there for the counters.
+    """Receiving half of a `chain.MotorChain`, which documents the counters.
 
     Attributes:
         feedback: newest feedback of the motors.
-        trial: another store that takes the same, or None.
+        trial: another store that gets the same frames, or None.
         requests: questions that are open.
-        round_trip: how long the adapter takes.
-        late_registers: register replies that were given up on and may still come.
+        round_trip: delays of the adapter.
+        late_registers: number of register replies that were given up and may still come.
     """
 
     def __init__(self, port: BusPort, motors: Sequence[MotorSpec], encoder: HandleEncoder | None):
@@ -176,27 +176,27 @@ class Receiver:
         self.error_frames = 0
 
     def new_store(self) -> FeedbackStore:
-        """A store for these motors, in which nothing is known yet."""
+        """Make a store for these motors in which nothing is known yet."""
         return FeedbackStore([spec.type for spec in self._motors], [spec.turns for spec in self._motors])
 
     def drain(self) -> None:
-        """Take everything that has already arrived, without waiting."""
+        """Process everything that has already arrived, without waiting."""
         while (message := self._port.recv(0.0)) is not None:
             self.accept(message)
 
     def take_answers(self, request: Request, deadline_s: float) -> None:
-        """Take frames until all answers to a request have come, or until `deadline_s` (the clock's time)."""
+        """Process frames until all answers to a request have come, or until `deadline_s` (the clock's time)."""
         clock = self._port.clock
         while request.missing:
             remaining_s = deadline_s - clock.now()
             message = self._port.recv(max(0.0, remaining_s))
             if message is not None:
                 self.accept(message)
-            elif remaining_s <= 0.0:  # not before: a caller that sleeps past the deadline still finds all that has come
+            elif remaining_s <= 0.0:  # checked last: a caller that slept past the deadline still gets all frames
                 return
 
     def frames(self, deadline_s: float) -> Iterator[can.Message]:
-        """Frames as they arrive, until `deadline_s` (the clock's time); the caller hands them to `accept`."""
+        """Yield frames as they arrive, until `deadline_s` (the clock's time); the caller hands them to `accept`."""
         clock = self._port.clock
         while (remaining_s := deadline_s - clock.now()) > 0.0:
             message = self._port.recv(remaining_s)
@@ -204,7 +204,7 @@ class Receiver:
                 yield message
 
     def accept(self, message: can.Message) -> None:
-        """Put one frame where it belongs. Hot: once per frame."""
+        """Process one frame. Hot: once per frame."""
         if message.is_error_frame:
             self.error_frames += 1
             return
@@ -215,7 +215,7 @@ class Receiver:
             self._accept_other(message)
             return
         if data[0] < _NO_STATE and decode_reply(bytes(data)) is not None:
-            # As feedback it would put the motor at -12.5 rad or turn it once. No joint comes below -11.7 rad.
+            # As feedback such a frame would mean -12.5 rad, or one more turn. No joint comes below -11.7 rad.
             if self.late_registers:
                 self.late_registers -= 1
             else:

@@ -1,7 +1,7 @@
 """Damiao register protocol on identifier 0x7FF: requests, replies and the register table. Pure, no I/O.
 
 Request: motor id (2 bytes, little-endian), opcode, register, value (4 bytes, little-endian).
-Reply, on the motor's MST_ID: the same layout with the value held. A feedback frame can look the same by
+Reply, on the motor's MST_ID: the same layout with the present value. A feedback frame can look the same by
 chance, so a reply is only meaningful for an outstanding request.
 Sources: DM_Control_Python, python-damiao-driver, motorbridge, I2RT driver v1.2.4.
 """
@@ -21,7 +21,7 @@ _ZEROS = b"\x00\x00\x00\x00"
 
 
 class Opcode(IntEnum):
-    """Byte 2 of a request."""
+    """Opcode of a request, byte 2."""
 
     READ = 0x33
     WRITE = 0x55
@@ -30,7 +30,7 @@ class Opcode(IntEnum):
 
 
 class Register(IntEnum):
-    """Registers by number (byte 3): kind of the four bytes, whether it can be written, unit ("" if none)."""
+    """Register by number (byte 3): kind of the four bytes, whether it can be written, unit ("" if none)."""
 
     kind: Literal["float", "uint32"]
     writable: bool
@@ -100,7 +100,7 @@ REGISTERS = {register.value: register for register in Register}
 
 
 class RegisterFrame(NamedTuple):
-    """A decoded request, whose `register` may be unknown, or reply; `value` is None in requests that do not write."""
+    """Decoded request or reply. A request's `register` may be unknown; `value` is None unless the request writes."""
 
     motor_id: int
     opcode: int
@@ -109,7 +109,7 @@ class RegisterFrame(NamedTuple):
 
 
 def register_row(register: int) -> Register:
-    """Row of a register number. Raises ConfigError: Damiao motors have no such register."""
+    """Return the row of a register number. Raises ConfigError: Damiao motors have no such register."""
     try:
         return REGISTERS[register]
     except KeyError:
@@ -117,16 +117,16 @@ def register_row(register: int) -> Register:
 
 
 def encode_read(motor_id: int, register: int) -> bytes:
-    """Ask motor `motor_id` for a register. 8 bytes for identifier 0x7FF."""
+    """Encode a question to motor `motor_id` for a register, 8 bytes for identifier 0x7FF."""
     register_row(register)
     return _HEADER.pack(motor_id, Opcode.READ, register, _ZEROS)
 
 
 def encode_write(motor_id: int, register: int, value: float) -> bytes:
-    """Set a register in the motor's RAM; `encode_store` makes it survive a power cycle.
+    """Encode a write to a register in the motor's RAM; after `encode_store` the value survives a power cycle.
 
     Raises:
-        ConfigError: unknown or read-only register, or a value it cannot hold.
+        ConfigError: the register is unknown or read-only, or cannot hold the value.
     """
     row = register_row(register)
     if not row.writable:
@@ -135,17 +135,17 @@ def encode_write(motor_id: int, register: int, value: float) -> bytes:
 
 
 def encode_store(motor_id: int) -> bytes:
-    """Store all registers of the motor to flash."""
+    """Encode a command that stores all registers of the motor to flash."""
     return _HEADER.pack(motor_id, Opcode.STORE, 1, _ZEROS)
 
 
 def encode_refresh(motor_id: int) -> bytes:
-    """Ask for a feedback frame; commands no motion and enables nothing."""
+    """Encode a question for a feedback frame; commands no motion and enables nothing."""
     return _HEADER.pack(motor_id, Opcode.REFRESH, 0, _ZEROS)
 
 
 def decode_request(data: bytes) -> RegisterFrame | None:
-    """The request in a 0x7FF frame, as a motor reads it, or None for any other frame."""
+    """Decode the request in a 0x7FF frame, as a motor does; return None for any other frame."""
     if not 4 <= len(data) <= 8:
         return None
     motor_id, opcode, register, raw = _HEADER.unpack(bytes(data).ljust(8, b"\x00"))
@@ -157,12 +157,12 @@ def decode_request(data: bytes) -> RegisterFrame | None:
 
 
 def encode_reply(motor_id: int, opcode: int, register: int, value: float) -> bytes:
-    """A motor's answer to a read or write: the value it holds now."""
+    """Encode a motor's answer to a read or write, with the present value."""
     return _HEADER.pack(motor_id, opcode, register, encode_value(register, value))
 
 
 def decode_reply(data: bytes) -> RegisterFrame | None:
-    """A read or write reply, or None when the frame cannot be one (then it is feedback)."""
+    """Decode a read or write reply; return None when the frame is none, but feedback."""
     if len(data) != 8 or data[1] > 7 or data[2] not in (Opcode.READ, Opcode.WRITE) or data[3] not in REGISTERS:
         return None
     motor_id, opcode, register, raw = _HEADER.unpack(data)
@@ -170,7 +170,7 @@ def decode_reply(data: bytes) -> RegisterFrame | None:
 
 
 def encode_value(register: int, value: float) -> bytes:
-    """Four little-endian bytes of a value. Raises ConfigError: unknown register, or a value it cannot hold."""
+    """Encode a value as the register's four little-endian bytes. Raises ConfigError: unknown register, wrong value."""
     row = register_row(register)
     with contextlib.suppress(OverflowError, ValueError, TypeError, struct.error):  # too large, NaN, no number
         if row.kind == "float":
@@ -183,12 +183,12 @@ def encode_value(register: int, value: float) -> bytes:
 
 
 def decode_value(register: int, raw: bytes) -> float | int:
-    """Value of a register's four bytes: float or int by the register's kind."""
+    """Decode the value of a register's four bytes: float or int by the register's kind."""
     packer = _FLOAT if register_row(register).kind == "float" else _UINT
     value: float | int = packer.unpack(raw)[0]
     return value
 
 
 def agrees(found: float | None, expected: float | None) -> bool:
-    """Whether a float register holds a value: motors have a float32, and our constants are rounded. None: unknown."""
+    """Return whether a float register holds a value; motors have float32, our constants are rounded. None: unknown."""
     return found is not None and expected is not None and math.isclose(found, expected, rel_tol=1e-4)

@@ -1,4 +1,4 @@
-"""Everything that is asked of an arm before it is energised; it sends no command that moves or energises anything."""
+"""Inspection of an arm before it is energised; sends no command that moves or energises anything."""
 
 import logging
 
@@ -23,7 +23,7 @@ _ATTEMPTS = 5
 
 
 def refuse_stopped(name: str, stop: EmergencyStop) -> None:
-    """Nothing is energised while the emergency stop is latched. Raises EmergencyStopError: it is."""
+    """Refuse to energise while the emergency stop is latched. Raises EmergencyStopError: the stop is latched."""
     reason = stop.reason()
     if reason:
         raise EmergencyStopError(
@@ -32,7 +32,7 @@ def refuse_stopped(name: str, stop: EmergencyStop) -> None:
 
 
 def inspect(hardware: ResolvedArm, chain: MotorChain, bus: can.BusABC) -> None:
-    """Is everything there, alone on the channel, and as configured? Raises YamError: names the part that is not."""
+    """Check that everything is there, alone on the channel, and as configured. Raises YamError: a part is not."""
     config = hardware.config
     refuse_stopped(config.name, EmergencyStop())
     handle = hardware.gripper.handle_encoder
@@ -53,7 +53,7 @@ def inspect(hardware: ResolvedArm, chain: MotorChain, bus: can.BusABC) -> None:
         if swap is None:
             raise
         raise MotorError(f"{swap} ({error})") from error
-    if not handle and hardware.gripper.motor is None:  # it has nothing that would be missed on the wrong arm
+    if not handle and hardware.gripper.motor is None:  # no part of it would be missed on the wrong arm
         swap = mistaken_role(*role)
         if swap is not None:
             raise MotorError(swap)
@@ -69,7 +69,7 @@ def inspect(hardware: ResolvedArm, chain: MotorChain, bus: can.BusABC) -> None:
 
 
 def clear_stale_faults(name: str, chain: MotorChain) -> None:
-    """Clear what an earlier session left behind: connecting again is how an operator re-arms. Said, never silent."""
+    """Clear faults that an earlier session left behind, since operators re-arm by connecting again; log them."""
     stale = {m.name: fault_text(f) for m, f in zip(chain.motors, chain.fault.tolist(), strict=True) if f > 1}
     if stale:
         logger.warning("%s: clearing what an earlier session left behind: %s", name, stale)

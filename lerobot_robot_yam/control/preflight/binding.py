@@ -28,14 +28,14 @@ WIGGLE_ADVICE = "see which arm is which with yam-identify --wiggle"
 
 @dataclass(frozen=True)
 class Binding:
-    """An arm by the name that people call it, where it was when it was bound, and its marks."""
+    """Name of an arm, the channel on which it was bound, and its fingerprint."""
 
     name: str
     channel: str
     fingerprint: Fingerprint
 
     def save(self, path: Path) -> None:
-        """Write the file so that a crash in the middle leaves the old one. Raises ConfigError: it cannot be written."""
+        """Write the file so that a crash in the middle leaves the old one. Raises ConfigError: this fails."""
         data = {"kind": _KIND, "version": _VERSION, "name": self.name, "channel": self.channel}
         try:
             write_whole(path, json.dumps({**data, "fingerprint": self.fingerprint.to_dict()}, indent=1) + "\n")
@@ -44,13 +44,13 @@ class Binding:
 
     @classmethod
     def load(cls, path: Path, place: str = "--channel CHANNEL") -> "Binding | None":
-        """The binding in a file; None when there is no file.
+        """Return the binding in a file; None when there is no file.
 
         Args:
             place: the arm's channel as options of `yam-identify`, for messages.
 
         Raises:
-            ConfigError: the file is damaged, or something else.
+            ConfigError: the file is damaged, or no binding.
         """
         try:
             data = json.loads(path.read_bytes())
@@ -72,7 +72,7 @@ class Binding:
 
 
 def contradictions(bound: Fingerprint, found: Fingerprint) -> list[str]:
-    """Differences in words that no arm undergoes by itself; empty when both may be the same arm."""
+    """Describe differences that no arm undergoes by itself; empty when both may be the same arm."""
     reasons = []
     common = sorted(bound.motors.keys() & found.motors.keys())
     told = [i for i in common if i in bound.serials and i in found.serials]
@@ -91,7 +91,7 @@ def contradictions(bound: Fingerprint, found: Fingerprint) -> list[str]:
 
 
 def changes(bound: Fingerprint, found: Fingerprint) -> list[str]:
-    """Differences in words that may have an innocent explanation."""
+    """Describe differences that may have an innocent explanation."""
     reasons = []
     silent = sorted(bound.motors.keys() - found.motors.keys())
     if silent:
@@ -117,15 +117,15 @@ def check_identity(
     Args:
         path: the binding file of the arm that is expected; its directory is searched for siblings.
         found: see `read_fingerprint`.
-        channel, name: where, and for which arm of the configuration; for messages.
+        channel, name: the channel, and the arm's name in the configuration, for messages.
         place: the channel as options of `yam-identify`, where `--channel` does not say it all.
 
     Returns:
-        Warnings, logged already; empty when everything is as bound.
+        Warnings that were logged; empty when everything is as bound.
 
     Raises:
-        MotorError: it is another arm, named as far as it is bound; or nothing answers.
-        ConfigError: there is no such file, or it is damaged.
+        MotorError: another arm answers (the message names it if it is bound), or nothing does.
+        ConfigError: the file is missing or damaged.
     """
     path, place = Path(path), place or f"--channel {channel}"
     if not found.motors:
@@ -167,7 +167,7 @@ def check_identity(
 def bind(
     path: Path | str, name: str, channel: str, found: Fingerprint, arm: ArmProfile, force: bool = False
 ) -> list[str]:
-    """Store that what was found is the arm called `name`, which has this profile.
+    """Store the fingerprint `found` as that of the arm called `name`, which has this profile.
 
     Returns:
         Notes on what would not be noticed later; empty when this arm differs from all siblings.
@@ -196,7 +196,7 @@ def bind(
 
 
 def siblings(path: Path) -> list[Binding]:
-    """The other bindings in the directory of `path`; other files there are passed over."""
+    """Return the other bindings in the directory of `path`; ignore other files."""
     found = []
     for other in sorted(path.parent.glob("*.json")):
         if other.name == path.name:
@@ -229,7 +229,7 @@ def _other_arm(expected: Binding, fitting: list[Binding], path: Path, found: Fin
 
 
 def _notes(found: Fingerprint, others: Iterable[Binding]) -> list[str]:
-    """Swaps that a later check could not notice."""
+    """Describe swaps that a later check could not notice."""
     notes = []
     serials = set(found.serials.values())
     if len(found.serials) < 2 or len(serials) == 1:

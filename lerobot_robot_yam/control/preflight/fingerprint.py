@@ -25,13 +25,13 @@ _MOTOR_WAIT_S = 0.02
 
 @dataclass(frozen=True)
 class MotorPrint:
-    """Marks of one motor; None where it does not tell.
+    """Marks of one motor; None where the motor does not report one.
 
     Attributes:
-        gear_ratio: built in (register GR); tells the type of motor.
-        position_max_rad, velocity_max_rad_s, torque_max_nm: the ranges that it is set to.
+        gear_ratio: ratio of the built-in gear (register GR), by which motor types differ.
+        position_max_rad, velocity_max_rad_s, torque_max_nm: the ranges to which the motor is set.
         serial: register SN, which Damiao calls reserved: it may be equal on all motors.
-        hardware, software, sub: its versions (registers hw_ver, sw_ver, sub_ver).
+        hardware, software, sub: the motor's versions (registers hw_ver, sw_ver, sub_ver).
     """
 
     gear_ratio: float | None
@@ -70,9 +70,9 @@ class Fingerprint:
     """Everything that was found on one channel.
 
     Attributes:
-        motors: by CAN id.
+        motors: CAN id -> marks of the motor.
         handle_firmware: version of the teaching handle; None when no handle answers.
-        adapter: None where the kernel knows no hardware (the virtual rig, vcan).
+        adapter: the CAN adapter; None where the kernel knows no hardware (the virtual rig, vcan).
     """
 
     motors: dict[int, MotorPrint]
@@ -81,11 +81,11 @@ class Fingerprint:
 
     @property
     def serials(self) -> dict[int, int]:
-        """Serial number by CAN id, of the motors that tell one."""
+        """CAN id -> serial number, for motors that report one."""
         return {can_id: motor.serial for can_id, motor in self.motors.items() if motor.serial is not None}
 
     def role(self, gripper_id: int) -> str:
-        """The kind of arm in words, if a gripper's motor has this CAN id."""
+        """Describe the kind of arm; a gripper's motor would have CAN id `gripper_id`."""
         if self.handle_firmware is not None:
             return "leader (a teaching handle answers)"
         if gripper_id in self.motors:
@@ -93,7 +93,7 @@ class Fingerprint:
         return "arm without handle and gripper motor" if self.motors else "nothing that answers"
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form; `from_dict` reads it back."""
+        """Return the fingerprint as JSON data for `from_dict`."""
         return {
             "motors": {str(can_id): dict(vars(motor)) for can_id, motor in sorted(self.motors.items())},
             "handle_firmware": None if self.handle_firmware is None else list(self.handle_firmware),
@@ -102,7 +102,7 @@ class Fingerprint:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> "Fingerprint":
-        """Inverse of `to_dict`; KeyError, TypeError or ValueError for other data."""
+        """Make a fingerprint from the data of `to_dict`; KeyError, TypeError or ValueError for other data."""
         handle, adapter = data["handle_firmware"], data["adapter"]
         motors = {}
         for can_id, marks in data["motors"].items():
@@ -121,7 +121,7 @@ class Fingerprint:
 
 
 def read_fingerprint(bus: can.BusABC, channel: str, interface: str, ids: Iterable[int]) -> Fingerprint:
-    """Ask all ids of an arm, the handle and the kernel. Blocks for up to 0.5 s when much is missing.
+    """Read the marks of all motors of an arm, the handle and the adapter. Blocks for up to 0.5 s when much is missing.
 
     Args:
         bus: open bus; no other program may be driving it.
@@ -139,13 +139,13 @@ def read_fingerprint(bus: can.BusABC, channel: str, interface: str, ids: Iterabl
 
 
 def gear_ratio(bus: can.BusABC, channel: str, can_id: int) -> float | None:
-    """Gear ratio of one motor, None when it does not answer. It tells the type of motor."""
+    """Return the gear ratio of one motor, by which types differ; None when the motor does not answer."""
     chain = MotorChain(bus, [MotorSpec(f"motor {can_id}", can_id, "DM4310")], channel=channel)
     return _register(chain, 0, Register.GR)
 
 
 def adapter_of(channel: str, sysfs: Path = SYSFS) -> Adapter | None:
-    """Serial number and port of a CAN interface's hardware; None when the kernel knows no such hardware.
+    """Return serial number and port of a CAN interface's hardware; None when the kernel knows no such hardware.
 
     An adapter with several channels has one `dev_port` for each, or, under kernels whose driver leaves that 0, one
     `dev_id`.
@@ -176,7 +176,7 @@ def _read_motor(chain: MotorChain, index: int) -> MotorPrint:
 
 
 def _register(chain: MotorChain, index: int, register: Register) -> float | None:
-    """Value of a register; None when the motor, or its firmware, does not tell."""
+    """Return the value of a register; None when the motor, or its firmware, does not tell."""
     try:
         return chain.read_register(index, register, timeout_s=_MOTOR_WAIT_S, attempts=_ATTEMPTS)
     except MotorError:

@@ -23,7 +23,7 @@ _KNOWN = (SOCKETCAN, VIRTUAL, "yam_lockstep")
 
 
 def load_driver(interface: str) -> None:
-    """Import python-can's module of an interface, so that `open_bus` need not: that takes 50 ms the first time."""
+    """Import python-can's module of an interface ahead of `open_bus`, since the first import takes 50 ms."""
     if interface in can.interfaces.BACKENDS:
         with contextlib.suppress(ImportError):  # `open_bus` names what is missing
             importlib.import_module(can.interfaces.BACKENDS[interface][0])
@@ -34,10 +34,10 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
 
     Args:
         config: the arm.
-        only: identifiers to be heard; None: all.
+        only: identifiers to receive; None: all.
 
     Raises:
-        BusError: unknown interface or channel, or it cannot be opened.
+        BusError: interface or channel are unknown, or cannot be opened.
     """
     if config.interface not in _KNOWN:
         what = "%s: python-can's %r has been tried with no arm: some interfaces take seconds to open, and no stand-by "

@@ -1,6 +1,6 @@
 """The role of an arm: a leader has a teaching handle, a follower a gripper motor.
 
-It tells swapped cables from dead motors without any binding. Asks only; energises nothing.
+The role distinguishes swapped cables from dead motors without any binding. Nothing is energised.
 """
 
 import can
@@ -14,7 +14,7 @@ from lerobot_robot_yam.damiao.tables import motor_type
 
 
 def mistaken_role(bus: can.BusABC, channel: str, name: str, gripper: GripperProfile, gripper_id: int) -> str | None:
-    """Message when another arm answers than the one with the profile `gripper`; None when it may be the right one.
+    """Return a message when an arm without the profile `gripper` answers; None when it may be the right arm.
 
     Asks for the handle and for the gripper motor (`mounting.gripper_id`); up to 0.15 s when neither is there.
 
@@ -42,7 +42,7 @@ def mistaken_role(bus: can.BusABC, channel: str, name: str, gripper: GripperProf
 
 
 def answering_gripper(bus: can.BusABC, channel: str, gripper_id: int) -> str:
-    """Name of a gripper profile that fits what answers; as `likely_gripper`.
+    """Return the name of a gripper profile that fits what answers; as `likely_gripper`.
 
     Raises:
         BusError: the channel is gone.
@@ -51,7 +51,7 @@ def answering_gripper(bus: can.BusABC, channel: str, gripper_id: int) -> str:
 
 
 def likely_gripper(handle: bool, gear: float | None) -> str:
-    """Name of the first gripper whose motor has that gear; motors of one type do not tell their grippers apart.
+    """Return the name of the first gripper whose motor has that gear; several grippers may have motors of one type.
 
     Args:
         handle: whether a teaching handle answers.

@@ -1,6 +1,6 @@
-"""The process that has started this one to have arms: says which, is answered, and may end it or end itself.
+"""The caller, which has started this process to drive arms: reads its job, answers, and notices its end.
 
-One JSON line on standard input says which arms; one on standard output says "ready" or what went wrong. This process
+A JSON line on standard input names the arms; one on standard output says "ready" or what went wrong. This process
 has a session of its own, so that Ctrl-C does not reach it, and goes on when its terminal has gone.
 """
 
@@ -21,13 +21,13 @@ logger = logging.getLogger(__name__)
 
 
 class Caller:
-    """Waits for the job. Make it first, in the main thread.
+    """Caller of this process. Make this object first, in the main thread: it waits for the job.
 
     Attributes:
-        job: what it has asked for.
+        job: the caller's request.
 
     Raises:
-        SystemExit: it has gone already.
+        SystemExit: the caller has gone already.
     """
 
     def __init__(self) -> None:
@@ -52,21 +52,21 @@ class Caller:
         self._ended = True
 
     def watch(self, every_s: float) -> None:
-        """Begin to look whether it is there, in a thread: no thread survives a fork, so fork before.
+        """Start a thread that checks whether the caller still runs. Fork before this, since no thread survives a fork.
 
         Args:
-            every_s: between two looks whether it has begun to exit. Once it has exited that is known at once.
+            every_s: period of checking whether it has begun to exit, s; a finished exit is noticed at once.
         """
         threading.Thread(target=self._watch, args=[every_s], name="yam-parent", daemon=True).start()
 
     def _watch(self, every_s: float) -> None:
-        """Looking at a dying process may mean to free its memory, which can take a while."""
+        """Check in a thread, since a look at a dying process may free its memory, which can take a while."""
         while not (hung_up(self.job["lifeline"], every_s) or self._exit.reached()):
             pass
         self._gone = True
 
     def wants_an_end(self) -> bool:
-        """Whether the arms have to land: it has said so (SIGTERM), is gone, or runs another program."""
+        """Return whether arms must land: the caller has said so (SIGTERM), is gone, or runs another program."""
         if not self._ended and (self._gone or os.getppid() != self._pid):
             gone = "the process that started this one (%d) is gone, or runs another program: landing"
             logger.warning(gone, self._pid)
@@ -74,14 +74,14 @@ class Caller:
         return self._ended
 
     def answer(self, **fields: object) -> None:
-        """Say one line; one who no longer listens is noticed otherwise."""
+        """Write one line to the caller; a caller that is gone is noticed elsewhere."""
         with contextlib.suppress(OSError):
             sys.stdout.write(json.dumps(fields) + "\n")
             sys.stdout.flush()
 
     @contextlib.contextmanager
     def hears_of_errors(self, of: str) -> Iterator[None]:
-        """What fails inside the block is its answer, and ends this process with status 1. `of`: what this is."""
+        """Answer the caller with an error inside the block, and exit with status 1. `of`: what this process is."""
         try:
             yield
             return

@@ -1,7 +1,7 @@
 """The control process: `python -m lerobot_robot_yam.control.process.control_process`, started by `ArmSession`.
 
 It imports neither lerobot nor torch, lives in a separate session so that Ctrl-C does not reach it, and lands its arms
-when it is told to (SIGTERM) or when its parent is gone.
+when it is asked to (SIGTERM) or when its parent is gone.
 """
 
 import contextlib
@@ -42,17 +42,17 @@ def control(
     must_land: Callable[[], bool],
     realtime: bool,
 ) -> None:
-    """Lock, open, inspect, energise, run, land, release: the whole life of a robot's arms.
+    """Run the whole life of a robot's arms: lock, open, inspect, energise, run, land, release.
 
     Raises:
         YamError: bring-up failed; nothing is energised and everything is released.
     """
     configs = [arm.config for arm in arms]
     buses: list[can.BusABC] = []
-    with contextlib.ExitStack() as ends:  # the last first
+    with contextlib.ExitStack() as ends:  # in reverse order
         for pair in pairs:
             ends.callback(pair.close)
-        refuse_stopped(configs[0].name, EmergencyStop())  # before a lock that another process holds
+        refuse_stopped(configs[0].name, EmergencyStop())  # before a locked channel is reported
         for config, key in zip(configs, keys, strict=True):
             lock = FileLock(lock_path(key), f"CAN channel {config.channel}")
             lock.acquire()
@@ -76,13 +76,13 @@ def control(
 
 
 def main() -> int:
-    """Entry point of the process."""
+    """Run the process; return its exit status."""
     caller = Caller()
     job = caller.job
     keys, pairs = job["keys"], [BlockPair.of(Descriptors(*descriptors)) for descriptors in job["blocks"]]
-    with caller.hears_of_errors("control process"):  # a file has changed since the caller resolved them
+    with caller.hears_of_errors("control process"):  # a file may have changed since the caller resolved the arms
         arms = [ResolvedArm(LeadArmConfig(**arm)) for arm in job["arms"]]
-    passive = passive_of(arms[0].config) is not None  # such leaders need nobody to land them
+    passive = passive_of(arms[0].config) is not None  # passive leaders need no landing
     stand_by_pid = 0 if passive else stand_by.spawn(arms, keys, pairs, RT_PRIORITY)
     caller.watch(_PARENT_LOOK_S)
 
@@ -107,7 +107,7 @@ def main() -> int:
         try:
             control(arms, keys, pairs, tell, must_land, realtime=True)
         finally:
-            forget_the_dead(runtime_dir())  # a caller that was killed has left its part of the page's desk
+            forget_the_dead(runtime_dir())  # of killed callers remove what they left
     return 0
 
 

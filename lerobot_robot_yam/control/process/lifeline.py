@@ -1,8 +1,8 @@
 """How the processes that hold arms, and their caller, notice each other's end.
 
-A pid does not tell it: a caller that executes another program keeps its own. A line between both does. The kernel
-closes the caller's end then, as it does however the caller ends. No program can open a socket through /proc, to keep it
-open or to write.
+A pid does not show the end, since a caller that executes another program keeps its pid. A socket between both does: the
+kernel closes the caller's end of the socket, however the caller ends. No program can open a socket through /proc, to
+keep it open or to write.
 """
 
 import contextlib
@@ -11,12 +11,12 @@ import select
 import socket
 import weakref
 
-_FLAGS_AT = 6  # among the fields after the name, see proc_pid_stat(5)
+_FLAGS_AT = 6  # index of the flags among the fields after the name, see proc_pid_stat(5)
 _PF_EXITING = 0x4  # include/linux/sched.h
 
 
 class Lifeline:
-    """The caller's end. `far_end` is a descriptor to be inherited by the processes that hold the arms."""
+    """The caller's end of a line. `far_end` is a descriptor to be inherited by the processes that hold the arms."""
 
     def __init__(self) -> None:
         self._near, self._far = socket.socketpair()
@@ -28,12 +28,12 @@ class Lifeline:
         return self._far.fileno()
 
     def hand_over(self) -> None:
-        """Close the other end here: a process that inherits it has been started."""
+        """Close the other end here, after the start of a process that inherits it."""
         self._far.close()
 
     def nudge(self) -> None:
-        """Have a poll of the far end for what can be read come back. Waits for nothing, and fails for nothing."""
-        with contextlib.suppress(OSError):  # closed; or so many nudges wait already that one more says nothing
+        """Wake up a poll of the far end that waits for data. Never waits, never fails."""
+        with contextlib.suppress(OSError):  # closed; or so many nudges wait that one more is not needed
             self._near.send(b"\0", socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
 
     @property
@@ -42,13 +42,13 @@ class Lifeline:
         return self._near.fileno() < 0 or hung_up(self._near.fileno(), 0.0)
 
     def close(self) -> None:
-        """Let go: the far end takes this process for gone. Idempotent."""
+        """Close both ends; at the far end this process counts as gone. Idempotent."""
         self._near.close()
         self._far.close()
 
 
 def take_nudges(descriptor: int) -> bool:
-    """Take what `Lifeline.nudge` has left at a far end that can be read; False: the other end is gone."""
+    """Read what `Lifeline.nudge` has sent to a readable far end; return False if the other end is gone."""
     try:
         return bool(os.read(descriptor, 4096))
     except ConnectionResetError:
@@ -56,7 +56,7 @@ def take_nudges(descriptor: int) -> bool:
 
 
 def hung_up(descriptor: int, within_s: float) -> bool:
-    """Wait until no process has the other end of a line; False: one still has it after `within_s`."""
+    """Wait until no process has the other end of a line; return False if one has after `within_s`."""
     poll = select.poll()
     poll.register(descriptor, select.POLLRDHUP)
     return bool(poll.poll(within_s * 1e3))
@@ -66,7 +66,7 @@ _lines: "weakref.WeakSet[Lifeline]" = weakref.WeakSet()
 
 
 def _let_go() -> None:
-    """A forked child must not hold its parent's end: it may live on when the parent does not."""
+    """Close all lines in a forked child, which may outlive its parent and must not hold the parent's ends."""
     for line in list(_lines):
         line.close()
 
@@ -75,20 +75,20 @@ os.register_at_fork(after_in_child=_let_go)
 
 
 class ProcessEnd:
-    """Watches one process of this machine, by its pid, and sees it end before the kernel says so.
+    """Watch on one process of this machine, by its pid, that notices its end before the kernel reports it.
 
-    The kernel tells its parent, and a poll of its pid, after it has cleared the memory, 0.1 s for a locked or large
-    one. Arms need not wait for that: from the first step of its exit on a process executes nothing any more.
+    The kernel reports an end after it has cleared the memory, which takes 0.1 s for a locked or large one. Arms need
+    not wait for that: from the first step of its exit on a process executes nothing any more.
 
     Raises:
-        FileNotFoundError: there is no such process any more.
+        FileNotFoundError: the process has ended.
     """
 
     def __init__(self, pid: int):
         self._stat = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)
 
     def reached(self) -> bool:
-        """Whether its main thread has begun to exit. Costs 10 µs."""
+        """Return whether the process's main thread has begun to exit. Takes 10 µs."""
         try:
             fields = os.pread(self._stat, 1024, 0).rpartition(b")")[2].split()
         except ProcessLookupError:

@@ -1,7 +1,7 @@
-"""The stand-by: a process that waits with everything in hand to land the arms should the control process die.
+"""The stand-by: a process that holds everything needed to land the arms should the control process die.
 
-It is forked off before the control process opens anything, builds its own models, and then only waits on the other's
-pid, looking into the state blocks 50 times a second. If that process is gone (kill -9, out of memory) or has not
+It is forked off before the control process opens anything, builds its own models, and then only waits on that
+process's pid, and reads the state blocks 50 times a second. If that is gone (kill -9, out of memory) or has not
 ticked for a third of the motors' watchdog (stopped, stuck in the kernel: it is killed first), the stand-by opens the
 channels, lands what is energised, and takes the channel locks as the kernel frees them with their owner.
 """
@@ -37,12 +37,12 @@ from lerobot_robot_yam.system.runtime_files import FileLock
 logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.02
-_CLEARED_MS = 5000  # the kernel frees the locks of a dead process within this
-_HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # looks in a row, not time: a machine that stood still has not looked
+_CLEARED_MS = 5000  # time within which the kernel frees the locks of a dead process
+_HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # looks without a tick; not time, since a machine that stood still has not looked
 
 
 def spawn(arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[BlockPair], rt_priority: int) -> int:
-    """Fork the stand-by of this process, which must have opened nothing but its blocks. Returns its pid."""
+    """Fork the stand-by of this process, which must have opened nothing but its blocks. Return its pid."""
     control_pid = os.getpid()
     pid = os.fork()
     if pid:
@@ -51,7 +51,7 @@ def spawn(arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[Bloc
     try:
         os.setsid()  # a signal to the control process's group is not for us
         with open(os.devnull, "r+b") as nothing:
-            for descriptor in (0, 1):  # or the caller would never see the end of the control process's output
+            for descriptor in (0, 1):  # else the caller would never see the end of the control process's output
                 os.dup2(nothing.fileno(), descriptor)
         for name in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE, signal.SIGTERM):
             signal.signal(name, signal.SIG_IGN)
@@ -67,13 +67,13 @@ def spawn(arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[Bloc
 
 
 class StandBy:
-    """Watches one control process, and lands its arms when that ends.
+    """Watch on one control process, whose arms it lands when the process ends.
 
     Args:
-        arms, keys, pairs: its arms, the names by which others find them, and their blocks.
-        control_pid: its process.
+        arms, keys, pairs: arms of the process, the names by which others find their states, and their blocks.
+        control_pid: pid of the control process.
 
-    Whatever happens to files from now on, it has what it needs.
+    Everything is read here, whatever happens to files later.
     """
 
     def __init__(self, arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[BlockPair], control_pid: int):
@@ -101,13 +101,13 @@ class StandBy:
                 logger.error("the control process (%d) has not ticked for %.2f s: ending it", self._pid, HUNG_S)
                 with contextlib.suppress(ProcessLookupError):
                     signal.pidfd_send_signal(self._process, signal.SIGKILL)
-                break  # it executes nothing any more, however long the kernel takes to clear it away
+                break  # a killed process executes nothing, however long the kernel takes to clear it away
         self._look()
         if self._driving():
             self._take_over()
 
     def _look(self) -> int:
-        """Read the newest states; returns the newest tick."""
+        """Read the newest states; return the newest tick."""
         newest = 0
         for index, pair in enumerate(self._pairs):
             record = pair.states.glance()  # a process killed in the middle of a write leaves no record
@@ -117,7 +117,7 @@ class StandBy:
         return newest
 
     def _driving(self) -> bool:
-        """Whether some arm is energised."""
+        """Return whether some arm is energised."""
         return any(record is not None and record["mode"] not in (Mode.OFF, Mode.OFFLINE) for record in self._records)
 
     def _take_over(self) -> None:
@@ -155,7 +155,7 @@ class StandBy:
 
 
 def _take(locks: Sequence[FileLock]) -> bool:
-    """Take the locks as soon as the kernel has taken them from the dead; True: land, and again if a fault ends it."""
+    """Take the locks as soon as the kernel frees them. Return True: the arms must land, and again after a fault."""
     for lock in locks:
         if not lock.held:
             with contextlib.suppress(ChannelInUseError, OSError):  # a full disk must not end the landing

@@ -1,4 +1,4 @@
-"""Monitors one channel: silent, disobedient or lying motors, another driver, and frames that are not taken."""
+"""Monitor of one channel: silent, disobedient or implausible motors, another driver, and frames that cannot be sent."""
 
 import errno
 import math
@@ -11,11 +11,11 @@ from lerobot_robot_yam.damiao.tables import Fault, fault_text
 from lerobot_robot_yam.errors import BusError
 from lerobot_robot_yam.state.faults import FAULT_TROUBLE, SILENT_S, Trouble
 
-_MOTOR_MISSED = 10  # a lost motor has let so many questions in a row go by: a machine that stood still has not asked
-_CHANNEL_MISSED = 5  # of every motor: the first of them to be lost does not name the trouble
-_WINDOW_S = 0.4  # stray frames are counted over this; told within 0.5 s, also where a window ends too soon
-_DUPLICATES = 5  # answers beyond the questions and beyond those that merely came late
-_FOREIGN = 3  # commands of another driver
+_MOTOR_MISSED = 10  # unanswered questions of a lost motor; time alone does not count: a machine may have stood still
+_CHANNEL_MISSED = 5  # unanswered questions of every motor that may mean a lost channel
+_WINDOW_S = 0.4  # window over which stray frames are counted, so that they are reported within 0.5 s
+_DUPLICATES = 5  # surplus answers in a window, besides late ones, that mean a doubled id
+_FOREIGN = 3  # foreign commands in a window that mean another driver
 _LIES = "readings that jump as no joint can; check cable and plug, and that no second arm shares the channel"
 
 _BUS_TROUBLE = {
@@ -23,12 +23,12 @@ _BUS_TROUBLE = {
     errno.ENETDOWN: Trouble.LINK_DOWN,
     errno.ENOBUFS: Trouble.BUS_OFF,
 }
-_FULL_S = 0.05  # a transmit queue that takes nothing for this long stays full; after a late tick it empties soon
+_FULL_S = 0.05  # time after which a transmit queue stays full; after a late tick it empties sooner
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of a check: bad (n,) bool, motors that cannot be relied on; trouble None when all is well."""
+    """Result of a check. bad: (n,) bool, motors that cannot be relied on; trouble: None when all is well."""
 
     bad: np.ndarray
     trouble: Trouble | None = None
@@ -36,18 +36,18 @@ class Finding:
 
 
 class ChannelMonitor:
-    """Finds motors of a chain that are silent, do not obey or cannot be believed. Call once per tick."""
+    """Monitor of a chain's motors: some may be silent, disobedient or implausible. Check once per tick."""
 
     def __init__(self, chain: MotorChain):
         self._chain = chain
         self._none = self._bad = np.zeros(len(chain), dtype=bool)
         self._well = Finding(self._none)
         self._faulty: np.ndarray = ~self._none
-        self._told_s: np.ndarray = np.full(len(chain), math.nan)  # of the answer that told a fault first
+        self._told_s: np.ndarray = np.full(len(chain), math.nan)  # time of the answer that first reported a fault
         self._stray = _StrayFrames(chain)
 
     def check(self, now: float) -> Finding:
-        """State of every motor; the message names each in trouble with its reason."""
+        """Check every motor; the message names each in trouble with its reason."""
         chain = self._chain
         if chain.all_answered and chain.all_normal:  # nearly always
             self._bad = self._faulty = self._none
@@ -57,7 +57,7 @@ class ChannelMonitor:
         silent = (chain.silence_s(now) > SILENT_S) & (missed >= _MOTOR_MISSED)
         bad = silent | lies | self._confirmed(chain.fault != Fault.NORMAL)
         falling = (missed >= _CHANNEL_MISSED).all() and not silent.all() and not (bad & ~silent).any()
-        if falling:  # the others have fallen silent too: within SILENT_S it is the channel, or they answer again
+        if falling:  # within SILENT_S the others answer again, or the channel is silent
             return Finding(self._bad)
         self._bad = bad
         if not bad.any():
@@ -82,9 +82,9 @@ class ChannelMonitor:
         return Finding(bad, trouble or (Trouble.IMPLAUSIBLE if lies.any() else Trouble.MOTOR_SILENT), message)
 
     def _confirmed(self, faulty: np.ndarray) -> np.ndarray:
-        """Motors that say for the second time that they do not obey; one garbled answer may say anything.
+        """Return motors that report for the second time that they do not obey; one answer may be garbled.
 
-        One that was bad before, silent perhaps, is believed at once.
+        A motor that was bad before, silent perhaps, is believed at once.
         """
         stamp_s = self._chain.stamp_s
         first = faulty & ~self._faulty
@@ -111,14 +111,14 @@ class _StrayFrames:
         if now - self._since < _WINDOW_S:
             return None, ""
         chain = self._chain
-        # A late answer comes when it is no longer expected: each lost one explains one of those beyond the questions,
-        # also where it was given up in the window before.
+        # A late answer comes when it is no longer expected: each lost one explains one surplus answer, even if it was
+        # given up in the window before.
         beyond = chain.duplicates - self._doubled - (chain.lost - self._lost_before)
         doubled = np.flatnonzero(beyond >= _DUPLICATES)
         foreign = chain.foreign_commands - self._foreign
         self._note(now)
         if foreign >= _FOREIGN:
-            return (  # whose answers are doubled too
+            return (  # checked first, since answers to foreign commands look doubled, too
                 Trouble.FOREIGN_DRIVER,
                 f"another driver commands the motors on {chain.channel} ({foreign} frames in {_WINDOW_S} s); stop it",
             )
@@ -129,18 +129,18 @@ class _StrayFrames:
 
 
 class BusLoss:
-    """Whether a channel takes frames. `lost`: nothing reaches the motors."""
+    """State of a channel that may take no frames. `lost`: whether nothing reaches the motors."""
 
     def __init__(self) -> None:
         self.lost = False
         self._full_since_s = math.inf
 
     def clear(self) -> None:
-        """The channel has taken a whole tick."""
+        """Note that the channel has taken the frames of a whole tick."""
         self.lost, self._full_since_s = False, math.inf
 
     def note(self, error: BusError, now: float) -> Trouble | None:
-        """The channel has not. Returns the trouble, once, as soon as it is certain."""
+        """Note that the channel has not. Return the trouble once, as soon as it is certain."""
         trouble = _BUS_TROUBLE.get(error.errno or 0, Trouble.ADAPTER_GONE)
         if trouble is Trouble.BUS_OFF:
             self._full_since_s = min(self._full_since_s, now)

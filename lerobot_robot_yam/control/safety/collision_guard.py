@@ -1,4 +1,4 @@
-"""Keeps the set-points of all arms of a control loop clear of each other, of keep-out boxes and of the floor.
+"""Guard: keeps the set-points of all arms of a control loop clear of each other, of keep-out boxes and of the floor.
 
 A set-point cannot stop at once. Therefore the guard judges where it would come to rest if it braked after the step, all
 joints in proportion, so that it keeps its direction:
@@ -25,15 +25,15 @@ from lerobot_robot_yam.arm.collision.clearance import Clearance, Conflict
 from lerobot_robot_yam.arm.collision.parts import GuardedArm
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 
-_RESERVE = 0.02  # share of the way to the limit that a slowed step leaves: its own judgement must not fail by rounding
-_MOST_SLOWED = 4  # pairs at a time; the time that a tick takes is bounded
-_ROUNDS = 3  # of slowing down: to slow for one pair may take from another what parts it
-_GAIN_M = 1e-7  # a joint that adds less to a distance has no part in it
-_STANDS = 1e-3  # a smaller share of a step counts as 0: an arm that leans on a limit stands still
+_RESERVE = 0.02  # share of the way to the limit that a slowed step leaves, so that rounding cannot make it fail
+_MOST_SLOWED = 4  # most pairs that are slowed at a time, which bounds the time of a tick
+_ROUNDS = 3  # most passes of slowing joints: a joint slowed for one pair may have been moving another pair apart
+_GAIN_M = 1e-7  # least effect on a distance, m, that counts for a joint
+_STANDS = 1e-3  # share of a step below which it counts as 0: an arm that leans on a limit stands still
 
 
 class Nearness(NamedTuple):
-    """Two parts and their distance in m, negative where they are in each other.
+    """Two parts and their distance in m, negative where the parts overlap.
 
     arms: indices of the arms that can change the distance.
     """
@@ -48,10 +48,10 @@ class Nearness(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """The part of a step that may be taken.
+    """Part of a step that may be taken.
 
     q, dq: per arm (joints,), where the set-points may go, before they are kept within their ranges: joints that brake
-    in proportion may be too fast for an end that is near. blocked: per arm, whether it is held back. because: the
+    in proportion may be too fast for the end of a range. blocked: per arm, whether it is held back. because: the
     pairs in conflict, with their distances before the step; empty when no arm is blocked.
     """
 
@@ -61,12 +61,12 @@ class Verdict(NamedTuple):
     because: tuple[Nearness, ...]
 
     def message(self, arm: int) -> str:
-        """The parts that hold this arm back: "left link4 – keep-out 'camera mast', 12 mm"; empty when none do."""
+        """Name the parts that hold this arm back: "left link4 – keep-out 'camera mast', 12 mm"; empty when none do."""
         return "; ".join(str(row) for row in self.because if arm in row.arms) if self.blocked[arm] else ""
 
 
 class _Step(NamedTuple):
-    """One tick of dt seconds of all joints (N,): as wanted (q, dq), and as it is when all of them brake by `decel`."""
+    """One tick of dt seconds of all joints (N,): as wanted (q, dq), and with all joints braking by `decel`."""
 
     start: np.ndarray
     q: np.ndarray
@@ -80,24 +80,24 @@ class _Step(NamedTuple):
     def plan(
         cls, start: np.ndarray, speed: np.ndarray, q: np.ndarray, dq: np.ndarray, decel: np.ndarray, dt: float
     ) -> "_Step":
-        """From (start, speed) to (q, dq)."""
+        """Plan a step from (start, speed) to (q, dq)."""
         to_rest_s = _braking_time(speed, decel)
         dq_brake = speed * max(1.0 - dt / to_rest_s, 0.0) if to_rest_s > 0.0 else np.zeros_like(speed)
         return cls(start, q, dq, start + dq_brake * dt, dq_brake, decel, dt)
 
     def take(self, share: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-        """(q, dq) of a step between braking (share 0) and as wanted (1)."""
+        """Return (q, dq) of a step between braking (share 0) and as wanted (1)."""
         q = self.q_brake + share * (self.q - self.q_brake)
         return q, self.dq_brake + share * (self.dq - self.dq_brake)
 
     def way(self, share: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, float]:
-        """The straight way to where such a step comes to rest: from, to, and the share of it that is the step."""
+        """Return the straight way to where a step comes to rest: start, end, and the step's share of the way."""
         q, dq = self.take(share)
         braking_s = _braking_time(dq, self.decel)
         return self.start, q + dq * (braking_s / 2), self.dt / (self.dt + braking_s / 2) if self.dt > 0.0 else 1.0
 
     def rests(self, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where joints come to rest after such a step, and where a joint does that brakes while the others go on."""
+        """Return where joints come to rest after a step, and where each would if it braked while the others go on."""
         q, dq = self.take(share)
         braking_s = _braking_time(dq, self.decel)
         return q + dq * (braking_s / 2), self.q_brake + self.dq_brake * (braking_s / 2)
@@ -108,15 +108,15 @@ def _braking_time(dq: np.ndarray, decel: np.ndarray) -> float:
 
 
 class WorkspaceGuard:
-    """Judges the set-points of all arms of one control loop.
+    """Guard of the set-points of all arms of one control loop.
 
     Grippers count as wide open until `open_grippers` says otherwise.
 
     Args:
-        arms: in the order of all lists below.
+        arms: the guarded arms, in the order of all lists below.
 
     Raises:
-        ConfigError: a workspace that cannot be used, or arms that stand in one another.
+        ConfigError: a workspace cannot be used, or arms stand in one another.
     """
 
     def __init__(self, arms: Sequence[GuardedArm]):
@@ -128,7 +128,7 @@ class WorkspaceGuard:
         self._memory: tuple[np.ndarray, Verdict] | None = None
 
     def open_grippers(self, openings: Sequence[float]) -> None:
-        """How far the grippers are open, 0 closed … 1 open, one number per arm."""
+        """Set how far the grippers are open, 0 closed … 1 open, one number per arm."""
         if self._clearance.parts.open_grippers(openings):
             self._memory = None
 
@@ -140,9 +140,9 @@ class WorkspaceGuard:
         now: float,
         dt: float,
     ) -> Verdict:
-        """Advance all set-points by one tick, as `SetPoint.step` does, but for what would be in conflict.
+        """Advance all set-points by one tick, as `SetPoint.step` does, except where that would be a conflict.
 
-        Speed and acceleration limits hold for what is taken, too.
+        Speed and acceleration limits also hold for steps that were changed.
 
         Args:
             setpoints: set-points of the arms; their first coordinates are the joints, further ones are left alone.
@@ -171,13 +171,13 @@ class WorkspaceGuard:
         return verdict
 
     def _row(self, ours: Sequence[np.ndarray], theirs: Sequence[np.ndarray], guarded: Sequence[bool]) -> np.ndarray:
-        """All joints in a row (N,): of the guarded arms from `ours`, of the others from `theirs`."""
+        """Join all joints in a row (N,): guarded arms from `ours`, the others from `theirs`."""
         return np.concatenate(
             [(a if g else b)[:n] for a, b, g, n in zip(ours, theirs, guarded, self._joints, strict=True)]
         )
 
     def _settle(self, step: _Step, movable: np.ndarray) -> Verdict:
-        """The step, or the first of the proposals of the module's docstring that is not in conflict."""
+        """Return the step, or the first proposal of the module's docstring that causes no conflict."""
         first = conflicts = self._clearance.conflicts(*step.way(1.0))
         if not conflicts:
             return self._verdict(step.q, step.dq, np.zeros(len(self._joints), dtype=bool), [])
@@ -209,7 +209,7 @@ class WorkspaceGuard:
     def _slow(
         self, step: _Step, share: np.ndarray, conflicts: Sequence[Conflict], movable: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Factors (N,) on `share` that leave every pair its distance, and which joints bring a pair together.
+        """Compute factors (N,) on `share` that leave every pair its distance, and which joints bring a pair together.
 
         With c_j what braking joint j alone adds to the distance, factor_j = 1 - min(1, mu c_j): the joint that does
         most to bring the parts together is slowed most, and mu is such that the distances add up to what is lacking.
@@ -249,14 +249,14 @@ class WorkspaceGuard:
         return Verdict(q_by_arm, dq_by_arm, tuple(blocked.tolist()), tuple(because.values()))
 
     def _joints_of(self, arms: Collection[int]) -> np.ndarray:
-        """(N,) which joints are of these arms."""
+        """Return (N,) bool: joints of these arms."""
         return np.any([self._arm_of == arm for arm in arms], axis=0)
 
 
 def _fill(gains: np.ndarray, needed: float) -> np.ndarray:
-    """Parts (n,) of 0 … 1 in proportion to `gains`, cut off at 1, such that sum(parts * gains) = needed.
+    """Compute parts (n,) of 0 … 1 in proportion to `gains`, cut off at 1, such that sum(parts * gains) = needed.
 
-    All 1 when even that is less than needed.
+    All are 1 when even then the sum is less than needed.
     """
     full = np.zeros(len(gains), dtype=bool)
     while not full.all():

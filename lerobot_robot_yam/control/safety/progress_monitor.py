@@ -1,4 +1,4 @@
-"""Logs once, not at every tick, what keeps an arm from its target: speed limit, workspace or obstacle."""
+"""Monitor that logs once, not at every tick, what keeps an arm from its target: speed limit, workspace or obstacle."""
 
 import logging
 import math
@@ -10,49 +10,49 @@ from lerobot_robot_yam.system.few_values import largest
 
 logger = logging.getLogger(__name__)
 
-_FAR_RAD, _NEAR_RAD = 0.3, 0.1  # between target and set-point: held back by the speed limit, and no longer
-_PRESSES = 0.5  # of the torque limit, and
-_BEHIND_RAD = 0.1  # far more than an arm lags with, at any speed and with any load that it may carry
+_FAR_RAD, _NEAR_RAD = 0.3, 0.1  # gap to the target at which the speed limit begins to hold back, and ends
+_PRESSES = 0.5  # share of the torque limit with which a joint presses on an obstacle
+_BEHIND_RAD = 0.1  # gap of a joint behind an obstacle: far more than any lag, at any speed and load
 _PRESSED_S = 1.0
 
 
 def far_behind(gap_rad: np.ndarray, kp: np.ndarray, limit_nm: np.ndarray) -> np.ndarray:
-    """Which joints (n,) are farther from where they are told to be than any lag or load explains.
+    """Return (n,) bool: joints that are farther from their set-points than any lag or load explains.
 
     Args:
-        gap_rad: (n,) how far.
-        kp, limit_nm: (n,) with which stiffness (Nm/rad) and up to which torque (Nm) they are pulled there.
+        gap_rad: (n,) distance from the set-points.
+        kp, limit_nm: (n,) stiffness (Nm/rad) and largest torque (Nm) of the pull to the set-points.
     """
     far: np.ndarray = np.abs(gap_rad) > np.maximum(_BEHIND_RAD, _PRESSES * limit_nm / np.maximum(kp, 1e-9))
     return far
 
 
 class ProgressMonitor:
-    """Monitors the arm named `arm`, of the joints so named."""
+    """Monitor of the arm named `arm` with joints of these names."""
 
     def __init__(self, arm: str, joints: Sequence[str]):
         self._arm, self._joints = arm, joints
-        self._since_s: np.ndarray = np.full(len(joints), math.inf)  # pressing
+        self._since_s: np.ndarray = np.full(len(joints), math.inf)  # since when each presses
         self._told = np.zeros(len(joints), dtype=bool)
-        self._pressing = False  # any of them, when asked last
+        self._pressing = False  # whether any joint presses, as of the last call
         self._by_speed = self._by_workspace = False
 
     def by_speed(self, gap_rad: float) -> bool:
-        """Whether the speed limit does; `gap_rad` is the largest between target and set-point."""
+        """Return whether the speed limit holds the arm back; `gap_rad` is the largest between target and set-point."""
         before, self._by_speed = self._by_speed, gap_rad > (_NEAR_RAD if self._by_speed else _FAR_RAD)
         if self._by_speed and not before:
             logger.info("%s: target is %.2f rad away; it follows at its speed limit", self._arm, gap_rad)
         return self._by_speed
 
     def by_workspace(self, by: str) -> bool:
-        """Whether the workspace does; `by` names the parts, empty when it does not."""
+        """Return whether the workspace holds the arm back; `by` names the parts, empty when it does not."""
         if by and not self._by_workspace:
             logger.warning("%s: held back: %s", self._arm, by)
         self._by_workspace = bool(by)
         return self._by_workspace
 
     def by_obstacle(self, now: float, gap_rad: np.ndarray, kp: np.ndarray, limit_nm: np.ndarray) -> None:
-        """Whether joints (joints,) have been far behind their set-points for a while: something is in their way."""
+        """Log joints (joints,) that have been far behind their set-points for a while: something is in their way."""
         if not self._pressing and largest(gap_rad) <= _BEHIND_RAD:  # nearly always
             return
         presses = far_behind(gap_rad, kp, limit_nm)

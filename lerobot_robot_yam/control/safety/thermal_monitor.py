@@ -23,19 +23,19 @@ import numpy as np
 
 logger = logging.getLogger(__name__)
 
-MOS_TRIP_C = 120.0  # see above
+MOS_TRIP_C = 120.0  # trip of the power stage, see above
 COIL_TRIP_C = 100.0
-_OT_RANGE_C = (80.0, 200.0)  # OT_VALUE can be set to these; any other value was never written
-WARM_C = 15.0  # below the trip
+_OT_RANGE_C = (80.0, 200.0)  # range of OT_VALUE; any other value was never written
+WARM_C = 15.0  # margin below the trip from which a motor is warm
 HOT_C = 5.0
 _HYSTERESIS_C = 3.0
-_STEADY_C = 10.0  # a temperature changes less than this in _STEADY_S
+_STEADY_C = 10.0  # most that a true temperature changes in _STEADY_S
 _STEADY_S = 0.5
 _WARM_SPEED = 0.5
 
 
 class Stage(IntEnum):
-    """How warm a motor is."""
+    """Stage of a motor's warmth."""
 
     NONE = 0
     WARM = 1
@@ -47,10 +47,10 @@ class Heat:
     """Heat of the motors of one arm.
 
     Attributes:
-        level: (n,) 0 cool … 1 at the trip.
+        level: (n,) heat level, 0 cool … 1 at the trip.
         stages: (n,) `Stage` of each motor.
         stage: stage of the warmest motor.
-        message: names each motor that is WARM or HOT, both its temperatures and its trips; empty when no motor is.
+        message: WARM and HOT motors with both temperatures and trips; empty when there are none.
     """
 
     level: np.ndarray
@@ -65,7 +65,7 @@ class Heat:
 
 
 def trips_c(ot_value_c: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Where power stages and coils count as tripping, °C (n,) each, from the contents of register OT_VALUE (n,)."""
+    """Return where power stages and coils count as tripping, °C (n,) each, from registers OT_VALUE (n,)."""
     found = np.asarray(ot_value_c, dtype=float)
     low, high = _OT_RANGE_C
     set_to = np.where((found >= low) & (found < high), found, low)
@@ -73,7 +73,7 @@ def trips_c(ot_value_c: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
 
 
 class ThermalMonitor:
-    """Temperatures of the n motors of one arm. Ask once per tick.
+    """Monitor of the temperatures of the n motors of one arm. Check once per tick.
 
     Args:
         arm: name for messages.
@@ -93,7 +93,7 @@ class ThermalMonitor:
         self._heat = Heat(np.zeros(n), self._stages)
 
     def check(self, now: float, temp_mos_c: np.ndarray, temp_rotor_c: np.ndarray) -> Heat:
-        """The state after this tick's readings (n,) °C; `now` in s. NaN counts as no reading."""
+        """Return the heat after this tick's readings (n,), °C; `now` in s. NaN counts as no reading."""
         reading = np.array((temp_mos_c, temp_rotor_c))
         if not self._believe(now, reading):
             return self._heat
@@ -108,7 +108,7 @@ class ThermalMonitor:
         return self._heat
 
     def _believe(self, now: float, reading: np.ndarray) -> bool:
-        """Take over what can be a temperature; True when anything has changed."""
+        """Take over readings that can be temperatures; return whether any has changed."""
         near = np.abs(reading - self._believed) <= _STEADY_C
         if near.all():
             changed = bool((reading != self._believed).any())
@@ -123,7 +123,7 @@ class ThermalMonitor:
         return True
 
     def _stage(self, margin: np.ndarray) -> np.ndarray:
-        """Stages up at once, down only _HYSTERESIS_C further away."""
+        """Return the stages: up at once, down only _HYSTERESIS_C further below."""
         up = (margin <= WARM_C).astype(int) + (margin <= HOT_C)
         down = (margin <= WARM_C + _HYSTERESIS_C).astype(int) + (margin <= HOT_C + _HYSTERESIS_C)
         return np.maximum(up, np.minimum(self._stages, down))

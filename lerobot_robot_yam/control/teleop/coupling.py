@@ -1,7 +1,7 @@
-"""The follower's side of direct coupling: targets of every tick from its leader's state.
+"""The follower's side of direct coupling: a target for every tick from its leader's state.
 
-While the caller passes the leader's action on, it permits that, see `permit`. The target is the leader's action, as
-it is by now if it went on with its speed. A gap to where the follower is asked to be is closed smoothly, since neither
+While the caller passes the leader's action on, the caller permits coupling, see `permit`. The target is the leader's
+action, extrapolated with its speed to the present. A gap to the follower's set-point is closed smoothly, since neither
 begin nor end of coupling may move the arm at once:
 
     target = action + e,  ë = −2 ω ė − ω² e          while it follows
@@ -23,22 +23,22 @@ logger = logging.getLogger(__name__)
 
 _FIELDS = ("mode", "action", "action_dq", "action_stamp_s")
 _LEADS = (Mode.FLOAT, Mode.HOLD, Mode.TRACK)
-_AGE_MOST_S = 0.03  # of a leader's sample: seven ticks
-_AHEAD_S = 0.0033  # from the decision to the middle of the tick in which the motors obey it
-_JOIN_PER_S = 6.0  # ω: a gap is closed to a fiftieth within 1 s
-_JOIN_SPEED = 1.0  # 1/s, at which a wide gap is closed; up to e/2 times that, since ω grows as it closes
+_AGE_MOST_S = 0.03  # largest age of a leader's sample: seven ticks
+_AHEAD_S = 0.0033  # time from the decision to the middle of the tick in which the motors obey it
+_JOIN_PER_S = 6.0  # ω, at which a gap closes to a fiftieth within 1 s
+_JOIN_SPEED = 1.0  # speed, 1/s, at which a wide gap closes; up to e/2 times as fast, since ω grows meanwhile
 _REST_S = 0.15  # τ
 _AT_REST = 1e-3  # 1/s
 _JOINED = 1e-6
 
 
 class Coupling:
-    """Couples one follower, n motors, to its leader. Ask once per tick.
+    """Coupling of one follower, n motors, to its leader. Advance once per tick.
 
     Attributes:
         number: `coupling_number` of the leader that is followed at this tick; 0: none.
-        target, velocity: (n,) of this tick.
-        held_back: max_relative_target holds the target back.
+        target, velocity: (n,) target of this tick, and its speed.
+        held_back: whether max_relative_target holds the target back.
     """
 
     def __init__(self, hardware: ResolvedArm):
@@ -46,10 +46,10 @@ class Coupling:
         self._relative = hardware.config.max_relative_target
         self._leader: PeerBlock | None = None
         self._until_s = -math.inf
-        self._moves = False  # it follows, or comes to rest
+        self._moves = False  # whether it follows, or comes to rest
         self._gap: np.ndarray = np.zeros(hardware.n)
         self._gap_rate: np.ndarray = np.zeros(hardware.n)
-        self._apart = False  # the gap is not closed
+        self._apart = False  # whether the gap is still open
         self._before_s = -math.inf
         self._told = False
         self.held_back = False
@@ -58,7 +58,7 @@ class Coupling:
         self.velocity: np.ndarray = np.zeros(hardware.n)
 
     def permit(self, leader: str, until_s: float) -> None:
-        """Allow to follow the leader with this channel key until then."""
+        """Allow to follow the leader with this channel key until `until_s`."""
         if self._leader is None or self._leader.key != leader:
             self.end()
             if self._leader is not None:
@@ -68,30 +68,30 @@ class Coupling:
         self._until_s = until_s
 
     def end(self) -> None:
-        """Follow no more, from this tick on: something else moves the arm, or holds it."""
+        """End the coupling from this tick on: something else moves the arm, or holds it."""
         self._until_s = -math.inf
         self._moves, self.number = False, 0
 
     def give_way(self) -> None:
-        """The caller gives a target of this tick; the permission stays."""
+        """Leave this tick to the caller's target; the permission stays."""
         self._moves, self.number = False, 0
 
     def can_follow(self, now: float) -> bool:
-        """Whether the leader tells its targets at present, and following it is allowed: the caller's need not count."""
+        """Return whether a leader with fresh targets may be followed, so that the caller's targets need not count."""
         return now <= self._until_s and self._action(now) is not None
 
     @property
     def active(self) -> bool:
-        """Whether `advance` has to be asked."""
+        """Whether `advance` has to be called."""
         return self._moves or self._until_s > -math.inf
 
     def advance(self, now: float, asked: tuple[np.ndarray, np.ndarray], measured: np.ndarray) -> bool:
-        """Find the target of this tick; False when there is none.
+        """Compute the target of this tick; return False when there is none.
 
         Args:
-            now: s.
+            now: time, s.
             asked: position and speed (n,) of the set-point.
-            measured: (n,).
+            measured: (n,) measured position.
         """
         dt, self._before_s = min(now - self._before_s, 0.02), now
         action = self._action(now) if now <= self._until_s else None
@@ -107,7 +107,7 @@ class Coupling:
         return True
 
     def _action(self, now: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """The leader's action and its speed at present, None when it does not tell."""
+        """Return the leader's action and its speed at present; None when they are unknown."""
         leader, n = self._leader, self._hardware.n
         if leader is None or not leader.look(now) or leader.value("mode") not in _LEADS:
             return None
@@ -126,7 +126,7 @@ class Coupling:
         return np.array(q) + speed * (age_s + _AHEAD_S), speed
 
     def _follow(self, q: np.ndarray, dq: np.ndarray, asked: tuple[np.ndarray, np.ndarray], dt: float) -> None:
-        if not self.number:  # it joins
+        if not self.number:  # the follower joins
             before, speed = (self.target, self.velocity) if self._moves else asked
             self._gap, self._gap_rate, self._apart = before - q, speed - dq, True
             assert self._leader is not None
@@ -148,7 +148,7 @@ class Coupling:
         self._moves = largest(self.velocity) > _AT_REST
 
     def _limit(self, measured: np.ndarray) -> None:
-        """As the caller's targets are: joint limits, then max_relative_target."""
+        """Limit the target like a caller's: joint limits, then max_relative_target."""
         lower, upper = self._hardware.lower, self._hardware.upper
         self.target = np.minimum(np.maximum(self.target, lower), upper)
         if self._relative is not None:
@@ -157,7 +157,7 @@ class Coupling:
             self.held_back, self.target = not np.array_equal(near, self.target), near
 
     def close(self) -> None:
-        """Let go of the leader's block. Idempotent."""
+        """Close the leader's block. Idempotent."""
         leader, self._leader = self._leader, None
         if leader is not None:
             leader.close()

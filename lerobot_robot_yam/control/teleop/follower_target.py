@@ -1,4 +1,4 @@
-"""What a leader asks of its follower: a target in each state of the gate, continuous over all of them.
+"""Target of a leader for its follower in each state of the gate, continuous over all states.
 
     HOMING, IDLE   on the way home, or there; behind a gate with a button IDLE stays where it is
     APPROACH       start + s (leader − start),  s = (1 − cos(π t / T)) / 2,  T = max(approach_s, π/2 · gap / speed)
@@ -6,8 +6,8 @@
     FINE           anchor + scale (leader − leader's anchor); the gripper as the trigger says
     RECENTRE       stays; the gripper as the trigger says
 
-A follower that takes no targets, because nobody passes them on, is waited for: the ramp stays at its set-point.
-Without a gate the follower is sent the leader from the beginning, and comes at its own speed limit. The gripper's
+The ramp stays at the set-point of a follower that takes no targets because nobody passes them on.
+Without a gate the follower gets the leader's pose from the beginning, and comes at its own speed limit. The gripper's
 opening, from 0 closed to 1 open, is what the leader's trigger asks, see `TriggerPickup`.
 """
 
@@ -22,17 +22,17 @@ from lerobot_robot_yam.state.modes import Gate
 
 _ACCELERATION = 3.0  # rad/s²
 _GRIPPER_ACCELERATION, _GRIPPER_SPEED = 10.0, 1.0  # strokes/s², strokes/s
-NEAR = 0.05  # of the stroke: so near to the gripper's opening the trigger takes over
+NEAR = 0.05  # share of the stroke: distance from the gripper's opening at which the trigger takes over
 
 Target = tuple[np.ndarray, np.ndarray]
 
 
 class TargetRamp:
-    """Ramps the target of one pair, whose follower has m motors.
+    """Ramp of the target of one pair, whose follower has m motors.
 
     Args:
         config: configuration of the leader.
-        home, lower, upper: (m,) of the follower.
+        home, lower, upper: (m,) home pose and range of the follower.
     """
 
     def __init__(self, config: LeadConfig, home: np.ndarray, lower: np.ndarray, upper: np.ndarray):
@@ -49,20 +49,20 @@ class TargetRamp:
         self._began_s, self._lasts_s = math.inf, 0.0
 
     def forget(self) -> None:
-        """The arms have been stopped: begin at the follower."""
+        """Forget the target, since the arms were stopped: begin at the follower."""
         self._q = None
 
     def approached(self, now: float) -> bool:
-        """Whether the approach has run its time."""
+        """Return whether the approach has run its time."""
         return self._config.gate == "always" or now - self._began_s >= self._lasts_s
 
     def enter(self, state: Gate, now: float, leader: np.ndarray, follower: FollowerView | None) -> None:
-        """Another state of the gate begins at this tick. leader: (m,) rad, and the trigger's opening."""
+        """Begin a state of the gate at this tick. leader: (m,) joints, rad, and the trigger's opening."""
         before = leader if self._q is None else self._q
         if state in (Gate.HOMING, Gate.IDLE):
             self._glide.seed(before, self._dq)
             self._goal = self._home
-            if self._config.gate == "button":  # comes to rest
+            if self._config.gate == "button":  # come to rest
                 self._goal = before + self._dq * np.abs(self._dq) / (2.0 * self._acceleration)
         elif state is Gate.APPROACH:
             self._begin_approach(now, leader, follower)
@@ -74,7 +74,7 @@ class TargetRamp:
     def _begin_approach(self, now: float, leader: np.ndarray, follower: FollowerView | None) -> None:
         if follower is not None:
             self._start = follower.q.copy()
-            self._start[self._grips] = follower.setpoint[self._grips]  # its grip, however thick
+            self._start[self._grips] = follower.setpoint[self._grips]  # the set-point is its grip
         elif self._q is not None:
             self._start = self._q
         joints = np.delete(np.abs(leader - self._start), np.arange(len(leader))[self._grips])
@@ -84,13 +84,13 @@ class TargetRamp:
     def advance(
         self, state: Gate, now: float, dt: float, leader: np.ndarray, rate: np.ndarray, follower: FollowerView | None
     ) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """Target and its speed (m,) at this tick; None until the follower was seen, where that matters.
+        """Compute the target and its speed (m,) at this tick; None until the follower was seen, where that matters.
 
         Args:
             state: present state of the gate.
-            now, dt: s.
-            leader, rate: (m,) where the leader is, and its trigger's opening; and their speed.
-            follower: while it is there.
+            now, dt: time, and time since the last tick, s.
+            leader, rate: (m,) the leader's joints and its trigger's opening, and their speed.
+            follower: the follower while it is present, else None.
         """
         direct = state is Gate.ENGAGED or (state is Gate.APPROACH and self._config.gate == "always")
         waits = follower is not None and not follower.follows
@@ -136,23 +136,23 @@ class TargetRamp:
 
 
 class TriggerPickup:
-    """A trigger cannot be led. While another has the gripper the trigger has no say, and then not before it has met or
-    passed the gripper's opening: a person who takes over drops nothing.
+    """Pick-up of the gripper by a trigger, which cannot be moved. The trigger does not count while another moves the
+    gripper, nor until it has met or passed the opening afterwards: so a person who takes over drops nothing.
     """
 
     def __init__(self) -> None:
-        self._left: float | None = None  # opening that another has left behind
-        self._before = 1.0  # the trigger's at the last tick
+        self._left: float | None = None  # opening at which another has left the gripper
+        self._before = 1.0  # the trigger's opening at the last tick
         self.opening: float | None = None  # None before the first report, and before anything is left
 
     def leave(self, opening: float, trigger: float) -> None:
-        """Another has the gripper, and it is that far open; `trigger` as for `advance`."""
+        """Note that another moves the gripper, and its `opening`; `trigger` as for `advance`."""
         self._left = self.opening = opening
         if not math.isnan(trigger):
             self._before = 1.0 - trigger
 
     def advance(self, trigger: float) -> None:
-        """One tick; `trigger` 0 released … 1 squeezed, NaN while the handle is silent: the opening stays."""
+        """Process one tick; `trigger` 0 released … 1 squeezed, NaN while the handle is silent: the opening stays."""
         if math.isnan(trigger):
             return
         asks, before = 1.0 - trigger, self._before

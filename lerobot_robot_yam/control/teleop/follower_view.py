@@ -1,4 +1,4 @@
-"""What a leader knows of its follower: the newest state that the follower's control loop publishes."""
+"""View of a follower by its leader: the newest state that the follower's control loop publishes."""
 
 import logging
 import math
@@ -13,26 +13,26 @@ from lerobot_robot_yam.system.few_values import largest
 logger = logging.getLogger(__name__)
 
 _FIELDS = ("mode", "joints", "motors", "q", "dq", "setpoint", "motor_stamp_s", "coupled_to")
-_NEAR_RAD = 0.3  # a set-point so near to the leader's target is on its way there, whoever has passed it on
+_NEAR_RAD = 0.3  # distance within which a set-point is on its way to the leader's target, whoever sent it
 _AGE_MOST_S = 0.03
-_LOST_S = 0.1  # before anything is said: after an emergency stop two loops do not go on in the same tick
-_AWAITED_S = 30.0  # a LeRobot command that opens cameras takes seconds to connect its robot
+_LOST_S = 0.1  # time before a message: two loops do not resume in the same tick after an emergency stop
+_AWAITED_S = 30.0  # time to wait for a follower: LeRobot commands with cameras take seconds to connect
 
 
 class FollowerView:
-    """Shows one follower to its leader. Ask once per tick.
+    """View of one follower for its leader. Update once per tick.
 
     Args:
         leader: name of the leader, for messages.
         key, own_key: keys of the follower's channel and of the leader's.
-        joints, motors: that the follower has to have.
+        joints, motors: numbers that the follower must have.
 
     Attributes:
-        there: it has said within the last ticks that it holds or tracks.
-        led_by_another: it tracks targets that it does not take from this leader at loop rate.
-        coupled: it takes this leader's targets at loop rate, as far as it has said.
-        follows: it takes them, or goes to them at the rate of a caller, see `judge`.
-        q, dq, setpoint: (motors,) while it is there.
+        there: whether the follower has published within the last ticks that it holds or tracks.
+        led_by_another: whether the follower tracks targets without taking them from this leader at loop rate.
+        coupled: whether the follower takes this leader's targets at loop rate, by its newest state.
+        follows: whether the follower is coupled, or gets this leader's targets from a caller, see `judge`.
+        q, dq, setpoint: (motors,) state of the follower while `there`.
     """
 
     def __init__(self, leader: str, key: str, own_key: str, joints: int, motors: int):
@@ -40,14 +40,14 @@ class FollowerView:
         self._shape = joints, motors
         self._block = PeerBlock(key, _FIELDS)
         self._joints, self._motors = joints, motors
-        self._since_s: float | None = None  # awaited
+        self._since_s: float | None = None  # since when the follower is awaited
         self._told: str | None = ""  # what is wrong, None when all is well
         self.there = self.coupled = self.follows = self.led_by_another = False
         self.q, self.dq, self.setpoint = np.zeros(motors), np.zeros(motors), np.zeros(motors)
         self._stamp_s = -math.inf
 
     def look(self, now: float) -> bool:
-        """Read its newest state; whether it is there."""
+        """Read the follower's newest state; return `there`."""
         before, block, count = self.there, self._block, self._motors
         fresh = block.look(now)
         fits = fresh and (block.value("joints"), block.value("motors")) == self._shape
@@ -68,10 +68,10 @@ class FollowerView:
         return self.there
 
     def judge(self, target: np.ndarray) -> None:
-        """Find out whether it follows the leader's target (motors,).
+        """Find out whether the follower goes to the leader's target (motors,).
 
-        A caller that changes actions before it passes them on cannot be told from a policy that is near by. So this
-        may move the gate on, but must not move the leader.
+        A caller that changes the leader's actions before it sends them looks like a policy with targets near the
+        leader's. So this may change the gate's state, but must not move the leader.
         """
         block = self._block
         self.follows = self.coupled
@@ -79,13 +79,13 @@ class FollowerView:
             self.follows = largest((self.setpoint - target)[: self._joints]) < _NEAR_RAD
 
     def q_at(self, now: float) -> np.ndarray:
-        """(joints,) rad at present, carried on from its newest sample."""
+        """Return the position (joints,) at present, extrapolated from the newest sample, rad."""
         j = slice(self._joints)
         q: np.ndarray = self.q[j] + self.dq[j] * (now - self._stamp_s)
         return q
 
     def _tell(self, now: float, other: bool) -> None:
-        """Say once what is wrong, and once that it is well again."""
+        """Log once what is wrong, and once when all is well again."""
         if self.there:
             if self._told is not None:
                 logger.info("%s: leads %s", self._leader, self._key)
@@ -108,5 +108,5 @@ class FollowerView:
             self._told = told
 
     def close(self) -> None:
-        """Let go of the block. Idempotent."""
+        """Close the block. Idempotent."""
         self._block.close()

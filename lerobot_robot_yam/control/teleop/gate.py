@@ -1,6 +1,6 @@
 """The gate between leaders and their followers: a state machine without clock, I/O or motion.
 
-`TABLE` has every transition. What a state makes leader and follower do is in `lead`.
+`TABLE` has every transition. `lead` has what leader and follower do in each state.
 """
 
 import logging
@@ -13,23 +13,23 @@ from lerobot_robot_yam.state.modes import Gate
 
 logger = logging.getLogger(__name__)
 
-CAUGHT_UP_RAD = 0.05  # so near to the leader the follower is there
-LEFT_BEHIND_RAD = 0.1  # a follower that does not follow, and is farther away, has to approach again
+CAUGHT_UP_RAD = 0.05  # gap to the leader within which the follower has arrived
+LEFT_BEHIND_RAD = 0.1  # gap from which a follower that does not follow has to approach again
 _ROUNDING_S = 1e-6
-LIFTED_RAD = 0.15  # so far a hand lifts a leader against its way home to break that off
+LIFTED_RAD = 0.15  # way against the homing motion by which a hand ends it
 
 
 class Look(NamedTuple):
-    """What one arm's gate depends on, at one tick.
+    """Inputs of the gate from one arm at one tick.
 
     Attributes:
         away_rad: the leader's distance from home.
-        home: leader and follower are there.
-        gap_rad: from the follower to where the leader wants it.
-        follows: the follower takes this leader's targets.
-        approached: the approach has run its time.
-        recentred: the leader is back at the follower.
-        pressed, fine_pressed: the gate's button and that of fine mode have just gone down.
+        home: whether leader and follower are at home.
+        gap_rad: distance from the follower to its target.
+        follows: whether the follower takes this leader's targets.
+        approached: whether the approach has run its time.
+        recentred: whether the leader is back at the follower.
+        pressed, fine_pressed: whether the buttons of the gate and of fine mode have just gone down.
     """
 
     away_rad: float = 0.0
@@ -76,11 +76,11 @@ START: dict[GateKind, Gate] = {"auto": Gate.HOMING, "button": Gate.IDLE, "always
 
 
 class GateMachine:
-    """The gate of one leader, or of both leaders of a robot together.
+    """State machine of the gate of one leader, or of both leaders of a robot together.
 
     Attributes:
-        state: the present one.
-        because: the condition that has led to it.
+        state: the present state.
+        because: the condition that has led to this state.
     """
 
     def __init__(self, config: LeadConfig):
@@ -94,12 +94,12 @@ class GateMachine:
         self.state, self.because = self._start, "start"
 
     def restart(self) -> bool:
-        """Begin anew: an arm was stopped or has failed. Whether that is another state."""
+        """Begin anew, since an arm was stopped or has failed; return whether the state has changed."""
         self._below_since_s, self._least_rad = math.inf, []
         return self._enter(self._start, "cannot_lead")
 
     def advance(self, now: float, looks: Sequence[Look]) -> bool:
-        """One tick, with a look at each of its arms; whether the state has changed. At most one transition."""
+        """Advance by one tick with each arm's inputs, by one transition at most; return whether the state changed."""
         below = all(look.away_rad < self._release_rad for look in looks)
         self._below_since_s = min(self._below_since_s, now) if below else math.inf
         if self.state is Gate.HOMING:
@@ -117,7 +117,7 @@ class GateMachine:
         return changed
 
     def _lifted(self, looks: Sequence[Look], _: float) -> bool:
-        """Each leader is lifted off its way home, farther than the way has brought it."""
+        """Return whether a hand has lifted each leader away from home, against its homing motion."""
         pairs = zip(looks, self._least_rad, strict=True)
         return all(look.away_rad > max(self._engage_rad, least + LIFTED_RAD) for look, least in pairs)
 
@@ -147,9 +147,9 @@ class GateMachine:
 
 
 class SharedGate:
-    """The gate of the leaders that move through it together, or of one.
+    """Gate of several leaders that change its state together, or of one leader.
 
-    The last of them advances it, unless one of them has nothing to say; for the others a transition comes one tick
+    The last leader's call advances the gate, unless one of them had no inputs; the others see a transition one tick
     later.
     """
 
@@ -158,7 +158,7 @@ class SharedGate:
         self._looks: list[Look | None] = [None] * len(names)
 
     def advance(self, now: float, index: int, look: Look) -> Gate:
-        """Take the look of arm `index` at this tick; the state that counts for it."""
+        """Note the inputs of arm `index` at this tick; return the state that counts for the arm."""
         self._looks[index] = look
         if index == len(self._looks) - 1:
             before, looks = self.machine.state, [look for look in self._looks if look is not None]
@@ -167,11 +167,11 @@ class SharedGate:
         return self.machine.state
 
     def miss(self, index: int) -> None:
-        """Arm `index` has nothing to say at this tick: wait for it."""
+        """Note that arm `index` has no inputs at this tick: the gate waits for them."""
         self._looks[index] = None
 
     def restart(self) -> Gate:
-        """An arm cannot lead any more: begin anew."""
+        """Begin anew, since an arm cannot lead any more; return the state."""
         before = self.machine.state
         if self.machine.restart():
             self._tell(before)

@@ -1,7 +1,7 @@
 """The leader's side of one pair of arms: its gate, the target of its follower, and the torques on its own joints.
 
-It sees the follower by the state that this publishes, and nothing else. A state that is stale, or of an arm with other
-joints, does not count: the gate waits, no force acts, and the leader's own motion goes on.
+The leader sees only the state that the follower publishes. A state that is stale, or of an arm with other joints, does
+not count: the gate waits, no force acts, and the leader's own motion goes on.
 """
 
 import math
@@ -24,27 +24,27 @@ from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.few_values import largest
 
 _LEADS = (Mode.FLOAT, Mode.HOLD, Mode.TRACK)
-_AGE_MOST_S = 0.03  # of a motor's sample
+_AGE_MOST_S = 0.03  # largest age of a motor's sample
 _HOME_RAD, _LEADER_HOME_RAD = 0.05, 0.1
 _RECENTRED_RAD, _RECENTRE_RAD_S = 0.02, 0.15
-_MIRROR_RAD_S, _MIRROR_RAD_S2 = 2.0, 15.0  # more than a follower does that a policy drives: it is not left behind
-_AGREES_S = 1.0  # in which a gripper comes to what the trigger asks, unless another asks for something else
+_MIRROR_RAD_S, _MIRROR_RAD_S2 = 2.0, 15.0  # more than a policy asks of a follower, so that the leader keeps up
+_AGREES_S = 1.0  # time for a gripper to reach the trigger's opening, unless another moves the gripper
 _BUTTONS = {"top": 0, "bottom": 1}
-_ALPHA, _BETA = 0.2, 0.3  # of `MotionFilter`, per tick of 250 Hz
+_ALPHA, _BETA = 0.2, 0.3  # gains of `MotionFilter`, per tick of 250 Hz
 _TICK_S = 0.004
-_RESTART_S = 0.05  # after a longer pause it begins anew
+_RESTART_S = 0.05  # pause after which the filter begins anew
 
 
 class MotionFilter:
-    """Position and speed of n joints that a hand moves, without the steps of encoders and hardly later than they say.
+    """Filter of position and speed of n joints that a hand moves: removes the encoders' steps with hardly any delay.
 
         q̂ += dq̂ Δt + α (q − q̂ − dq̂ Δt),   dq̂ += β (dq − dq̂)
 
-    A motor tells its position in steps of 0.38 mrad and its speed in steps of 5 to 15 mrad/s. A follower that is sent
-    the steps answers each with a jerk. A position that is carried on with the speed has no lag while it is steady.
+    A motor reports its position in steps of 0.38 mrad and its speed in steps of 5 to 15 mrad/s. A follower that is sent
+    the steps answers each with a jerk. A position extrapolated with the speed has no lag while the speed is steady.
 
     Attributes:
-        q, dq: (n,) rad, rad/s at `stamp_s`.
+        q, dq: (n,) filtered position, rad, and speed, rad/s, at `stamp_s`.
     """
 
     def __init__(self, joints: int):
@@ -53,7 +53,7 @@ class MotionFilter:
         self.stamp_s = -np.inf
 
     def advance(self, q: np.ndarray, dq: np.ndarray, stamp_s: float) -> None:
-        """Take a sample (n,) of that time; one that is not newer is passed over."""
+        """Process a sample (n,) of time `stamp_s`; ignore one that is not newer than the last."""
         dt = stamp_s - self.stamp_s
         if dt <= 0.0:
             return
@@ -68,17 +68,17 @@ class MotionFilter:
 
 
 class Lead:
-    """Leads the follower of one leader.
+    """Part of one leader in moving its follower.
 
     Args:
         arm: the leader.
-        gate: perhaps that of the other leader, too.
-        index: which arm of the gate this is.
+        gate: the gate, which another leader may share.
+        index: number of this arm in the gate.
 
     Attributes:
         state: present state of the gate.
         action, action_dq: (m,) target of the follower, gripper last, and its speed; None while there is none.
-        stamp_s: when the leader was there.
+        stamp_s: time at which the leader was at `action`.
         assist: torque and damping (joints,) that act on the leader beside its weight, None when none do.
 
     Raises:
@@ -126,7 +126,7 @@ class Lead:
 
     @property
     def motors(self) -> int:
-        """m, of the follower."""
+        """Number of the follower's motors, m."""
         return len(self._home)
 
     def advance(
@@ -137,14 +137,14 @@ class Lead:
         handle: tuple[float, tuple[bool, bool], float],
         weight_nm: np.ndarray,
     ) -> None:
-        """One tick.
+        """Process one tick.
 
         Args:
-            now: s.
+            now: time, s.
             mode: mode of the leader; None: the leader must not lead, because another arm is in trouble.
             sample: q, dq and stamp of each joint's sample, (joints,) each or more.
-            handle: trigger, buttons, and stamp of its newest report.
-            weight_nm: (joints,) what the leader weighs.
+            handle: trigger, buttons, and stamp of the handle's newest report.
+            weight_nm: (joints,) torque of the leader's weight.
         """
         dt, self._before_s = min(now - self._before_s, 0.02), now
         if self._own_gripper:
@@ -173,7 +173,7 @@ class Lead:
         self.assist = self._assist(mode, now, weight_nm, dt)
 
     def _give_nothing(self, mode: Mode | None) -> None:
-        """It cannot lead, or one of its motors is not heard: no target and no force come from here."""
+        """Give no target and no force, since the leader cannot lead or one of its motors is not heard."""
         self.action = self.action_dq = self.assist = None
         self.stamp_s = math.nan
         self._follower.follows = self._mirrors = False
@@ -191,18 +191,18 @@ class Lead:
         if not self._follower.led_by_another or agrees:
             self._agreed_s = now
         by_another = self._goes_along or now - self._agreed_s > _AGREES_S
-        if mode is not Mode.FLOAT or by_another:  # or the leader is led, its follower is not
+        if mode is not Mode.FLOAT or by_another:  # the trigger counts only while the leader leads
             self._trigger.leave(opening, trigger)
         else:
             self._trigger.advance(trigger)
 
     @property
     def _goes_along(self) -> bool:
-        """Whether another moves the follower, and this leader is to mirror that."""
+        """Whether another moves the follower, and this leader mirrors that motion."""
         return self._config.mirror and self._follower.led_by_another
 
     def _opening(self) -> float:
-        """Opening asked of the follower's gripper; the present one before the trigger's first report."""
+        """Return the opening asked of the follower's gripper; the present one before the trigger's first report."""
         if self._trigger.opening is not None:
             return self._trigger.opening
         return float(self._follower.setpoint[-1]) if self._follower.there else 1.0
@@ -228,13 +228,13 @@ class Lead:
         )
 
     def _away_rad(self) -> float:
-        """The leader's distance from home, over the joints that count."""
+        """Return the leader's distance from home over the joints that count, rad."""
         if not self._counts:
             return float(np.linalg.norm(self._motion.q - self._home[: self._joints]))
         return max(abs(float(self._motion.q[joint] - self._home[joint])) for joint in self._counts)
 
     def _at_home(self) -> bool:
-        """Whether leader and follower are."""
+        """Return whether leader and follower are at home."""
         home = self._home[: self._joints]
         follower = float(np.linalg.norm(self._follower.setpoint[: self._joints] - home))
         return follower < _HOME_RAD and largest(self._motion.q - home) < _LEADER_HOME_RAD
@@ -250,8 +250,8 @@ class Lead:
         if mode is not Mode.FLOAT or not self._follower.coupled:
             return None
         if mirrored:
-            self.assist = None  # it was not this pull
-        if self.assist is None:  # at the last tick, or in this state: begin without a jolt
+            self.assist = None  # the last pull was another one
+        if self.assist is None:  # no force at the last tick, or a new state: begin without a jolt
             self._led.begin(self._motion.q)
             self._force.engage()
         if self.state is Gate.HOMING:
@@ -265,22 +265,22 @@ class Lead:
         return self._force.torque(error, self._motion.dq, weight_nm, dt), self._force.damping
 
     def note(self, record: np.ndarray) -> None:
-        """Put into the leader's record what its follower is asked."""
+        """Put the target for the follower into the leader's record."""
         m = self.motors
         record["gate"], record["action_stamp_s"] = self.state, self.stamp_s
         record["action"][:m] = np.nan if self.action is None else self.action
         record["action_dq"][:m] = np.nan if self.action_dq is None else self.action_dq
 
     def close(self) -> None:
-        """Let go of the follower's block. Idempotent."""
+        """Close the follower's block. Idempotent."""
         self._follower.close()
 
 
 def make_leads(arms: Sequence[ResolvedArm]) -> list[Lead | None]:
-    """Make the lead of each arm that has a follower; those whose configuration says so move through one gate.
+    """Make the lead of each arm that has a follower; some share one gate, as configured.
 
     Raises:
-        ConfigError: a follower that cannot be led, or one that two leaders lead; gates together that differ.
+        ConfigError: a follower cannot be led, or has two leaders; or gates to be shared differ.
     """
     configs = [lead_of(arm.config) for arm in arms]
     check_leads([config for config in configs if config is not None])

@@ -9,14 +9,14 @@ from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.state.records import STATE_DTYPE, packed, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
-FRESH_S = 0.03  # an older state is not used: seven ticks, in which the other loop has said nothing
-_LOOK_S = 0.05  # how often a block that is not there, or is silent, is looked for
+FRESH_S = 0.03  # largest age of a state that is used: seven ticks without news from the other loop
+_LOOK_S = 0.05  # period of looking for a block that is absent or silent
 
 
 class PeerBlock:
-    """Reads some fields of the state that is published under a channel's key. Ask once per tick.
+    """Reader of some fields of the state that is published under a channel's key. Call `look` once per tick.
 
-    To read a tuple of struct costs a tick 5 µs, a numpy record 40.
+    Fields are unpacked with `struct`, which takes 5 µs per tick; reading a numpy record takes 40 µs.
 
     Args:
         key: key of the other arm's channel.
@@ -34,7 +34,7 @@ class PeerBlock:
         self._stamp_s = -math.inf
 
     def look(self, now: float) -> bool:
-        """Read the newest state; whether there is one that is fresh. A state that is being written is left for later.
+        """Read the newest state; return whether it is fresh. A state that is being written is read later.
 
         Raises nothing: a block that cannot be read counts as absent.
         """
@@ -44,7 +44,7 @@ class PeerBlock:
         block = self._block
         if block is None:
             return False
-        sequence = block.sequence()  # before the record: that may be newer than its number, never older
+        sequence = block.sequence()  # read before the record, which may be newer than its number, never older
         if sequence != self._sequence and (payload := block.glance_bytes()) is not None:
             self._sequence, self._values = sequence, self._unpack(payload)
             self._stamp_s = self._values[self._at["stamp_s"]]
@@ -57,20 +57,20 @@ class PeerBlock:
         self.close()
         try:
             self._block = SharedBlock(state_path(self.key), STATE_DTYPE, create=False)
-        except (OSError, YamError):  # not there (yet), or of another version of this package
+        except (OSError, YamError):  # absent (yet), or of another version of this package
             self._block = None
 
     def value(self, name: str) -> Any:
-        """A field with one value, as read last."""
+        """Return a field with one value, as read last."""
         return self._values[self._at[name]]
 
     def slots(self, name: str, count: int) -> tuple[Any, ...]:
-        """The first `count` values of a field, as read last."""
+        """Return the first `count` values of a field, as read last."""
         first = self._at[name]
         return self._values[first : first + count]
 
     def close(self) -> None:
-        """Let go of the block. Idempotent."""
+        """Close the block. Idempotent."""
         block, self._block = self._block, None
         self._sequence, self._stamp_s = 0, -math.inf
         if block is not None:
