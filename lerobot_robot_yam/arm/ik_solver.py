@@ -34,12 +34,12 @@ _CAREFUL_STEP_RAD = 0.2  # largest step per joint with distances to keep, rad: d
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-6, 1e3
 _FLOOR = 1e-12  # added to the Hessian's diagonal: QP solvers need it definite
 _POSTURE = 1e-9  # w²: posture decides at singularities, where the pose leaves freedom; elsewhere < 1e-8 m
-_UNBOUNDED = 1e30  # DAQP's infinity
+_UNBOUNDED = 1e30  # bound that DAQP takes for infinite
 _FOUL_M = 1e-4  # most that curvature may reduce a kept distance in a step, m
 _NEAR_M = 0.05  # distance beyond its limit at which a pair no longer constrains a step, m
 _ENOUGH_M = 5e-4  # tolerance of a kept distance, m: hulls are approximations to millimetres
 
-_STARTS = 1000  # stored joint vectors
+_STARTS = 1000  # number of stored joint vectors
 _ALIKE_M_PER_RAD = 0.3  # weight of orientation against position when starts are chosen; LEVER_M would favour position
 _TRAVEL_M_PER_RAD = 0.05  # price of joint motion when starts are chosen: of two good starts the nearer comes first
 

@@ -166,7 +166,7 @@ class YamKinematics:
         """Find joints that put the site at a pose, or as near to the pose as possible.
 
         Args:
-            target: (4, 4).
+            target: pose (4, 4) of the site.
             near: (n,) rad, start of the first descent, clipped to the limits; None: a stored pose that resembles the
                 target. The first solution found is returned, which is usually the one near the start.
             attempts: largest number of descents; those after the first start at stored poses that resemble the target.

@@ -52,5 +52,5 @@ def real(value: Any) -> float:
         return math.nan
     try:
         return float(value)
-    except OverflowError:  # an integer beyond any float
+    except OverflowError:  # an integer that is too large for a float
         return math.nan

@@ -30,7 +30,7 @@ _KD_LEAST = 0.02  # least damping as a share of kp, s: an arm with less swings; 
 _TORQUE_LEAST = 0.1  # least torque limit as a share of the motor's range: less carries no arm
 _LEAST = 1e-9  # size below which a divisor counts as zero
 _ROUNDING = 1e-6  # relative rounding of published moments
-_FINGER_TRAVEL_M = (1e-3, 1.0)  # range of the fingers' travel, a divisor of the gearing; the makers': 0.040-0.048
+_FINGER_TRAVEL_M = (1e-3, 1.0)  # range of the fingers' travel, a divisor of the gearing; the makers' have 0.040-0.048
 _FORCE_MAPS = ("linear", "crank")
 
 

@@ -42,7 +42,7 @@ def raise_threads(priority: int, named: str) -> None:
     the scheduling is changed earlier.
     """
     for thread in Path("/proc/self/task").iterdir():
-        with contextlib.suppress(OSError):  # no privilege or RLIMIT_RTPRIO; or the thread has ended
+        with contextlib.suppress(OSError):  # no privilege and no RLIMIT_RTPRIO; or the thread has ended
             if (thread / "comm").read_text().startswith(named):
                 policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
                 os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
@@ -62,7 +62,7 @@ def give_way() -> None:
 
     Linux shares the processors among sessions first (autogroup); a nice value counts only within a session.
     """
-    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # waking up preempts nobody
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # a batch process preempts nobody when it wakes up
     os.setpriority(os.PRIO_PROCESS, 0, _GIVING_WAY_NICE)
     with contextlib.suppress(OSError):  # no autogroups in the kernel, or another nice value was set within 0.1 s
         Path("/proc/self/autogroup").write_text(str(_GIVING_WAY_NICE))
@@ -82,7 +82,7 @@ def avoid_oom_killer() -> str:
                 path.write_text(str(wish))
                 score = wish
             except OSError:
-                pass  # needs privilege
+                pass  # lowering the score needs privilege
     return f"out-of-memory score {score}"
 
 
@@ -92,7 +92,7 @@ def request_scheduling(priority: int) -> str:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
         return f"SCHED_FIFO {priority}"
     except OSError:
-        pass  # needs privilege or RLIMIT_RTPRIO
+        pass  # SCHED_FIFO needs privilege or RLIMIT_RTPRIO
     if _SCHED_SETATTR is not None:
         attributes = _SCHED_ATTR.pack(_SCHED_ATTR.size, os.SCHED_OTHER, 0, 0, 0, _SHORT_SLICE_NS, 0, 0, 0, 0)
         kernel = tuple(int(part) for part in platform.release().split(".")[:2] if part.isdigit())

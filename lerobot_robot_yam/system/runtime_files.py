@@ -19,7 +19,7 @@ AUTO_RIG = "auto-"
 LOCK, STATE, ABOUT = "lock-", "state-", "about-"
 DESK = "desk-"  # beginning of the file names of a LeRobot command, before its process number
 _CONTROL_PROCESS = "lerobot_robot_yam.control.process.control_process"
-_SHARED = (Path("/dev/shm"), Path("/tmp"))  # parents: the same in every shell, unlike XDG_RUNTIME_DIR and TMPDIR
+_SHARED = (Path("/dev/shm"), Path("/tmp"))  # parents, the same in every shell, unlike XDG_RUNTIME_DIR and TMPDIR
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _RIG_NAME_MAX = 64  # longest name of a rig, characters: a socket's path contains it (108 bytes in all)
 

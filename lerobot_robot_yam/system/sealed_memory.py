@@ -13,8 +13,8 @@ import os
 from pathlib import Path
 
 _LIBC = ctypes.CDLL(None, use_errno=True)  # C library: Pythons of uv and conda have no os.memfd_create
-_MFD_CLOEXEC, _MFD_ALLOW_SEALING = 1, 2  # include/uapi/linux/memfd.h
-_F_SEAL_FUTURE_WRITE = 0x10  # include/uapi/linux/fcntl.h, since Linux 5.1; existing mappings stay writable
+_MFD_CLOEXEC, _MFD_ALLOW_SEALING = 1, 2  # flags, from include/uapi/linux/memfd.h
+_F_SEAL_FUTURE_WRITE = 0x10  # seal, from include/uapi/linux/fcntl.h, since Linux 5.1; existing mappings stay writable
 _FIXED_SIZE = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW
 _ONE_WRITER = _F_SEAL_FUTURE_WRITE | fcntl.F_SEAL_SEAL
 

@@ -17,8 +17,8 @@ import numpy as np
 from lerobot_robot_yam.errors import StaleStateError
 from lerobot_robot_yam.system import sealed_memory
 
-_HEADER = struct.Struct("<QQII")  # magic, sequence, payload size, checksum of payload
-_MAGIC = 0x59414D424C4B3032  # "YAMBLK02"
+_HEADER = struct.Struct("<QQII")  # fields: magic, sequence, payload size, checksum of payload
+_MAGIC = 0x59414D424C4B3032  # the text "YAMBLK02"
 _CHECKSUM = struct.Struct("<I")
 _SEQUENCE_AT, _CHECKSUM_AT = slice(8, 16), 20
 _LARGE = 16_384  # least payload whose words are summed, bytes: crc32 of a picture takes eight times as long
@@ -88,7 +88,7 @@ class SharedBlock:
                 magic, _, payload, _ = _HEADER.unpack_from(mapped)
                 if magic == _MAGIC and payload == self.dtype.itemsize:
                     return mapped
-        except (OSError, ValueError):  # the process is gone, and another one has its number
+        except (OSError, ValueError):  # the writer is gone, and another process has its number
             pass
         raise StaleStateError(f"{self.path} has another layout; end the process that wrote it")
 

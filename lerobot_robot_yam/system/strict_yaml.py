@@ -111,7 +111,7 @@ def _array(value: Any, shape: tuple[int, ...], where: str) -> np.ndarray:
 
 def _scalar(hint: Any, value: Any, where: str) -> Any:
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
-        number = float(value) if abs(value) <= _LARGEST else math.inf  # an integer may be beyond any float
+        number = float(value) if abs(value) <= _LARGEST else math.inf  # an integer may be too large for a float
         if not math.isfinite(number):
             raise ConfigError(f"{where}: expected a number of at most {_LARGEST:g}, found {value!r}")
         return number

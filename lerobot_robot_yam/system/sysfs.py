@@ -6,7 +6,7 @@ from pathlib import Path
 
 SYSFS = Path("/sys")
 KERNEL_NAME = re.compile(r"(can|slcan|vcan)\d+")  # names that the kernel gives in the order of discovery
-CAN_TYPE = "280"  # ARPHRD_CAN
+CAN_TYPE = "280"  # type of a CAN interface in sysfs, ARPHRD_CAN of linux/if_arp.h
 
 
 @dataclass(frozen=True)

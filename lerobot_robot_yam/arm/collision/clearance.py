@@ -44,7 +44,7 @@ _REST_SLACK_M = 0.004  # tolerance for a folded arm that is not exactly in its r
 
 
 class Pair(NamedTuple):
-    """Two parts that keep `limit_m` from each other. arms: indices of the arms that can change the distance."""
+    """Two parts that keep a distance of `limit_m`. arms: indices of the arms that can change the distance."""
 
     first: int
     second: int

@@ -56,7 +56,7 @@ class WorkspaceConfig:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "WorkspaceConfig":
-        """Make a config from plain values, as `asdict` and JSON give. Raises ConfigError: a key is unknown."""
+        """Make a config from plain values, as `asdict` and JSON give them. Raises ConfigError: a key is unknown."""
         boxes = [from_plain(KeepOut, box, "workspace.keep_out") for box in _boxes(values)]
         return from_plain(cls, {**values, "keep_out": boxes}, "workspace")
 

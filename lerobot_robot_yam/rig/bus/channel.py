@@ -188,7 +188,7 @@ class Channel:
             self.emit(answer, now_s)
 
     def _answers(self, frame: Frame, at_s: float) -> Sequence[Frame]:
-        if frame.flags:  # extended or remote: no device listens
+        if frame.flags:  # no device listens to extended and remote frames
             return ()
         entry = self._by_id.get(frame.id)
         offset: int | None

@@ -14,8 +14,8 @@ import can
 
 from lerobot_robot_yam.system import sealed_memory
 
-BUS_OFF_FRAME_ID = 0x40  # CAN_ERR_BUSOFF of linux/can/error.h
-TX_QUEUE_FRAMES = 10  # the kernel's default queue of a CAN interface
+BUS_OFF_FRAME_ID = 0x40  # identifier of the error frame for bus-off, CAN_ERR_BUSOFF of linux/can/error.h
+TX_QUEUE_FRAMES = 10  # length of the kernel's default queue of a CAN interface
 _WORD = 8
 _STATE_BITS, _UNPLUG_BITS = 8, 24  # sizes of the word's lowest fields; the other bits count changes
 
@@ -83,7 +83,7 @@ class LinkTable:
     def close(self) -> None:
         """Show all links as up, so that clients meet the end of the rig instead, and remove the link."""
         for index in range(len(self._words)):
-            self._words[index] &= ~((1 << _STATE_BITS) - 1)  # UP
+            self._words[index] &= ~((1 << _STATE_BITS) - 1)  # state UP
         self._words.release()
         self._map.close()
         sealed_memory.unpublish(self._path, self._link)

@@ -117,7 +117,8 @@ def connect_or_start(
         rig: name of the rig, see `runtime_files.rig_name`.
         hello: first message to the rig, see `server`.
         scene: scene name or path for a rig that is started here.
-        options: scene options for a rig that is started here. A running rig keeps its own; differences are logged.
+        options: scene options for a rig that is started here. A running rig keeps its own; differences from its
+            options are logged.
 
     Returns:
         Socket, resolved rig name, the rig's answer.

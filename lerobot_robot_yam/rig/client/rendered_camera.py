@@ -133,7 +133,7 @@ class RigCamera:
 
         Raises:
             StaleStateError: the frame is older than max_age_s.
-            RigError: not connected, or the rig or its renderer has ended.
+            RigError: the camera is not connected, or the rig or its renderer has ended.
         """
         record = self._read(self._connected())
         age = float("inf") if record is None else time.monotonic() - record.stamp_s
@@ -151,7 +151,7 @@ class RigCamera:
 
         Raises:
             StaleStateError: no frame came within timeout_s; a frame from before the renderer stopped does not count.
-            RigError: not connected, or the rig or its renderer has ended.
+            RigError: the camera is not connected, or the rig or its renderer has ended.
         """
         block = self._connected()
         deadline = time.monotonic() + timeout_s

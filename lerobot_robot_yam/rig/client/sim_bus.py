@@ -108,7 +108,7 @@ class YamSimBus(can.BusABC):
             if timeout is not None and not _wait(self._socket, select.POLLOUT, timeout):
                 raise BusError(f"{self.channel_info}: the rig takes no frames; is its process stopped?")
             self._socket.send(packet)
-        except (BrokenPipeError, ConnectionResetError, ValueError) as error:  # ValueError: shut down by another thread
+        except (BrokenPipeError, ConnectionResetError, ValueError) as error:  # ValueError: another thread shut it down
             raise self._gone() from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
@@ -152,7 +152,7 @@ class YamSimBus(can.BusABC):
                     self._arrived.extend(packets.unpack(packet))
         except BlockingIOError:
             return
-        except (OSError, ValueError) as error:  # reset, or shut down by another thread
+        except (OSError, ValueError) as error:  # the socket was reset, or shut down by another thread
             raise self._gone() from error
 
     def _gone(self) -> BusError:

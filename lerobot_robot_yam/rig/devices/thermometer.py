@@ -8,7 +8,7 @@ from lerobot_robot_yam.damiao.tables import Fault
 COIL_LIMIT_C = 100.0  # our choice for every motor; the power stage's limit is register OT_VALUE
 _REST_C = (35.5, 40.5)  # power stage and coil at rest; these and the gains are from the vendor's simulation
 _GAIN_C_PER_W = (0.5, 0.8)
-_TIME_CONSTANT_S = (20.0, 60.0)  # power stage and coil; our estimate
+_TIME_CONSTANT_S = (20.0, 60.0)  # time constants of power stage and coil; our estimate
 PERIOD_S = 0.02  # time between two measurements, s; our choice
 
 

@@ -110,7 +110,7 @@ class LockstepCamera:
         """Return (height, width, 3) uint8 RGB of this instant, and the rig's time in s.
 
         Raises:
-            RigError: not connected, or the renderer has ended.
+            RigError: the camera is not connected, or the renderer has ended.
         """
         if self._block is None:
             raise RigError(f"camera {self._hello['camera']} is not connected; call connect() first")

@@ -2,9 +2,10 @@
 
     python -m lerobot_robot_yam.rig.operator.operator --rig NAME --task pick_and_place
 
-The operator moves the leaders by hand only: with limited force, against and with their own gravity compensation. It
-begins when all arms are energised, stops when one is not, and begins again; it ends with the rig. `pick_and_place` goes
-on without end. A task of the scene is attempted again and again, each time laid out by the next seed.
+The operator moves the leaders by hand only: with limited force, against and with their own gravity compensation. The
+operator begins when all arms are energised, stops when one is not, and begins again; it ends with the rig.
+`pick_and_place` goes on without end. A task of the scene is attempted again and again, each time laid out by the next
+seed.
 """
 
 import argparse

@@ -161,7 +161,7 @@ class Worker:
             self._wait_for_follower(self.q)
 
     def set_off(self, point_m: np.ndarray, yaw_rad: float) -> None:
-        """Start over the table to a tool pose."""
+        """Start to a tool pose, on a way over the table."""
         self._send(self.planner.transfer(self.q, point_m, yaw_rad, self._height))
 
     def stroll(self, point_m: np.ndarray, yaw_rad: float, least_s: float) -> None:

@@ -148,7 +148,7 @@ class Drawing:
 
     def open(self, settings: Settings) -> None:
         """Start drawing a camera; its block exists on return. Do nothing for a camera that is drawn already."""
-        if settings in self._views:  # for a second client, before the first had its answer
+        if settings in self._views:  # a second client asked before the first had its answer
             return
         _, width, height, _ = settings
         dtype, now = frame_dtype(width, height), time.monotonic()

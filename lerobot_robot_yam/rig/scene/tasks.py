@@ -56,7 +56,7 @@ class Stage:
     """A stage of success, reached when all its conditions hold at once for `for_s`.
 
     Attributes:
-        prop: the thing that the next six conditions concern.
+        prop: prop that the next six conditions concern.
         lifted_m: least height of the prop above its place at the start.
         inside: region that contains the prop.
         held_by: follower whose two fingers touch the prop.

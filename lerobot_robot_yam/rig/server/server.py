@@ -275,7 +275,7 @@ def main() -> None:
     parser.add_argument("--ready-fd", type=int, help="socket for one packet of JSON once up")
     args = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
-    mujoco.set_mju_user_warning(lambda text: logger.warning("MuJoCo: %s", text))  # else it writes a file
+    mujoco.set_mju_user_warning(lambda text: logger.warning("MuJoCo: %s", text))  # by default MuJoCo writes a file
     gc.disable()  # until everything is built and frozen by request_realtime
     try:
         device = RigDevice(load_scene(args.scene, args.options))

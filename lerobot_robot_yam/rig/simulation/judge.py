@@ -210,7 +210,7 @@ class Judge:
             usual = ((draw.x_m, thing.center_m[0]), (draw.y_m, thing.center_m[1]), (draw.yaw_rad, thing.yaw_rad))
             x, y, yaw = (value if bounds is None else random.uniform(*bounds) for bounds, value in usual)
             world.put(thing.name, np.array([x, y, thing.center_m[2]]), yaw_quat(yaw))
-        world.data.qacc_warmstart[:] = 0.0  # no trace of the past
+        world.data.qacc_warmstart[:] = 0.0  # the solver starts without a trace of earlier steps
         mujoco.mj_forward(world.model, world.data)
         world.refresh()
         self._task, self._seed, self._begin_s = task, seed, world.sim_s
