@@ -25,10 +25,7 @@ _FRICTION_MOST_NM = (
     1.0  # largest friction that is fed forward: too much moves a joint by itself; the vendor feeds 0.06-0.3
 )
 _TOOL_M = 0.5  # farthest centre of mass from the tool's frame, m: the length of the arm's links
-_FLOAT_SPEEDS_RAD_S = (
-    0.5,
-    10.0,
-)  # range of the floating speed: slower is like holding; motors limit at 10 and more
+_FLOAT_SPEEDS_RAD_S = (0.5, 10.0)  # range of the floating speed: slower is like holding; motors limit at 10 and more
 _TIMEOUTS_S = (0.02, 10.0)  # range of the command timeout: from the quickest to the slowest stream of targets
 _AGES_S = (0.02, 2.0)  # range of the largest age of a state: from a few ticks to when the arm may be anywhere
 _FORCES_N = (1.0, 200.0)  # range of the grip force: from what a finger feels to four times the default

@@ -77,7 +77,7 @@ def base_quat(yaw_rad: float, tilt_rad: Sequence[float] = (0.0, 0.0)) -> np.ndar
     """
     quat = np.array([math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)])
     for angle, axis in ((tilt_rad[1], [0.0, 1.0, 0.0]), (tilt_rad[0], [1.0, 0.0, 0.0])):
-        if angle:  # to skip 0 keeps upright bases exact to the last bit
+        if angle:  # skipping 0 keeps upright bases exact to the last bit
             turn, before = np.empty(4), quat.copy()
             mujoco.mju_axisAngle2Quat(turn, np.array(axis), angle)
             mujoco.mju_mulQuat(quat, before, turn)

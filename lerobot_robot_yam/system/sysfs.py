@@ -37,8 +37,8 @@ class CanAdapter:
         usb: USB device of the adapter; None when the adapter is not USB.
         place: directory of the hardware below sysfs, "/devices/…/1-2/1-2:1.0"; None when there is no hardware.
         serial: serial number of the hardware.
-        dev_id, dev_port: number of this channel on an adapter with several, such as "0x1" and "1". Drivers set one or
-            both of the two.
+        dev_id, dev_port: number of this channel on an adapter with several, such as "0x1" and "1". Drivers set one
+            or both.
     """
 
     name: str

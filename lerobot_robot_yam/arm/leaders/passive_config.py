@@ -28,7 +28,7 @@ class PassiveConfig:
 
     Attributes:
         joint_sign: (n,) 1 or -1.
-        mapping: direct: the follower takes the leader's angle; range: the leader's range is stretched onto its own.
+        mapping: direct: the follower takes the leader's angle; range: leader's range is stretched onto the follower's.
         leader_range_rad: (n, 2) lowest and highest angle of each joint of the leader; None: as calibrated.
         calibration_path: file with zeros and ranges; without it the encoders' own zeros are used.
         home_rad: (n,) pose in which the leader lies while its zeros are found; None: all zero.

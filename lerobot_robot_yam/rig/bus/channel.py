@@ -123,7 +123,7 @@ class Channel:
             self._transmit(sender, timed, now_s + latency_s)
 
     def pass_on(self, until_s: float) -> None:
-        """Transmit the delayed frames that reach the wire until `until_s`."""
+        """Transmit the delayed frames that reach the wire by `until_s`."""
         for sender, timed in self.adapter.take(until_s):
             if not (self.cable_out or self.link.state) and sender in self.clients:
                 self._transmit(sender, timed, timed[0][0])

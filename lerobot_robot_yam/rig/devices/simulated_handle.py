@@ -1,7 +1,7 @@
 """Simulated encoders on a leader's bus: a teaching handle's, and those of a leader without motors.
 
-They behave as with firmware 2.4.0, set to report on request, as far as the driver uses it: they send no events. Unlike
-real encoders, they keep the order of replies to overlapping requests.
+The encoders behave as with firmware 2.4.0, set to report on request, as far as the driver uses it: they send no events.
+Unlike real encoders, they keep the order of replies to overlapping requests.
 """
 
 from collections.abc import Sequence

@@ -218,7 +218,7 @@ class SimMotor:
         self._limp()
 
     def set_register(self, register: int, value: float) -> None:
-        """Overwrite a register, also a read-only one. Raises ConfigError: register or value is impossible."""
+        """Overwrite a register, also a read-only one. Raises ConfigError: there is no such register or value."""
         registers.encode_value(register, value)  # checks
         if register in _RANGES and value <= 0:
             raise ConfigError(f"register {registers.REGISTERS[register].name} must be positive, not {value}")

@@ -104,7 +104,7 @@ class Script(ABC):
 
     Attributes:
         height_m: height of the tool on its way over the table.
-        endless: whether `work` continues where it ended, without placing things and without a verdict.
+        endless: whether each `work` continues where the last one ended, without placing things and without a verdict.
         workers: side → worker of that side.
     """
 
@@ -177,7 +177,7 @@ class Script(ABC):
         return region is not None and bool(np.linalg.norm(off[:2]) < region.radius_m)
 
     def goal(self) -> Pose:
-        """Return the pose at which the last stage's prop shall end: middle of a region, turned as its frame."""
+        """Return the pose where the last stage's prop shall end: middle of its region, turned as the region's frame."""
         region = self.setup.last.inside
         if region is None:
             raise ConfigError(f"task {self.setup.task.name}: its last stage needs a region inside which the prop ends")

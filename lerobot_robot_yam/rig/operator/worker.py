@@ -72,7 +72,7 @@ class Worker:
     def approach(
         self, off: Off, within_m: float = _AIM_M, within_rad: float = np.inf, tries: int = _AIMS, above_m: float = 0.0
     ) -> bool:
-        """Move by the way that `off` returns until this way is small; return whether it is.
+        """Move by the way that `off` returns until this way is small; return whether it got small.
 
         above_m: approach from this far above each time, so that friction always pulls the same way.
         """
@@ -104,7 +104,7 @@ class Worker:
         self._squeeze(0.0)
 
     def carry(self, point_m: np.ndarray, yaw_rad: float, lifted: Callable[[Sight], bool]) -> bool:
-        """Carry a held thing to a tool pose, and settle there; return whether the thing is still held."""
+        """Carry a held thing to a tool pose, and settle there; return whether the thing is held, see `holds_on`."""
         self.set_off(point_m + self._bias, yaw_rad)
         if not self.holds_on(lifted):
             return False

@@ -89,7 +89,7 @@ class Options:
         swapped: two channels with exchanged cables: each of their arms answers on the other's channel.
         serials: contents of the SN registers: "unique", or "same" on each arm, so that no register tells arms apart.
         pictures: "full" has shadows and a grain on the table, "plain" neither, for weak machines.
-        randomise_look: spread, 0 … 1, of light, colours and camera poses drawn by the seed of an attempt at a task
+        randomise_look: spread, 0 … 1, of light, colours and camera poses, drawn by the seed of an attempt at a task
             (before the first attempt by `seed`), see `render.drawing`.
         camera_noise: noise of the cameras' sensors, sigma in grey levels.
         seed: seed of lost and garbled frames, temperature noise, the operator's first attempt at a task, and the places
