@@ -1,8 +1,8 @@
-"""Copies of a data set: each appears under its name only when it is whole, with our side-cars renumbered.
+"""Copies of a data set. A copy appears under its name only when it is whole, with our side-cars renumbered.
 
-`apply_labels` makes a copy in which the outcomes of episodes count: without the discarded ones, and with two columns.
-LeRobot's own functions drop the episodes and write `next.success`, which lerobot-dataset-viz shows, in the form of
-lerobot-eval: true in the last frame of a success. The column `success` of the episodes' metadata is for
+`apply_labels` makes a copy without the episodes that are labelled as discarded, and with two columns for the outcomes
+of the others. LeRobot's own functions drop the episodes and write `next.success`, which lerobot-dataset-viz shows, in
+the form of lerobot-eval: true in the last frame of a success. The column `success` of the episodes' metadata is for
 `LeRobotDataset(…, episode_filter=lambda episode: episode["success"])`: true, false, or null without a label.
 """
 
@@ -27,18 +27,18 @@ from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR, read_figures
 from lerobot_robot_yam.face.recorder.outcomes import DISCARD, OUTCOMES, SUCCESS, Outcome
 
 SIDE_CARS = (SIDE_CAR, OUTCOMES)  # our files beside a data set, with rows per episode
-EPISODE_COLUMN = "success"
-_NAME = "local/labelled"  # LeRobot needs a name, and stores it nowhere
+EPISODE_COLUMN = "success"  # name of the column in the episodes' metadata
+_NAME = "local/labelled"  # name of the copy for LeRobot, which needs a name but stores it nowhere
 
 
 @contextmanager
 def written_aside(target: Path) -> Iterator[Path]:
-    """Yield a path beside `target` for a new directory; it becomes `target` at the end, or is removed after an error.
+    """Yield a path beside `target` for a new directory, which becomes `target` at the end, or is removed on an error.
 
-    Anything beside that path, in the same temporary directory, is removed at the end.
+    Everything else in the same temporary directory is removed at the end.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
-    # A new name: an existing directory belongs to somebody, and may be the one that is copied.
+    # The name is new: an existing directory belongs to somebody, and may be the data set that is copied.
     aside = Path(tempfile.mkdtemp(prefix=f"{target.name}.partial.", dir=target.parent))
     try:
         yield aside / "whole"  # `aside` itself is readable by its owner only
@@ -56,7 +56,7 @@ def copy_side_cars(root: Path, target: Path, kept: Sequence[int]) -> None:
         kept: numbers in `root` of the copy's episodes.
 
     Raises:
-        ConfigError: names the line that is no outcome.
+        ConfigError: a line of the outcomes is no outcome; the message names the line.
     """
     new_numbers = {old: new for new, old in enumerate(kept)}
     labels = outcomes.read(root)
@@ -94,10 +94,10 @@ def verify(root: Path, progress: Progress = iter) -> None:
 
 
 def apply_labels(root: Path, target: Path, labels: Mapping[int, Outcome], progress: Progress = iter) -> None:
-    """Write the copy with labels; the original is only read.
+    """Write a copy with labels; the original is only read.
 
     Raises:
-        ConfigError: nothing would be left, or it is such a copy already.
+        ConfigError: nothing would be left, or the data set is such a copy already.
         DatasetError: the data set or the written copy does not load; `target` does not exist then.
     """
     try:

@@ -1,6 +1,6 @@
-"""Pictures of a data set's videos, decoded by PyAV: one at a time, or an episode's as small grey thumbnails.
+"""Pictures of a data set's videos, decoded by PyAV: single pictures, or those of an episode as small grey thumbnails.
 
-LeRobot can do it too, but loads torch for it.
+LeRobot can decode videos, too, but loads torch for that.
 """
 
 from collections.abc import Iterator
@@ -15,18 +15,18 @@ from lerobot_robot_yam.errors import DatasetError
 from lerobot_robot_yam.face.datasets.check.opened_dataset import OpenedDataset, RecordedEpisode
 from lerobot_robot_yam.face.datasets.layout import is_depth
 
-WIDTH, HEIGHT = 64, 48  # size of a thumbnail, whose pixel is the mean of 10 x 10 in a picture of 640 x 480
+WIDTH, HEIGHT = 64, 48  # size of a thumbnail, pixels; each is the mean of 10 x 10 pixels of a picture of 640 x 480
 
 
 class DatasetPictures:
-    """Decodes single frames of a data set. The last video of each camera stays open."""
+    """Decoder of single frames of a data set. The last video of each camera stays open."""
 
     def __init__(self, data: OpenedDataset):
         self._data = data
         self._videos: dict[str, tuple[Path, av.container.InputContainer]] = {}
 
     def picture(self, episode: RecordedEpisode, camera: str, frame: int) -> np.ndarray:
-        """Return (height, width, 3) uint8 RGB of a camera in a frame of an episode; distances are grey, near is dark.
+        """Return a camera's picture of a frame, (height, width, 3) uint8 RGB; distances are grey, near is dark.
 
         Raises:
             DatasetError: there is no such picture, or it cannot be decoded.
@@ -88,11 +88,11 @@ class Thumbnails:
 
 
 def decode(path: Path, start_s: float, length: int, fps: float, step: int) -> Thumbnails:
-    """Decode the frames 0 … length - 1 that begin at start_s of a video.
+    """Decode the frames 0 … length - 1 of an episode that begins at start_s in a video.
 
     Args:
-        step: 1 for all frames. Else only key frames are decoded: those at or just before each step-th frame, and before
-            the last. LeRobot makes every second frame a key frame.
+        step: 1 for all frames. Otherwise only key frames are decoded: the key frame at or just before each step-th
+            frame, and before the last. LeRobot makes every second frame a key frame.
 
     Raises:
         av.FFmpegError, OSError, EOFError: the video cannot be decoded.
@@ -131,7 +131,7 @@ def _small(picture: av.VideoFrame) -> np.ndarray:
 def _pictures_from(
     frame: int, video: av.container.InputContainer, stream: av.VideoStream, start_s: float, fps: float
 ) -> Iterator[tuple[int, av.VideoFrame]]:
-    """Yield pictures from a frame on, or a little before, with their frame numbers in the episode from start_s on."""
+    """Yield (number in the episode, picture) from a frame on, or a little before; the episode begins at start_s."""
     assert stream.time_base is not None
     video.seek(round((start_s + (frame + 0.5) / fps) / stream.time_base), stream=stream)
     for picture in video.decode(stream):

@@ -1,6 +1,6 @@
-"""Location and files of a LeRobot data set (format v3), for readers that do without LeRobot.
+"""Location and files of a LeRobot data set (format v3), for code that reads data sets without LeRobot.
 
-LeRobot takes seconds to import, and is loaded here only to find a data set by its name.
+LeRobot takes seconds to import, and this module loads it only to find a data set by its name.
 """
 
 import json
@@ -20,9 +20,9 @@ DEGREES_SUFFIX = "_degrees"  # end of the name of a robot whose joints are recor
 
 
 def locate(path_or_repo_id: str) -> Path:
-    """Return the directory of a data set, given as a path or as LeRobot's name for one, here or on the Hub.
+    """Return the directory of a data set, given by path or by LeRobot's name, on this computer or on the Hub.
 
-    LeRobot downloads one that is not on this computer.
+    LeRobot downloads a data set that is not on this computer.
 
     Raises:
         ConfigError: there is no such data set, or it cannot be downloaded.
@@ -66,7 +66,7 @@ def value_names(feature: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def frame_count(path: Path) -> int:
-    """Return the number of frames by a video file's header; 0 if it cannot be opened."""
+    """Return the number of frames by a video file's header; 0 if the file cannot be opened."""
     import av
 
     try:

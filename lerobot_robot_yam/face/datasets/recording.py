@@ -2,8 +2,8 @@
 
 LeRobot records neither units nor the meaning of an action's values, but
 
-- a data set names its robot (ours by `recorded_name`) and the values of its actions;
-- some checkpoints name these values too, and all name the data set of their training, which may be on this computer;
+- a data set names its robot (`recorded_name` gives the names of ours) and the values of its actions;
+- some checkpoints name these values, too, and all name the data set of their training, which may be on this computer;
 - both hold statistics of the values.
 """
 
@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 RADIANS, DEGREES = "radians", "degrees"
 _OURS = ("yam_follower", "bi_yam_follower")
 _TOOL_SUFFIX = "_ee"
-_STATISTICS = ("min", "max", "mean", "q01", "q99")  # any of them suffices
+_STATISTICS = ("min", "max", "mean", "q01", "q99")  # LeRobot's statistics that are read; any of these suffices
 _PIPELINES = ("policy_preprocessor.json", "policy_postprocessor.json")
 _NORMALISERS = ("normalizer_processor", "unnormalizer_processor")
 
@@ -38,7 +38,7 @@ class Recording:
         what: name in messages.
         robot_type: name of the robot, empty if unknown.
         names: names of the values of an action, empty if unknown.
-        statistics: LeRobot's, by feature and kind: {"action": {"max": (n,), …}, "observation.state": …}.
+        statistics: LeRobot's statistics by feature and kind: {"action": {"max": (n,), …}, "observation.state": …}.
         config: the saved config of a checkpoint's policy, empty without one.
     """
 
@@ -49,9 +49,9 @@ class Recording:
     config: Mapping[str, Any] = field(default_factory=dict)
 
     def largest(self, which: np.ndarray) -> float | None:
-        """Return the largest magnitude in the statistics; None without statistics, or for other values.
+        """Return the largest magnitude in the statistics; None without statistics that fit.
 
-        which: (n,) the values of an action that count; in a state they come first.
+        which: (n,) whether each value of an action counts; a state begins with the values of an action.
         """
         n, found = len(which), []
         for feature in (ACTION, OBS_STATE):
@@ -65,7 +65,7 @@ class Recording:
 def unit_of(recording: Recording, is_joint: np.ndarray) -> str | None:
     """Return the unit of the joints, None if unknown.
 
-    is_joint: (n,) which values of an action are angles; the others are grippers.
+    is_joint: (n,) whether each value of an action is an angle; the others are openings of grippers.
     """
     if recording.robot_type.endswith(DEGREES_SUFFIX):
         return DEGREES
@@ -78,7 +78,7 @@ def unit_of(recording: Recording, is_joint: np.ndarray) -> str | None:
 def recorded_name(device: str, use_degrees: bool, action_space: str) -> str:
     """Return the name of a robot in data sets, which encodes the meaning of their numbers.
 
-    lerobot-record itself compares these names when it resumes. Tool poses are in m and rad whatever `use_degrees` is.
+    lerobot-record itself compares these names when it resumes. Tool poses are always in m and rad.
     """
     if action_space == "ee":
         return device + _TOOL_SUFFIX
@@ -107,7 +107,7 @@ def of_checkpoint(path: str, revision: str | None) -> Recording:
 
 
 def _trained_on(path: str, revision: str | None) -> dict[str, Any]:
-    """Return LeRobot's description of a policy's data set, empty if that is not on this computer."""
+    """Return LeRobot's description of a policy's data set, empty if the data set is not on this computer."""
     trained = _json(path, "train_config.json", revision).get("dataset") or {}
     root = trained.get("root") or HF_LEROBOT_HOME / (trained.get("repo_id") or "")
     return _json(str(root), "meta/info.json", None) if Path(root).is_dir() else {}
@@ -143,6 +143,6 @@ def _file(path: str, name: str, revision: str | None) -> Path | None:
 
     try:
         return Path(hf_hub_download(repo_id=path, filename=name, revision=revision))
-    except Exception as error:  # no such file, no network, not the name of a repository
+    except Exception as error:  # no such file, no network, or not the name of a repository
         logger.debug("checkpoint %s: %s", path, error)
         return None

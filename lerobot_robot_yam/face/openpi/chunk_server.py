@@ -1,7 +1,8 @@
-"""The server of openpi's protocol: connections, one request at a time, and an error for any other message.
+"""Server of openpi's protocol, for one request at a time; any other message gets an error.
 
-As openpi's own (`src/openpi/serving/websocket_policy_server.py`), it greets with its metadata, answers each message
-with one, and after a failure sends a text and closes. It also accepts RoboArena's `endpoint`: `infer` or `reset`.
+Like openpi's own server (`src/openpi/serving/websocket_policy_server.py`), this one greets with its metadata, sends one
+answer to each message, and after a failure sends a text and closes. RoboArena's `endpoint` is accepted, too: `infer` or
+`reset`.
 
 Messages are decoded without pickle. Their size, their queue and the number of clients are bounded. A message that the
 policy cannot answer does not reach the policy.
@@ -42,20 +43,20 @@ logger = logging.getLogger(__name__)
 _wire_logger = logging.getLogger(f"{__name__}.wire")
 _wire_logger.setLevel(logging.CRITICAL)  # below, websockets logs whole requests and port scans
 
-_MOST_BYTES = 32 * 2**20  # largest message: five pictures of 1920 x 1080 pixels
-_MOST_WORDS = 2000  # most characters of an error, which can quote a client's message
-_MOST_CLIENTS = 8
-_CLOSE_TIMEOUT_S = 1.0  # wait for the closing handshake of a client that may be stuck
-_SEND_TIMEOUT = struct.pack("ll", 5, 0)  # s, us; ends a send to a client that does not read
+_MOST_BYTES = 32 * 2**20  # size of the largest message, bytes: five pictures of 1920 x 1080 pixels
+_MOST_WORDS = 2000  # length of the longest error, characters: an error can quote a client's message
+_MOST_CLIENTS = 8  # largest number of clients at the same time
+_CLOSE_TIMEOUT_S = 1.0  # longest wait for the closing handshake of a client, which may be stuck, s
+_SEND_TIMEOUT = struct.pack("ll", 5, 0)  # time (s, µs) after which a send to a client that does not read fails
 
 
 class ChunkServer:
-    """Server of a policy. Clients can connect as soon as it is made; `serve_forever` accepts them.
+    """Server of a policy. Clients can connect as soon as the server is made; `serve_forever` accepts them.
 
     Args:
-        policy: the policy. Several clients can use it; one that was not the last to ask begins a new episode.
-        host, port: address to listen at; port 0 chooses a free one.
-        api_key: refuses clients that do not send it, as openpi's do (`Authorization: Api-Key …`).
+        policy: the policy. Several clients can use it; a client that was not the last to ask begins a new episode.
+        host, port: address to listen at; port 0 chooses a free port.
+        api_key: key that clients have to send, as openpi's clients do (`Authorization: Api-Key …`); None: no key.
 
     Attributes:
         port: the port in use.
@@ -78,7 +79,7 @@ class ChunkServer:
                 host,
                 port,
                 origins=[None],  # refuses web pages of a browser on this computer
-                compression=None,  # as openpi's; compressing images takes milliseconds
+                compression=None,  # as in openpi's server: compressing images takes milliseconds
                 process_request=self._turn_away,
                 max_size=_MOST_BYTES,
                 max_queue=1,
@@ -90,11 +91,11 @@ class ChunkServer:
         self.port: int = self._server.socket.getsockname()[1]
 
     def serve_forever(self) -> None:
-        """Accept clients until `close` is called from another thread, or this one is interrupted."""
+        """Accept clients until `close` is called from another thread, or this thread is interrupted."""
         self._server.serve_forever()
 
     def close(self) -> None:
-        """Disconnect all clients and accept no more. Waits for an answer that is being computed. Idempotent."""
+        """Disconnect all clients, accept no more, and wait for an answer that is being computed. Idempotent."""
         with self._guard:
             if self._ending:
                 return
@@ -170,7 +171,7 @@ class ChunkServer:
 
     @contextlib.contextmanager
     def _episode_of(self, connection: ServerConnection, anew: bool) -> Iterator[None]:
-        """Keep the policy in an episode of this connection; a failure ends the episode."""
+        """Run a block in an episode of this connection; an error in the block ends the episode."""
         asked_by, self._asked_by = self._asked_by, None
         if anew or asked_by != connection.id:
             self._policy.reset()

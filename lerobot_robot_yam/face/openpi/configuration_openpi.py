@@ -18,7 +18,7 @@ ActionSpace = Literal["joint_position", "cartesian_position"]
 @register_as(PreTrainedConfig, "yam_openpi")
 @dataclass
 class YamOpenpiConfig(PreTrainedConfig):
-    """Where the server is, what it is sent, and what its answers mean. Nothing is computed or stored here.
+    """Options of a policy server: its address, what it is sent, and what its answers mean. Nothing is computed here.
 
     Attributes:
         host: name or address of the server; or a whole URL (`wss://…`), then `port` is not used.
@@ -44,7 +44,7 @@ class YamOpenpiConfig(PreTrainedConfig):
         response_timeout_s: how long any other answer may take. The arms hold after 0.5 s without an action.
     """
 
-    device: str | None = "cpu"  # of the tensors handed to LeRobot; the model's device is the server's affair
+    device: str | None = "cpu"  # device of the tensors for LeRobot; the server chooses the model's device
     push_to_hub: bool = False
 
     host: str = "localhost"
@@ -86,7 +86,7 @@ class YamOpenpiConfig(PreTrainedConfig):
         """Check the fields; LeRobot's policies call this when they are made.
 
         Raises:
-            ConfigError: a value that cannot be used.
+            ConfigError: a value cannot be used.
         """
         for name in ("connect_timeout_s", "first_response_timeout_s", "response_timeout_s"):
             if not getattr(self, name) > 0:

@@ -1,6 +1,6 @@
 """Messages of openpi's websocket protocol: their bytes, the observation for the server, and checks of its answers.
 
-No metadata and no action of the server reaches an arm unchecked.
+All metadata and actions of the server are checked before they can reach an arm.
 
 Messages are msgpack, with NumPy arrays and scalars as marked dictionaries: an array is
 `{b"__ndarray__": True, b"data": bytes, b"dtype": "<f4", b"shape": [50, 14]}`, a scalar
@@ -27,13 +27,13 @@ except ImportError as error:
 
 PROMPT_KEY = "prompt"
 ENDPOINT_KEY, INFER, RESET = "endpoint", "infer", "reset"  # kinds of requests, from RoboArena's `policy_server.py`
-ENDPOINTS_KEY = "endpoints"  # in a greeting: kinds of requests that the server knows
-IMAGE_KEYS = "image_keys"  # in a greeting: names of the images that the server needs
-STATEFUL_KEY = "stateful"  # in a greeting: whether an answer depends on earlier observations of its connection
-RESET_DONE = "reset successful"  # RoboArena's answer, as text
-_PREFIX = "observation."
-_PLAIN_KINDS = "biufSU"  # truth values, integers, floats, text: no pointers, no code
-# No joint of these arms turns further than 3.2 rad either way, so larger numbers are degrees.
+ENDPOINTS_KEY = "endpoints"  # key in a greeting: kinds of requests that the server knows
+IMAGE_KEYS = "image_keys"  # key in a greeting: names of the images that the server needs
+STATEFUL_KEY = "stateful"  # key in a greeting: whether answers depend on earlier observations of the connection
+RESET_DONE = "reset successful"  # RoboArena's answer to a reset, as text
+_PREFIX = "observation."  # beginning of LeRobot's names of observed values
+_PLAIN_KINDS = "biufSU"  # NumPy's allowed kinds: truth values, integers, floats, text; no pointers, no code
+# Largest plausible angle, rad. No joint of these arms turns further than 3.2 rad, so larger numbers are degrees.
 _LARGEST_RAD = 2.0 * math.pi
 
 
@@ -48,12 +48,12 @@ def observation_name(key: str) -> str:
 
 
 def encode_message(message: Any) -> bytes:
-    """Encode a message of dictionaries, lists, text, numbers and arrays. Raises TypeError: another type in it."""
+    """Encode a message of dictionaries, lists, text, numbers and arrays. Raises TypeError: it has another type."""
     return msgpack.packb(message, default=_pack)
 
 
 def decode_message(data: bytes) -> Any:
-    """Decode a message, with read-only arrays. Raises ValueError: no msgpack, or an invalid array."""
+    """Decode a message; its arrays are read-only. Raises ValueError: the data are no msgpack, or have a bad array."""
     try:
         return msgpack.unpackb(data, object_hook=_unpack)
     except (KeyError, TypeError, msgpack.exceptions.UnpackException) as error:
@@ -92,8 +92,8 @@ def server_observation(config: YamOpenpiConfig, batch: dict[str, Any], row: int)
     """Build the message to the server for one row of a batch.
 
     Args:
-        config: names and forms that the server expects.
-        batch: LeRobot's, from the policy's preprocessor: `observation.state` (B, n), `observation.images.<camera>`
+        config: options with the names and forms that the server expects.
+        batch: LeRobot's batch from the policy's preprocessor: `observation.state` (B, n), `observation.images.<camera>`
             (B, 3, H, W) from 0 to 1, `task`: B texts or one.
         row: index of the row, 0 … B − 1.
 
@@ -125,7 +125,7 @@ def _image(config: YamOpenpiConfig, batch: dict[str, Any], camera: str, row: int
             f"{', '.join(cameras) or 'no cameras'}"
         )
     tensor = batch[name][row]
-    if tensor.is_floating_point():  # rounded, these are exactly the camera's values
+    if tensor.is_floating_point():  # after rounding, the values are exactly the camera's
         tensor = (tensor * 255.0).round().clamp(0, 255).to(torch.uint8)
     image = tensor.permute(1, 2, 0).cpu().numpy()
     if config.image_size is not None:
@@ -134,10 +134,10 @@ def _image(config: YamOpenpiConfig, batch: dict[str, Any], camera: str, row: int
 
 
 def resize_with_pad(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Return the largest copy of the image that fits, in the middle of a black one of this size.
+    """Return a black image of this size, with the largest copy of the given image that fits in its middle.
 
-    Bilinear, whole pixels rounded down: equal to the pixel to `openpi_client.image_tools.resize_with_pad` (0.1.2),
-    which openpi uses in training too.
+    Resizing is bilinear, to a size in whole pixels that is rounded down. So the result equals, in each pixel, that of
+    `openpi_client.image_tools.resize_with_pad` (0.1.2), which openpi uses in training, too.
 
     Args:
         image: (H, W, 3), uint8.
@@ -159,8 +159,8 @@ def resize_with_pad(image: np.ndarray, height: int, width: int) -> np.ndarray:
 def check_metadata(config: YamOpenpiConfig, metadata: dict[str, Any]) -> None:
     """Compare the server's metadata with the config. Keys that the metadata lack are not checked.
 
-    `angle_unit`, `action_dim` and `action_horizon` are for one's own `policy_metadata` in openpi's TrainConfig;
-    `action_space` and `image_resolution` (height, width) are RoboArena's, `image_keys` is `yam-policy-server`'s.
+    `angle_unit`, `action_dim` and `action_horizon` come from a user's own `policy_metadata` in openpi's TrainConfig,
+    `action_space` and `image_resolution` (height, width) from RoboArena, `image_keys` from `yam-policy-server`.
 
     Raises:
         ConfigError: metadata and config contradict each other.
@@ -212,9 +212,9 @@ def action_chunk(config: YamOpenpiConfig, answer: dict[str, Any], width: int) ->
     """Return the actions of an answer, float32 (steps, width).
 
     Args:
-        config: key of the actions, and how many are needed.
-        answer: the server's.
-        width: values of one action.
+        config: options with the key of the actions, and the number that is needed.
+        answer: answer of the server.
+        width: number of values in one action.
 
     Raises:
         ActionError: the actions are missing, of a wrong type or shape, not finite, or no angles in rad.

@@ -1,4 +1,4 @@
-"""A LeRobot policy without weights: it requests chunks of actions from an openpi server and returns them one by one."""
+"""LeRobot policy without weights, which requests chunks of actions from an openpi server and returns them singly."""
 
 import weakref
 from collections import deque
@@ -26,11 +26,11 @@ from lerobot_robot_yam.face.openpi.server_connection import ServerConnection
 class YamOpenpiPolicy(PreTrainedPolicy):
     """Policy whose actions come from a server.
 
-    It connects when it is made, so that a wrong address or a server for another robot is refused before an arm is
-    energised. Any later failure raises, and no action comes out: the arms hold.
+    The constructor connects, so that a wrong address or a server for another robot is refused before an arm is
+    energised. Any later failure raises an error in place of an action, so the arms hold.
 
     Raises:
-        ConfigError: a field, or the server's metadata, do not fit.
+        ConfigError: a field of the config, or the server's metadata, do not fit.
         PolicyServerError: the server cannot be reached.
     """
 
@@ -42,24 +42,24 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         config.validate_features()
         self._server = ServerConnection(config, lambda metadata: check_metadata(config, metadata))
         self._server.open()
-        self._hang_up = weakref.finalize(self, self._server.close)  # also when the interpreter ends
+        self._hang_up = weakref.finalize(self, self._server.close)  # called when the interpreter ends, too
         self._queue: deque[torch.Tensor] = deque()
         self._rtc: RTCProcessor | None = None
         self._episode, self._asked = 0, False
-        self._begun = 0  # the server's episode
-        self._outdated = False  # after a reset, real-time chunking first sends an old observation
+        self._begun = 0  # number of the episode that has begun at the server
+        self._outdated = False  # whether the next observation is old: after a reset, real-time chunking sends one
 
     @classmethod
     def from_pretrained(
         cls, pretrained_name_or_path: str | Path | None, *, config: PreTrainedConfig | None = None, **options: Any
     ) -> Self:
-        """Make the policy of this config, or of the one in that directory. There are no weights to load."""
+        """Make the policy of this config, or of the config in that directory. There are no weights to load."""
         if config is None:
             config = PreTrainedConfig.from_pretrained(pretrained_name_or_path, **options)
         return cls(config).eval()
 
     def _save_pretrained(self, save_directory: Path, *_: Any, **__: Any) -> None:
-        """Save the config alone. LeRobot 0.6.2 would save nothing of a policy without weights."""
+        """Save the config only. LeRobot 0.6.2 would save nothing of a policy without weights."""
         self.config._save_pretrained(save_directory)
 
     def close(self) -> None:
@@ -67,7 +67,7 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         self._hang_up()
 
     def reset(self) -> None:
-        """Drop the rest of the chunk; the next action comes from a new one."""
+        """Drop the rest of the chunk; the next action comes from a new chunk."""
         self._queue.clear()
         self._outdated = self._rtc is not None and self._asked
         self._episode += 1
@@ -76,7 +76,7 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         """Return the next action, (B, n), from a new chunk when the last one is used up.
 
         Raises:
-            YamError: as `predict_action_chunk`.
+            YamError: see `predict_action_chunk`.
         """
         if not self._queue:
             chunk = self.predict_action_chunk(batch)
@@ -94,12 +94,12 @@ class YamOpenpiPolicy(PreTrainedPolicy):
 
         Args:
             batch: see `server_observation`. Each row is a separate request.
-            inference_delay: steps of the running chunk that will be executed before this one can be.
-            prev_chunk_left_over: the running chunk's actions from now on, (k, n), padded with zeros.
+            inference_delay: number of steps of the running chunk that are executed before the new chunk can begin.
+            prev_chunk_left_over: actions of the running chunk from now on, (k, n), padded with zeros.
 
         Raises:
-            PolicyServerError: the server failed, is gone, or does not answer in time; with real-time chunking also for
-                a request or an answer of the episode before, after which LeRobot requests again.
+            PolicyServerError: the server failed, is gone, or does not answer in time; with real-time chunking also if
+                request or answer belong to the episode before, after which LeRobot requests again.
             ActionError: the actions cannot be used.
             ConfigError: the robot does not observe something that the server expects.
         """
@@ -141,17 +141,17 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         return True
 
     def init_rtc_processor(self) -> None:
-        """Make the processor; lerobot-rollout calls this once `rtc_config` is in the config."""
+        """Make the processor of real-time chunking; lerobot-rollout calls this once `rtc_config` is in the config."""
         self._rtc = RTCProcessor(self.config.rtc_config)
 
     def _cross_fade(self, chunk: torch.Tensor, delay: int, running: torch.Tensor) -> torch.Tensor:
-        """Return the chunk, mixed with the running one as far as that goes on.
+        """Return the chunk, mixed with the running chunk as far as that one reaches.
 
-        openpi's protocol has no field for the running chunk, so the server cannot be guided by it as in real-time
-        chunking proper; its weights over time (`RTCConfig.prefix_attention_schedule`) serve to mix the actions.
+        openpi's protocol has no field for the running chunk, so the chunk cannot guide the server as in real-time
+        chunking proper; the weights of that method (`RTCConfig.prefix_attention_schedule`) mix the actions instead.
         """
         assert self._rtc is not None
-        steps = running.any(dim=1).nonzero()  # without the padding, nor steps of zeros before it
+        steps = running.any(dim=1).nonzero()  # without the padding, and without steps of zeros before the padding
         length = min(int(steps.max()) + 1 if len(steps) else 0, chunk.shape[1])
         weights = self._rtc.get_prefix_weights(delay, length, chunk.shape[1])[:length, None]
         mixed = chunk.clone()

@@ -1,9 +1,9 @@
-"""A LeRobot checkpoint that answers an observation with a chunk: the actions that `lerobot-rollout` would execute.
+"""LeRobot checkpoint that answers an observation with a chunk: the actions that `lerobot-rollout` would execute.
 
 LeRobot's engine `sync` (`lerobot/rollout/inference/sync.py`) calls `select_action` once per step. A policy that sees
-only the present ignores all observations of a chunk but the first. So its whole chunk is computed from one observation
-here, action by action, each through the postprocessor. A policy that remembers earlier observations, or mixes its
-chunks, needs each step: it answers with one action at a time.
+only the present ignores all observations of a chunk but the first. So this module computes the whole chunk from one
+observation, action by action, each through the postprocessor. A policy that remembers earlier observations, or mixes
+its chunks, needs the observation of each step: such a policy answers with one action at a time.
 """
 
 import contextlib
@@ -38,21 +38,21 @@ from lerobot_robot_yam.face.openpi.messages import (
 logger = logging.getLogger(__name__)
 
 _STAND_IN = f"{OBS_IMAGES}.empty_camera"  # prefix of images that pi0 and SmolVLA make themselves (`empty_cameras`)
-_UNITS = {"radians": "rad", "degrees": "deg"}
-_SPACES = {"joint": "joint_position", "ee": "cartesian_position"}  # RoboArena's words
+_UNITS = {"radians": "rad", "degrees": "deg"}  # unit of a recording → its word in the metadata
+_SPACES = {"joint": "joint_position", "ee": "cartesian_position"}  # action space → RoboArena's word
 
 
 class ObservationForm:
     """Names and shapes of the observation that a policy needs.
 
     Args:
-        config: the policy's.
-        rename_map: LeRobot's: client's name → policy's name.
-        any_image_size: accept images of other heights and widths.
+        config: config of the policy.
+        rename_map: LeRobot's mapping of the client's name → the policy's name.
+        any_image_size: whether images of other heights and widths are accepted.
 
     Attributes:
         state: name and number of values of the state; None for a policy without one.
-        images: (channels, height, width) of each image, by its name.
+        images: name of an image → (channels, height, width).
     """
 
     def __init__(self, config: PreTrainedConfig, rename_map: Mapping[str, str], any_image_size: bool = False):
@@ -70,7 +70,7 @@ class ObservationForm:
         """Return the part of a message that the policy sees, as `lerobot-rollout` would pass it on.
 
         Args:
-            message: arrays by their keys (`observation_name`); a dictionary in it groups some of them.
+            message: key (see `observation_name`) → array, or → dictionary that groups some arrays.
 
         Returns:
             State (n,) float32; images (height, width, channels) uint8. All are copies.
@@ -132,18 +132,18 @@ def _array(name: str, value: Any) -> np.ndarray:
 
 
 class ServedPolicy:
-    """A policy with its processors, as `lerobot-rollout --policy.path=…` loads them. For one thread at a time.
+    """Policy with its processors, as `lerobot-rollout --policy.path=…` loads them. For one thread at a time.
 
     Args:
         path: directory of the checkpoint, or its repository on the hub.
         overrides: LeRobot's options for the policy's config, such as `--n_action_steps=10`.
-        rename_map: LeRobot's: client's name → policy's name.
-        task: for clients that send no prompt.
-        any_image_size: for policies that resize images themselves.
+        rename_map: LeRobot's mapping of the client's name → the policy's name.
+        task: task for clients that send no prompt.
+        any_image_size: whether images of any size are accepted, for policies that resize images themselves.
 
     Attributes:
-        metadata: the greeting of clients.
-        n_actions: actions of an answer.
+        metadata: greeting for clients.
+        n_actions: number of actions in an answer.
 
     Raises:
         ConfigError: the checkpoint cannot be loaded, or cannot be served.
@@ -175,7 +175,7 @@ class ServedPolicy:
         }
 
     def question(self, message: Mapping[Any, Any]) -> tuple[dict[str, np.ndarray], str]:
-        """Return observation and task of a client's message. The policy is not touched.
+        """Return observation and task of a client's message, without using the policy.
 
         Raises:
             ObservationError: the message lacks what the policy needs (`ObservationForm`).
@@ -186,7 +186,7 @@ class ServedPolicy:
     def actions(self, frame: Mapping[str, np.ndarray], task: str) -> np.ndarray:
         """Compute the next actions, (n_actions, n) float32, in the units of the training data.
 
-        frame, task: from `question`.
+        frame, task: observation and task as `question` returns them.
         """
         autocast = torch.autocast(self._device.type) if self._autocast else contextlib.nullcontext()
         with torch.inference_mode(), autocast:
@@ -209,7 +209,7 @@ def _loaded(path: str, overrides: list[str], rename_map: dict[str, str]) -> tupl
             raise ConfigError("it is an adapter (PEFT); merge it into its base model first")
         config.pretrained_path = path
         if hasattr(config, "compile_model") and parser.parse_arg("compile_model", overrides) is None:
-            config.compile_model = False  # also if it was True in training
+            config.compile_model = False  # even if the value was True in training
         policy = get_policy_class(config.type).from_pretrained(path, config=config, revision=revision)
         before, after = make_pre_post_processors(
             config,
@@ -229,25 +229,25 @@ def _loaded(path: str, overrides: list[str], rename_map: dict[str, str]) -> tupl
 
 
 def _cause(error: BaseException) -> BaseException:
-    """Return the first cause of an error: LeRobot's parser hides a config's messages about its values."""
+    """Return the first cause of an error, since LeRobot's parser hides a config's messages about its values."""
     return error if error.__cause__ is None else _cause(error.__cause__)
 
 
 def _remembers(config: PreTrainedConfig) -> bool:
-    """Return whether actions depend on earlier observations: by a history, or by ACT's temporal ensembling."""
+    """Return whether actions depend on earlier observations, by a history or by ACT's temporal ensembling."""
     return config.n_obs_steps > 1 or getattr(config, "temporal_ensemble_coeff", None) is not None
 
 
 def _chunk_length(config: PreTrainedConfig) -> int:
     """Return the number of actions that `select_action` returns before it computes again."""
-    for name in ("n_action_steps", "action_chunk_size"):  # the latter is VQ-BeT's
+    for name in ("n_action_steps", "action_chunk_size"):  # VQ-BeT has the second name
         if hasattr(config, name):
             return getattr(config, name)
     return 1
 
 
 def _metadata(path: str, revision: str | None, config: PreTrainedConfig, form: ObservationForm) -> dict[str, Any]:
-    """Return what a client can compare with its settings (`check_metadata`), as far as the checkpoint tells."""
+    """Return what a client can compare with its settings (`check_metadata`), as far as the checkpoint has this."""
     learnt = of_checkpoint(path, revision)
     n = config.action_feature.shape[0]
     metadata: dict[str, Any] = {
@@ -260,7 +260,7 @@ def _metadata(path: str, revision: str | None, config: PreTrainedConfig, form: O
     sizes = {shape[1:] for shape in form.images.values()}
     if len(sizes) == 1 and not form.any_image_size:
         metadata["image_resolution"] = list(sizes.pop())
-    unit = unit_of(learnt, np.ones(n, dtype=bool))  # grippers, too: 0 to 1 is below the angles that decide
+    unit = unit_of(learnt, np.ones(n, dtype=bool))  # includes grippers: their 0 to 1 is too small to decide
     space = space_of(learnt.names)
     if space in _SPACES:
         metadata["action_space"] = _SPACES[space]

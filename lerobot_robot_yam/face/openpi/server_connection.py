@@ -1,8 +1,8 @@
-"""One connection to an openpi server: its greeting, then a request and an answer at a time.
+"""Connection to an openpi server: the server's greeting, then a request and an answer at a time.
 
-The server (openpi, `src/openpi/serving/websocket_policy_server.py`) greets with its metadata, answers each message
-with one, and when it fails, sends a traceback as text and closes. A server whose metadata name `reset` among their
-`endpoints` also resets, as RoboArena's servers do.
+The server (openpi, `src/openpi/serving/websocket_policy_server.py`) greets with its metadata and sends one answer to
+each message; after a failure it sends a traceback as text and closes. A server whose metadata name `reset` among their
+`endpoints` can also reset its policy, as RoboArena's servers do.
 """
 
 import contextlib
@@ -37,24 +37,24 @@ except ImportError as error:
 
 logger = logging.getLogger(__name__)
 
-_RETRY_S = 0.25
-_CLOSE_TIMEOUT_S = 1.0  # wait for the closing handshake of a server that may be stuck
-_UNAUTHORISED = (401, 403)
-_MOST_BYTES = 16 * 2**20  # largest answer; a chunk of 1000 actions for two arms has 0.1 MiB
+_RETRY_S = 0.25  # pause between two attempts to connect, s
+_CLOSE_TIMEOUT_S = 1.0  # longest wait for the closing handshake of a server, which may be stuck, s
+_UNAUTHORISED = (401, 403)  # HTTP statuses of a refused API key
+_MOST_BYTES = 16 * 2**20  # size of the largest answer, bytes; a chunk of 1000 actions for two arms has 0.1 MiB
 
 
 class ServerConnection:
     """Connection to a server of actions. Not for use by several threads at once.
 
-    Any failure closes the connection, so that a late answer never passes for the next one; the next request opens it
-    again.
+    Any failure closes the connection, so that a late answer is never taken for the next one; the next request opens
+    the connection again.
 
     Args:
         config: address of the server, and time-outs.
-        check: called with the metadata of each greeting; raises if they do not fit.
+        check: function that is called with the metadata of each greeting, and raises if they do not fit.
 
     Attributes:
-        metadata: those of the last greeting.
+        metadata: metadata of the last greeting.
 
     Raises:
         ConfigError: the config names an API key that is not set.
@@ -66,12 +66,12 @@ class ServerConnection:
         key = config.api_key()
         self._headers = {"Authorization": f"Api-Key {key}"} if key else None
         self._next_timeout_s = config.first_response_timeout_s
-        self._overdue = False  # the running server was too slow once: a longer wait would not help
+        self._overdue = False  # whether the running server was too slow once, so that a longer wait would not help
         self._stack = contextlib.ExitStack()
         self._connection: Connection | None = None
 
     def open(self) -> None:
-        """Connect, and wait for a server that is still starting.
+        """Connect; wait if the server is still starting.
 
         Raises:
             PolicyServerError: the server does not come up, greet, or accept the connection.
@@ -107,10 +107,10 @@ class ServerConnection:
         return message
 
     def reset(self) -> None:
-        """Begin a new episode at the server, which then ignores what it remembers of the one before.
+        """Begin a new episode at the server, which then ignores what it remembers of the episode before.
 
-        Nothing is sent to a server whose greeting lacks this endpoint, nor without a connection, as a server's memory
-        belongs to one connection.
+        Sends nothing to a server whose greeting lacks this endpoint, and nothing without a connection, since a server's
+        memory belongs to one connection.
 
         Raises:
             PolicyServerError: the server failed, is gone, or does not answer in time.
@@ -132,7 +132,7 @@ class ServerConnection:
                 connect(
                     self._config.url,
                     additional_headers=self._headers,
-                    compression=None,  # as openpi's client; compressing images takes milliseconds
+                    compression=None,  # as in openpi's client: compressing images takes milliseconds
                     max_size=_MOST_BYTES,
                     open_timeout=self._config.connect_timeout_s,
                     close_timeout=_CLOSE_TIMEOUT_S,
@@ -167,7 +167,7 @@ class ServerConnection:
             self._next_timeout_s = self._config.first_response_timeout_s
 
     def _exchange(self, message: bytes, timeout_s: float) -> bytes | str:
-        """Send and receive within a time; the timer also ends a send to a server that does not read."""
+        """Send a message and receive the answer within a time; the timer also ends a send that is not read."""
         connection = self._connection
         assert connection is not None
         expired = threading.Event()

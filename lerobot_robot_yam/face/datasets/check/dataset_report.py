@@ -1,4 +1,4 @@
-"""The check of a whole data set."""
+"""Check of a whole data set, and its report."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -67,7 +67,7 @@ class DatasetReport:
 def check_dataset(
     root: Path, *, every_s: float | None = 1.0, arm: str | None = None, progress: Progress = iter
 ) -> DatasetReport:
-    """Check a data set, which is only read.
+    """Check a data set, without changing it.
 
     Args:
         every_s: seconds between the pictures to check; 0 for all, None for no pictures.
@@ -75,7 +75,7 @@ def check_dataset(
         progress: wraps the loop over episodes.
 
     Raises:
-        ConfigError: it is no data set of format v3, or there is no such arm.
+        ConfigError: the directory is no data set of format v3, or there is no such arm.
     """
     data = open_dataset(root)
     report = DatasetReport(root, data.fps, [], [])
@@ -91,9 +91,9 @@ def check_into(
     arm: str | None = None,
     progress: Progress = iter,
 ) -> None:
-    """Check an open data set as `check_dataset` does; the report grows episode by episode.
+    """Check an open data set as `check_dataset` does, and add to the report episode by episode.
 
-    Swapped cameras come last, as they show only when all episodes are known.
+    Swapped cameras are flagged last, since they show only when all episodes are known.
     """
     report.flags += [*data.flags, *_set_flags(data)]
     views: dict[int, Mapping[str, np.ndarray]] = {}
@@ -130,7 +130,7 @@ def _set_flags(data: OpenedDataset) -> Iterator[Flag]:
 
 
 def _trusted(flags: list[Flag]) -> bool:
-    """Return whether states show real motion."""
+    """Return whether an episode's states show real motion: no flag says that their numbers are wrong."""
     return not {Kind.NOT_FINITE, Kind.UNITS, Kind.FRAMES} & {flag.kind for flag in flags}
 
 

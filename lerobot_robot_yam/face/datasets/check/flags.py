@@ -1,4 +1,4 @@
-"""Kinds of defects that the check of a data set knows: one table, which docs/dataset-check.md shows too."""
+"""Kinds of defects that the check of a data set knows, in one table, which docs/dataset-check.md shows, too."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -15,7 +15,7 @@ class Kind(StrEnum):
 
     Attributes:
         meaning: the defect in words.
-        remedy: advice.
+        remedy: advice on what to do.
     """
 
     meaning: str
@@ -97,12 +97,12 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class Flag:
-    """One defect.
+    """Defect of a data set or an episode.
 
     Attributes:
         kind: kind of the defect.
         text: the finding, with numbers.
-        frames: first and last frame of the episode that show it, None if no frames do.
+        frames: first and last frame of the episode that show the defect; None if no single frames do.
     """
 
     kind: Kind

@@ -12,24 +12,24 @@ from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
 from lerobot_robot_yam.face.datasets.layout import value_names
 from lerobot_robot_yam.face.devices.feature_names import JOINT
 
-JUMP_RAD_S = 5.0  # speed over a whole frame that no hand reaches
-JUMP_RAD = (0.3, 0.45)  # bounds of a jump in one frame, at any frame rate
-LIMIT_SLACK_RAD = 0.1
-OPENING = (-0.05, 1.05)
-STILL_S = 0.5
-LAG_S = 0.25  # delay of a healthy arm
-ACTION_MOVES_RAD, STATE_LEAVES_RAD = 0.1, 0.2
-FAR_RAD = 0.35
-AWAY_RAD, THERE_RAD = 0.3, 0.15
-LARGEST_RAD = 6.4  # beyond any joint's range in rad, but a small angle in degrees
-MOVES_RAD = 0.3
+JUMP_RAD_S = 5.0  # speed over a whole frame from which a motion is a jump, rad/s: no hand is so fast
+JUMP_RAD = (0.3, 0.45)  # least and greatest limit of the motion in one frame, rad, at any frame rate
+LIMIT_SLACK_RAD = 0.1  # largest distance outside the joint limits that is not flagged, rad
+OPENING = (-0.05, 1.05)  # range of plausible openings of a gripper
+STILL_S = 0.5  # least duration of a standstill that is flagged, s
+LAG_S = 0.25  # delay of a healthy arm behind its action, s
+ACTION_MOVES_RAD, STATE_LEAVES_RAD = 0.1, 0.2  # motion of action or state, rad, that flags the other's standstill
+FAR_RAD = 0.35  # usual distance of a joint from its action from which it is far apart, rad
+AWAY_RAD, THERE_RAD = 0.3, 0.15  # distance from the action at which an approach begins, and at which it ends, rad
+LARGEST_RAD = 6.4  # angle that is beyond any joint's range in rad, but small in degrees
+MOVES_RAD = 0.3  # recorded range of a joint, in its unit, from which "degrees" so small are radians
 
 
 @dataclass(frozen=True)
 class ArmMotion:
-    """The joints of one arm in an episode.
+    """Motion of one arm's joints in an episode.
 
-    prefix: begins the names of its joints, such as `left_`. action, state: (n, joints) rad.
+    prefix: beginning of the joints' names, such as `left_`. action, state: (n, joints) rad.
     """
 
     prefix: str
@@ -37,7 +37,7 @@ class ArmMotion:
     state: np.ndarray
 
     def says(self, text: str) -> str:
-        """Return a text with the arm's name if there are two arms."""
+        """Return a text, with the arm's name before it if there are two arms."""
         return f"{self.prefix.rstrip('_')}: {text}" if self.prefix else text
 
 
@@ -48,10 +48,11 @@ def arms_of(
     state_feature: Mapping[str, Any],
     unit: float,
 ) -> list[ArmMotion]:
-    """Return the arms whose joints are named as ours, in both action and state.
+    """Return the motion of each arm whose joints have our names, in both action and state.
 
     Args:
         action, state: (n, values) as recorded.
+        action_feature, state_feature: LeRobot's descriptions, with names.
         unit: rad per recorded number.
     """
     given, measured = list(value_names(action_feature)), list(value_names(state_feature))
@@ -67,10 +68,10 @@ def arms_of(
 
 
 def joint_limits(arm: str | None, joints: int) -> np.ndarray | None:
-    """Return a profile's limits (joints, 2) rad, or without a name the widest of all arms with so many joints.
+    """Return a profile's limits (joints, 2) rad; without a name, the widest limits of all arms with so many joints.
 
     Raises:
-        ConfigError: unknown arm.
+        ConfigError: the arm is unknown.
     """
     profiles = [load_arm(name) for name in ([arm] if arm else ARMS)]
     limits = [profile.joint_limits_rad for profile in profiles if profile.joint_count == joints and joints]
@@ -80,7 +81,7 @@ def joint_limits(arm: str | None, joints: int) -> np.ndarray | None:
 
 
 def runs(mask: np.ndarray, shortest: float) -> list[tuple[int, int]]:
-    """Return (first, last + 1) of each stretch of true with at least `shortest` entries."""
+    """Return (first, last + 1) of each stretch of true entries that has at least `shortest` of them."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= shortest]
 
@@ -99,7 +100,7 @@ def finite(feature: str, values: np.ndarray) -> Iterator[Flag]:
 
 
 def units(arms: Sequence[ArmMotion], degrees: bool) -> Iterator[Flag]:
-    """Flag numbers in another unit than the robot's name says. degrees: it says degrees."""
+    """Flag numbers in another unit than the robot's name says. degrees: whether the name says degrees."""
     for arm in arms:
         both = np.concatenate([arm.action, arm.state], axis=1)
         largest = np.abs(both).max(axis=1)
@@ -151,7 +152,7 @@ def constant(action: np.ndarray, fps: float) -> Iterator[Flag]:
 
 
 def frozen(arm: ArmMotion, fps: float) -> Iterator[Flag]:
-    """Flag stretches in which one of action and state stands still to the last bit while the other moves."""
+    """Flag stretches in which action or state stands still, to the last bit, while the other moves."""
     least, lag = max(STILL_S * fps, 3), round(LAG_S * fps)
     for start, stop in runs(_still(arm.state), least):
         moved = float(np.ptp(arm.action[start : stop + 1 - lag], axis=0).max())

@@ -1,4 +1,4 @@
-"""A data set opened for the check: the rows of each episode as arrays, and flags for unreadable files.
+"""Data set opened for the check: the rows of each episode as arrays, and flags for unreadable files.
 
 No pictures and no LeRobot are loaded: 200 episodes of 1,000 frames open in well under a second.
 """
@@ -26,13 +26,13 @@ _FORMAT = "v3."
 
 @dataclass(frozen=True)
 class RecordedEpisode:
-    """One episode.
+    """Episode of an opened data set.
 
     Attributes:
-        number: `episode_index`.
-        metadata: LeRobot's row about it, empty without one. Statistics are nested: {"stats": {"action": {…}}}.
-        rows: (n,) or (n, values) arrays by column. Columns that the data set does not have are missing.
-        figures: the row of our recorder's side-car, empty without one.
+        number: `episode_index` of the episode.
+        metadata: LeRobot's row about the episode, empty without one. Statistics are nested: {"stats": {"action": {…}}}.
+        rows: name of a column → (n,) or (n, values) array. Columns that the data set does not have are missing.
+        figures: row of our recorder's side-car, empty without a row.
     """
 
     number: int
@@ -47,15 +47,15 @@ class RecordedEpisode:
 
 @dataclass
 class OpenedDataset:
-    """A data set.
+    """Data set whose rows and metadata are loaded.
 
     Attributes:
         root: directory of the data set.
-        info: `meta/info.json`.
-        tasks: texts by `task_index`.
-        statistics: `meta/stats.json`, empty if it cannot be read.
-        episodes: by number.
-        flags: defects of the files.
+        info: content of `meta/info.json`.
+        tasks: `task_index` → text of the task.
+        statistics: content of `meta/stats.json`, empty if the file cannot be read.
+        episodes: the episodes, sorted by number.
+        flags: flags for defects of the files.
     """
 
     root: Path
@@ -86,7 +86,7 @@ class OpenedDataset:
         return [key for key, feature in self.features.items() if feature["dtype"] == "video"]
 
     def clip(self, episode: RecordedEpisode, camera: str) -> tuple[Path, float] | None:
-        """Return the video file of an episode and its begin in it (s); None if the metadata lack them."""
+        """Return an episode's video file, and where the episode begins in the file, s; None without such metadata."""
         chunk, file, start_s = (episode.metadata.get(name) for name in clip_columns(camera)[:3])
         if chunk is None or file is None or start_s is None:
             return None
@@ -95,10 +95,10 @@ class OpenedDataset:
 
 
 def open_dataset(root: Path) -> OpenedDataset:
-    """Read everything but the pictures.
+    """Read everything of a data set but its pictures.
 
     Raises:
-        ConfigError: it is no data set of format v3, or its description cannot be read.
+        ConfigError: the directory is no data set of format v3, or its description cannot be read.
     """
     try:
         info = json.loads((root / "meta" / "info.json").read_text())
@@ -126,7 +126,7 @@ def _tasks(data: OpenedDataset) -> dict[int, str]:
     path = data.root / "meta" / "tasks.parquet"
     try:
         table = pq.ParquetFile(path).read().to_pydict()  # read_table imports pandas first
-        (text,) = [name for name in table if name != "task_index"]  # LeRobot's index, whatever its name
+        (text,) = [name for name in table if name != "task_index"]  # LeRobot's index column, whatever its name
         return dict(zip(table["task_index"], table[text], strict=True))
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:
         _unreadable(data, path, error)
@@ -163,7 +163,7 @@ def _is_wanted(name: str) -> bool:
 
 
 def _rows(data: OpenedDataset) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
-    """Yield the columns of each episode, by number, in the order of the files."""
+    """Yield (number, columns) of each episode; rows are in the order of the files."""
     names = [*_ALWAYS, *(name for name in (ACTION, STATE) if name in data.features)]
     tables: list[dict[str, np.ndarray]] = []
     for path in sorted((data.root / "data").rglob("*.parquet")):

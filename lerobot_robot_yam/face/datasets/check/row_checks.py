@@ -1,4 +1,4 @@
-"""Checks of an episode's rows, time stamps and statistics. Each yields the flags that it finds."""
+"""Checks of an episode's rows, time stamps and statistics. Each check yields flags for the defects that it finds."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -8,13 +8,13 @@ import numpy as np
 from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
 from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, OpenedDataset, RecordedEpisode
 
-SHORT_S = 0.5
-PAUSE_S = 0.5  # longest delay between two frames
-LATE_PERIODS, LATE_SHARE = 1.5, 0.05
-RATE_TOLERANCE = 0.05
-REPEATED_SHARE = 0.3
-OFF_GRID_FRAMES = 0.5  # distance of a stamp from its frame, beyond which another frame is nearer
-STATISTICS_TOLERANCE = 1e-3  # share of the range of a value
+SHORT_S = 0.5  # duration below which an episode is short, s
+PAUSE_S = 0.5  # longest delay of a frame, s
+LATE_PERIODS, LATE_SHARE = 1.5, 0.05  # periods after which a frame is late; share of late frames that is flagged
+RATE_TOLERANCE = 0.05  # largest relative difference between the real rate and the stamped one
+REPEATED_SHARE = 0.3  # share of repeated images from which a camera is slow
+OFF_GRID_FRAMES = 0.5  # largest distance of a stamp from its frame, periods: beyond it, another frame is nearer
+STATISTICS_TOLERANCE = 1e-3  # largest error of a statistic, share of the range of the value
 
 
 def check_rows(data: OpenedDataset, episode: RecordedEpisode) -> Iterator[Flag]:
@@ -51,7 +51,7 @@ def _lengths(episode: RecordedEpisode) -> Iterator[Flag]:
 
 
 def frame_numbers(frame_index: np.ndarray) -> Iterator[Flag]:
-    """Flag `frame_index` (n,) other than 0, 1, 2 …."""
+    """Flag a `frame_index` (n,) that is not 0, 1, 2 …."""
     missing = np.setdiff1d(np.arange(int(frame_index.max()) + 1), frame_index)
     doubled = len(frame_index) - len(np.unique(frame_index))
     if len(missing) or doubled:
@@ -86,7 +86,7 @@ def stamps(timestamp: np.ndarray, frame_index: np.ndarray, fps: float) -> Iterat
 
 
 def real_times(figures: Mapping[str, Any], fps: float) -> Iterator[Flag]:
-    """Flag real times of frames, and repeated images, from our recorder's figures."""
+    """Flag a wrong real rate, late frames and repeated images, from our recorder's figures."""
     times = np.asarray(figures.get("times_s", ()), float)
     if len(times) < 2:
         return
@@ -106,7 +106,7 @@ def real_times(figures: Mapping[str, Any], fps: float) -> Iterator[Flag]:
 def statistics(feature: str, said: Mapping[str, Any], values: np.ndarray) -> Iterator[Flag]:
     """Flag LeRobot's minimum, maximum or mean (k,) that are not those of the values (n, k)."""
     if not np.isfinite(values).all():
-        return  # `finite` flags them
+        return  # `finite` flags such values
     low, high = values.min(axis=0), values.max(axis=0)
     slack = STATISTICS_TOLERANCE * (high - low) + 1e-5 * (1.0 + np.abs(high))
     for name, real in (("min", low), ("max", high), ("mean", values.mean(axis=0, dtype=np.float64))):

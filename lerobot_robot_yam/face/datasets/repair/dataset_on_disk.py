@@ -1,4 +1,4 @@
-"""Description of a LeRobot data set (format v3) as it lies on disk, in words and numbers."""
+"""Description of a LeRobot data set (format v3) as it is on disk: its episodes, and its problems in words."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +15,7 @@ from lerobot_robot_yam.face.datasets.repair.parquet_salvage import salvage
 
 @dataclass
 class Clip:
-    """An episode's place in a camera's videos, by LeRobot's metadata."""
+    """Place of an episode in a camera's videos, by LeRobot's metadata."""
 
     chunk: int
     file: int
@@ -24,11 +24,11 @@ class Clip:
 
 @dataclass
 class Episode:
-    """One episode; `lost` is the reason why it cannot be recovered, empty if it can."""
+    """Episode on disk; `lost` is the reason why the episode cannot be recovered, empty if it can."""
 
-    number: int  # as recorded
+    number: int  # number of the episode when it was recorded
     path: Path  # data file, relative to the data set
-    start: int  # its first row in there
+    start: int  # number of the episode's first row in the data file
     length: int
     tasks: list[str]
     videos: dict[str, Clip] = field(default_factory=dict)
@@ -43,7 +43,7 @@ class Findings:
     root: Path
     info: DatasetInfo
     tasks: list[str]
-    stats: dict[str, dict[str, np.ndarray]]  # for all episodes together; empty if they cannot be read
+    stats: dict[str, dict[str, np.ndarray]]  # of all episodes together; empty if the file cannot be read
     episodes: list[Episode] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     leftovers: list[str] = field(default_factory=list)  # files that no program reads, in words
@@ -53,7 +53,7 @@ class Findings:
         return [episode for episode in self.episodes if not episode.lost]
 
     def keys(self, dtype: str) -> list[str]:
-        """Return the names of the features of a type: "video", "image"."""
+        """Return the names of the features of a type, such as "video" or "image"."""
         return [key for key, feature in self.info.features.items() if feature["dtype"] == dtype]
 
     def video(self, key: str, clip: Clip) -> Path:
@@ -62,7 +62,7 @@ class Findings:
         return Path(self.info.video_path.format(video_key=key, chunk_index=clip.chunk, file_index=clip.file))
 
     def read_data(self, path: Path, columns: list[str] | None = None) -> tuple[pa.Table, bool]:
-        """Read a data file, and whether it is whole; of a torn one, the complete row groups (one per episode)."""
+        """Read a data file; returns rows, and whether the file is whole. Of a torn file, read complete row groups."""
         try:
             return pq.ParquetFile(self.root / path).read(columns=columns), True
         except (pa.ArrowException, OSError):

@@ -1,9 +1,9 @@
 """Inspection of a LeRobot data set (format v3) on disk, in whatever state its recording left it.
 
 LeRobot's writer keeps one data file and one file of episode metadata open for a whole session and writes their footers
-at its end; metadata of up to ten episodes are only in memory. So after a kill -9 nothing loads, not even the saved
-episodes. Their rows and videos are on disk all the same: rows are read page by page (`parquet_salvage`), and the places
-of episodes in their cameras' videos follow from the lengths, since episodes are appended in their order.
+at the session's end; metadata of up to ten episodes are only in memory. So after a kill -9 nothing loads, not even the
+saved episodes. But their rows and videos are on disk: rows are read page by page (`parquet_salvage`), and the places of
+episodes in the cameras' videos follow from the lengths of the episodes, which are appended in order.
 """
 
 from collections.abc import Iterator
@@ -32,12 +32,12 @@ from lerobot_robot_yam.face.datasets.layout import Progress, clip_columns, frame
 from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import Clip, Episode, Findings
 
 _INTERRUPTED = "{}: rows of an episode {} whose saving was interrupted"
-_TOLERANCE_S = 1e-4  # LeRobot's own, between a frame and its time in the video
-_BATCH = 16  # frames decoded at once, as LeRobot's decoder keeps all between the first and the last
+_TOLERANCE_S = 1e-4  # largest difference between a frame's time stamp and its time in the video, s, as in LeRobot
+_BATCH = 16  # number of frames decoded at once: LeRobot's decoder keeps all frames between the first and the last
 
 
 def inspect(root: Path, progress: Progress = iter) -> Findings:
-    """Inspect a data set without changing it. progress: wraps the loop that decodes videos.
+    """Inspect a data set without changing the data set. progress: wraps the loop that decodes videos.
 
     Raises:
         DatasetError: a file that describes the format of the data is missing.
@@ -89,7 +89,7 @@ def _stats(root: Path) -> dict[str, dict[str, np.ndarray]]:
 
 
 def _metadata(findings: Findings) -> dict[int, dict[str, Any]]:
-    """Return LeRobot's readable rows about the episodes, by number."""
+    """Return LeRobot's metadata of the episodes, as far as they are readable: number of an episode → row."""
     rows: dict[int, dict[str, Any]] = {}
     for path in sorted((findings.root / "meta" / "episodes").glob("*/*.parquet")):
         try:
@@ -110,7 +110,7 @@ def _episodes(findings: Findings, path: Path, rows: dict[int, dict[str, Any]]) -
     spans = [(start, stop) for start, stop in pairwise(cuts) if stop > start]
     if not whole:
         findings.problems.append(f"{path}: has no footer, its writer was killed; {len(spans)} episodes are complete")
-    again = {int(numbers[start]) for start, _ in spans}.difference(rows)  # LeRobot reuses such a number
+    again = {int(numbers[start]) for start, _ in spans}.difference(rows)  # LeRobot uses such a number again
     for episode in [episode for episode in findings.episodes if episode.number in again]:
         findings.problems.append(_INTERRUPTED.format(episode.path, episode.number))
         findings.episodes.remove(episode)
@@ -145,7 +145,7 @@ def _data_path(findings: Findings, row: dict[str, Any]) -> Path:
 
 
 def _place(findings: Findings, key: str) -> None:
-    """Find the clips of episodes without metadata, in the video files that no metadata mention."""
+    """Find the clips of a camera's episodes without metadata, in video files that no metadata mention."""
     taken = {findings.video(key, episode.videos[key]) for episode in findings.episodes if key in episode.videos}
     waiting = [episode for episode in findings.episodes if key not in episode.videos and episode.length]
     for path in sorted((findings.root / "videos" / key).glob("*/*.mp4")):
@@ -170,7 +170,7 @@ def _place(findings: Findings, key: str) -> None:
 
 
 def _check(findings: Findings, episode: Episode) -> None:
-    """Decode the first and the last frame of each video; compute statistics that are lost.
+    """Decode the first and the last frame of an episode in each video; compute statistics that are lost.
 
     Raises:
         DatasetError: a video cannot be decoded.
@@ -206,7 +206,7 @@ def _frames(findings: Findings, key: str, clip: Clip, indices: list[int]) -> np.
     """Return frames of an episode (n, channels, height, width), reduced as in LeRobot's statistics.
 
     Raises:
-        DatasetError: they cannot be decoded.
+        DatasetError: the frames cannot be decoded.
     """
     info = findings.info.features[key].get("info") or {}
     depth, path = is_depth(findings.info.features[key]), findings.root / findings.video(key, clip)

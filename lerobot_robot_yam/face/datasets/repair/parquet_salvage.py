@@ -1,9 +1,9 @@
-"""Row groups of a parquet file whose writer was killed before it wrote the footer.
+"""Row groups of a parquet file whose writer was killed before the footer was written.
 
-A parquet file lists the places of its columns only in its footer, which is written last; without it no reader opens the
-file. Everything before it is complete all the same: each column of a row group is one run of pages, and each page
-begins with a header with its length and number of values. So the pages are counted, in the order of the columns, and a
-fitting footer is made: the schema and the form of each column's entry come from a one-row file of the same writer.
+A parquet file lists the places of its columns only in its footer, which is written last; without a footer no reader
+opens the file. But everything before the footer is complete: each column of a row group is one run of pages, and each
+page begins with a header that has its length and number of values. So this module counts pages, in the order of the
+columns, and makes a footer: schema and form of each column's entry come from a one-row file of the same writer.
 Format: github.com/apache/parquet-format, README.md and parquet.thrift (headers and footer are structures of Thrift's
 compact protocol).
 """
@@ -20,7 +20,11 @@ import pyarrow.parquet as pq
 _MAGIC = b"PAR1"
 _TRUE, _FALSE, _BYTE, _I16, _I32, _I64, _DOUBLE, _BINARY, _LIST, _SET, _MAP, _STRUCT = range(1, 13)
 _DATA_PAGE, _DICTIONARY_PAGE, _DATA_PAGE_V2 = 0, 2, 3
-_PAGE_HEADERS = {_DATA_PAGE: (5, 2), _DICTIONARY_PAGE: (7, 2), _DATA_PAGE_V2: (8, 4)}  # field, encoding's field in it
+_PAGE_HEADERS = {
+    _DATA_PAGE: (5, 2),
+    _DICTIONARY_PAGE: (7, 2),
+    _DATA_PAGE_V2: (8, 4),
+}  # type → field, encoding's field in it
 _RLE = 3
 
 Struct = dict[int, tuple[int, Any]]
@@ -54,7 +58,7 @@ class _Reader:
         return self.data[self.at - size : self.at]
 
     def value(self, kind: int) -> Any:
-        if kind in (_TRUE, _FALSE):  # the type is the value
+        if kind in (_TRUE, _FALSE):  # the type is the value itself
             return kind
         if kind == _BYTE:
             return self.take(1)
@@ -68,7 +72,7 @@ class _Reader:
             head = self.take(1)[0]
             size = head >> 4 if head < 0xF0 else self.varint()
             inner = head & 0xF
-            if inner in (_TRUE, _FALSE):  # in lists, a byte each
+            if inner in (_TRUE, _FALSE):  # in a list, each truth value is a byte
                 return inner, [self.take(1)[0] for _ in range(size)]
             return inner, [self.value(inner) for _ in range(size)]
         if kind == _STRUCT:
@@ -94,7 +98,7 @@ def _varint(value: int) -> bytes:
 
 
 def _encode(kind: int, value: Any) -> bytes:
-    """Encode what `_Reader.value` decodes."""
+    """Encode a value of Thrift's compact protocol, as `_Reader.value` decodes it."""
     if kind in (_TRUE, _FALSE):
         return b""
     if kind in (_BYTE, _DOUBLE):
@@ -120,14 +124,14 @@ def _encode(kind: int, value: Any) -> bytes:
 class _Page:
     start: int
     end: int
-    uncompressed: int  # bytes, with its header
+    uncompressed: int  # uncompressed size of the page with its header, bytes
     dictionary: bool
     encoding: int
     values: int
 
 
 def _page(data: bytes, at: int) -> _Page:
-    """Return the page that begins at `at`. Raises IndexError, KeyError or ValueError: no page, or an incomplete one."""
+    """Return the page that begins at `at`. Raises IndexError, KeyError or ValueError: there is no complete page."""
     reader = _Reader(data, at)
     header = reader.struct()
     kind = header[1][1]
@@ -140,9 +144,9 @@ def _page(data: bytes, at: int) -> _Page:
 
 
 def _chunk(data: bytes, at: int, values: int | None) -> list[_Page]:
-    """Return the pages of one column from `at` on: `values` values, or None for all up to the next dictionary.
+    """Return the pages of one column from `at` on, with `values` values, or all up to the next dictionary if None.
 
-    Raises the errors of `_page` if pages are missing.
+    Raises as `_page` does if pages are missing.
     """
     pages: list[_Page] = []
     found = 0
@@ -150,7 +154,7 @@ def _chunk(data: bytes, at: int, values: int | None) -> list[_Page]:
         try:
             page = _page(data, pages[-1].end if pages else at)
         except (IndexError, KeyError, TypeError):
-            if values is None and found:  # the end of a table's only column
+            if values is None and found:  # the end of the data, after a table's only column
                 break
             raise
         if page.dictionary and pages:
@@ -199,9 +203,9 @@ def salvage(path: Path, example: pa.Table, columns: list[str] | None = None) -> 
     """Return the row groups that a killed `pyarrow.parquet.ParquetWriter` has written completely.
 
     Args:
-        path: a file without footer (a whole file's footer is ignored).
-        example: one row with the file's schema; its lists are as long as those in the file. Written as LeRobot
-            does: snappy, dictionaries.
+        path: file without footer (the footer of a whole file is ignored).
+        example: one row with the file's schema, in which lists are as long as in the file. The row is written as
+            LeRobot writes: snappy, dictionaries.
         columns: columns to read; all by default.
 
     Returns:

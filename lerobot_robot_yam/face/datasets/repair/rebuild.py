@@ -1,4 +1,4 @@
-"""Rebuilds a whole LeRobot data set from the findings of `inspection`, by LeRobot's own functions."""
+"""Rebuilding of a LeRobot data set from the findings of `inspection`, by LeRobot's own functions."""
 
 import shutil
 from itertools import groupby
@@ -14,7 +14,7 @@ from lerobot_robot_yam.face.datasets.dataset_copy import SIDE_CARS, copy_side_ca
 from lerobot_robot_yam.face.datasets.layout import Progress, clip_columns
 from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import Findings
 
-_REPLACED = ("data", "videos", "images", "episodes")  # directories that are rewritten, or useless in the copy
+_REPLACED = ("data", "videos", "images", "episodes")  # directories that are written anew, or are useless in the copy
 
 
 def rebuild(findings: Findings, target: Path, progress: Progress = iter) -> None:
@@ -22,7 +22,7 @@ def rebuild(findings: Findings, target: Path, progress: Progress = iter) -> None
 
     Raises:
         DatasetError: the written data set does not load; `target` is removed.
-        ConfigError: its outcomes cannot be read.
+        ConfigError: the outcomes of the data set cannot be read.
     """
     with written_aside(target) as whole:
         _metadata(findings, whole)  # creates the directory
@@ -59,11 +59,11 @@ def _metadata(findings: Findings, target: Path) -> None:
     meta.finalize()
     frames = sum(episode.length for episode in findings.kept)
     if findings.stats.get("index", {}).get("count", np.zeros(1))[0] == frames:
-        write_stats(findings.stats, target)  # LeRobot's own, of exactly these frames
+        write_stats(findings.stats, target)  # LeRobot's own statistics, since they are of exactly these frames
 
 
 def _rest(findings: Findings, target: Path) -> None:
-    """Copy the other files beside the data: the card, notes, files of other packages."""
+    """Copy the other files of the data set: its card, notes, files of other packages."""
     for directory in (Path(), Path("meta")):
         for path in sorted((findings.root / directory).iterdir()):
             copy = target / directory / path.name
