@@ -14,5 +14,5 @@ def all_of(mask: np.ndarray) -> bool:
 
 
 def largest(values: np.ndarray) -> float:
-    """Return the largest |value| of (n,), 0 if n is 0. A NaN is skipped unless it comes first."""
-    return max(map(abs, values.tolist()), default=0.0)
+    """Return the largest |value| of (n,), 0 if there is none. NaNs are skipped."""
+    return max([0.0, *map(abs, values.tolist())])  # `max` keeps what comes first beside a NaN
