@@ -55,7 +55,7 @@ class YamSimCamera(Camera):
 
     @check_if_not_connected
     def read(self) -> np.ndarray:
-        """Wait for the next image that was not returned yet. Raises StaleStateError: none within a second."""
+        """Wait for the next image that was not returned yet. Raises StaleStateError: no image comes within 1 s."""
         return self._camera.wait_new(1.0)[0]
 
     @check_if_not_connected

@@ -231,7 +231,7 @@ class FollowerBase(ArmDevice, Robot):
     @check_if_not_connected
     @saves_finished_episode
     def send_action(self, action: Mapping[str, Any]) -> dict[str, float]:
-        """Send targets to the arms; they move there under their speed limits.
+        """Send targets to the arms, which move to them under their speed limits.
 
         Args:
             action: a number (0-d tensors count) for every key of `action_features`, no others.
@@ -241,7 +241,7 @@ class FollowerBase(ArmDevice, Robot):
             pauses and repeats its last action, the held targets.
 
         Raises:
-            ActionError: wrong keys or values; nothing was sent to any arm.
+            ActionError: keys or values are wrong; nothing was sent to any arm.
         """
         if self._arms.paused and self._is_last(action):
             return self._space.action(self._arms.held())

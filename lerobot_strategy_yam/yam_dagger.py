@@ -36,7 +36,7 @@ class _Episodes:
         dataset: LeRobot's data set, open for writing.
         features: LeRobot's features of its frames.
         task: task of each frame.
-        longest: most frames of an episode.
+        longest: largest number of frames of an episode.
 
     Attributes:
         saved: number of kept episodes.
@@ -59,7 +59,7 @@ class _Episodes:
         self._frames += 1
 
     def keep(self) -> bool:
-        """Save the present episode, unless it is empty; returns whether there was one."""
+        """Save the present episode, unless it is empty; returns whether there was an episode to save."""
         if not self._frames:
             return False
         self._dataset.save_episode()

@@ -106,7 +106,7 @@ class LeaderBase(ArmDevice, Teleoperator):
     def _restart(self) -> None:
         """Reset the state that a session has left."""
         self._action: dict[str, float] | None = None
-        self._given = False  # whether an action was returned since one was recognised last
+        self._given = False  # whether get_action has returned an action since the last one was recognised
         self._target: np.ndarray = np.zeros(len(self._arms.keys))  # joints of _action
         self._was_held = self._follows_feedback = False
         self._pickups = [TriggerPickup() for _ in self._arms.sides]
@@ -123,7 +123,7 @@ class LeaderBase(ArmDevice, Teleoperator):
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
-        """Energise all arms or none; they float, supported against gravity.
+        """Energise all arms, which float, supported against gravity; after an error, none is energised.
 
         Raises:
             YamError: an arm cannot be driven, this process's follower has other actions, or the option `follower` names
@@ -199,7 +199,7 @@ class LeaderBase(ArmDevice, Teleoperator):
 
     @check_if_not_connected
     def get_teleop_events(self) -> dict[TeleopEvents, bool]:
-        """Return events for LeRobot's RL stack: who drives, how it ends. Raises StaleStateError: an arm is silent."""
+        """Return LeRobot's RL events: who drives, how the episode ends. Raises StaleStateError: an arm is silent."""
         return self._events.take()
 
     def _led(self, key: str, follower_key: str, state: ArmState) -> tuple[float, ...] | None:
@@ -233,7 +233,7 @@ class LeaderBase(ArmDevice, Teleoperator):
         """Move the arms to `feedback` (keys as the action) while torque is enabled; ignored while they float.
 
         Raises:
-            ActionError: wrong keys or values; nothing was sent to any arm.
+            ActionError: keys or values are wrong; nothing was sent to any arm.
         """
         if not self._follows_feedback:
             return

@@ -1,4 +1,4 @@
-"""Search for a camera by its serial number. librealsense opens it if it sees the camera, else UVC does."""
+"""Search for a camera by its serial number. It is opened with librealsense if that sees the camera, else as UVC."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -13,7 +13,7 @@ from lerobot_robot_yam.system.own_commands import install_extra
 
 _POLL_MS = 200  # wait for a picture before checking that the camera is still there, ms
 _SILENT_S = 1.0  # time without a picture after which a camera counts as stalled and is opened again, s
-_MM = 1e-3  # millimetre, m
+_MM = 1e-3  # length of a millimetre, m
 # Control of `Wanted` → librealsense's option that lets the camera set it.
 _AUTOMATIC = {
     "exposure": "enable_auto_exposure",
@@ -31,7 +31,7 @@ def library() -> ModuleType:
         raise CameraError(
             f"pyrealsense2, the maker's library, is not installed; {install_extra('realsense')}"
         ) from error
-    except ImportError as error:  # one of its libraries is missing
+    except ImportError as error:  # a library that pyrealsense2 needs is missing
         raise CameraError(f"pyrealsense2 cannot be loaded ({error}): sudo apt install libusb-1.0-0") from error
     return pyrealsense2
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from lerobot_robot_yam.errors import CameraError
 
-# Request numbers and structs of linux/videodev2.h on 64-bit computers, in native byte order.
+# Request numbers and structs, with their fields, of linux/videodev2.h on 64-bit computers, in native byte order.
 ENUM_FMT, FMT = 0xC0405602, struct.Struct("=III32sI16x")  # index, type, flags, description, fourcc
 ENUM_FRAMESIZES, SIZE = 0xC02C564A, struct.Struct("=IIIII16x8x")  # index, fourcc, type, width, height
 ENUM_FRAMEINTERVALS, INTERVAL = 0xC034564B, struct.Struct("=IIIIIII16x8x")  # …, width, height, type, rate

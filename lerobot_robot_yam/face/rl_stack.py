@@ -224,7 +224,7 @@ class ToolSteps:
         from lerobot_robot_yam.arm.kinematics import YamKinematics  # mink takes a second to import
 
         self._kinematics = YamKinematics(*models[0])
-        self._anchor: np.ndarray | None = None  # (3,) m, the leader's tool at the start plus all steps
+        self._anchor: np.ndarray | None = None  # (3,) m, position of the leader's tool at the start, plus all steps
         self._closes = self._squeezed = False
         self._given_s = 0.0
 

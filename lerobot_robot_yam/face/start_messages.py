@@ -14,14 +14,14 @@ import re
 import sys
 from pathlib import Path
 
-NEWEST_TESTED = "0.6.2"  # the repository's state of August 2026; 0.6.1 is the package index's newest
+NEWEST_TESTED = "0.6.2"  # newest tested version: the repository's of August 2026; the package index has 0.6.1
 
 _OPTION = "--config_path="
 _BAD_OPTIONS = 2  # exit status of a command that refuses its options, the same as argparse's
 
 _BEGIN, _END = "[start of libtorchcodec loading traceback]", "[end of libtorchcodec loading traceback]"
 _ATTEMPT = re.compile(r"^FFmpeg version \d+:\n", re.MULTILINE)
-# Innermost exception of an attempt of which the cause is that the system's loader has not found FFmpeg.
+# Innermost exception of an attempt that failed because the system's loader has not found FFmpeg.
 _MISSING = re.compile(r"^OSError: lib(?:av|sw)\w+\.so\.\d+: cannot open shared object file: No such file", re.MULTILINE)
 _INSTEAD = "FFmpeg's libraries are not installed: LeRobot reads videos with PyAV, which does as well"
 

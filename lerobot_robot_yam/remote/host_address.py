@@ -21,7 +21,7 @@ INTERFACE = "remote"  # interface of an arm on a host, in place of python-can's
 _OF_THE_HOST = ("calibration_path", "identity_path", "tuning")  # options of an arm that name files of the host
 _PORT_MOST = 65534
 _ADDRESS = re.compile(r"([A-Za-z0-9][A-Za-z0-9.-]*)(?::([0-9]{1,5}))?")
-_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # new at each boot; /etc/machine-id is the same on copies of a disk
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # id of this boot; copies of a disk share /etc/machine-id
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ _REFUSED_S = 10.0  # least time between two log entries about refused messages, 
 _RT_PRIORITY = 15  # real-time priority, below that of control loops
 _LEAST_S = 0.002  # least time between two messages, s: some control loops tick as fast as their wire allows
 _QUIET_S = 0.1  # period of messages while no arm runs, s
-_MOST_TEXT = 400  # most characters of a client's text that are logged
+_MOST_TEXT = 400  # largest number of characters of a client's text that are logged
 
 
 class StateStream:

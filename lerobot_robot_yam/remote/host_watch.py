@@ -24,7 +24,7 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 logger = logging.getLogger(__name__)
 
 _FIELDS = set(ArmConfig.__dataclass_fields__)
-_LOOK_S = 0.2  # period of checking which arms are driven from here, s
+_LOOK_S = 0.2  # period of checking which arms this computer drives, s
 _AGAIN_S = 5.0  # pause after an error, s
 
 

@@ -90,7 +90,7 @@ class HostedArm:
             raise LifeCycleError(f"it is {age_s:.1f} s old")
 
     def _ask(self, client: ArmClient, command: Any, number: int) -> None:
-        self._check_age(command["request_stamp_s"], REQUEST_TIMEOUT_S)  # the client no longer waits for it
+        self._check_age(command["request_stamp_s"], REQUEST_TIMEOUT_S)  # a client does not wait longer
         try:
             request = Request(command["request"])
         except ValueError as error:

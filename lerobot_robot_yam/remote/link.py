@@ -96,7 +96,7 @@ class Link:
         self._sockets = ClientSockets(host.address, host.client_key(), also=nudged)
         self._session = secrets.randbits(62) + 1 if drives else 0
         self._started_s: float | None = None  # time since which the host takes commands; None while the host takes none
-        self._let_go = False  # the host has released the arms unasked: their states may be another client's
+        self._let_go = False  # whether the host has released the arms unasked: states may be another client's
         self._number = 0  # number of the newest command
         self._answer: Answer | None = None
         self._machine, self._told_stopped = machine_name(), False
@@ -131,7 +131,7 @@ class Link:
                     port = self._host.address.port + 1
                     raise LinkError(f"{self._host.address}: no states come; is port {port} open?")
         except LinkError:
-            self.stop(group)  # the host may have energised them by now
+            self.stop(group)  # the host may have energised the arms by now
             raise
         if unwanted():
             self.stop(group)

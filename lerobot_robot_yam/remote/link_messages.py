@@ -22,7 +22,7 @@ _LAYOUT = zlib.crc32(repr((STATE_DTYPE.descr, COMMAND_DTYPE.descr)).encode())  #
 HEAD = struct.pack("<2sHI", _MAGIC, _VERSION, _LAYOUT)
 
 Number = Annotated[int, Meta(ge=0)]
-Time = Annotated[float, Meta(ge=0.0, le=1e12)]  # finite
+Time = Annotated[float, Meta(ge=0.0, le=1e12)]  # time that is finite, s
 Machine = Annotated[str, Meta(pattern=r"^[0-9a-f]{0,8}\Z")]  # see `machine_name`
 
 
@@ -54,7 +54,7 @@ class Answer(_Message):
     """Answer to a question."""
 
     number: Number
-    result: dict[str, Any] | None = None  # None: not done yet
+    result: dict[str, Any] | None = None  # result; None: not done yet
     error: str = ""  # reason of a refusal
     kind: str = ""  # name of the error's class
 
@@ -71,18 +71,18 @@ class Command(_Message):
 class Beat(_Message):
     """Sign of life of a client, ten times a second; the host answers with an `Echo`."""
 
-    session: Number  # 0: the client only watches
-    machine: Machine  # the client's computer and user
-    sent_s: Time  # the client's clock
-    stopped: bool  # whether that machine itself has latched the emergency stop
+    session: Number  # session of the client; 0: the client only watches
+    machine: Machine  # computer and user of the client
+    sent_s: Time  # time of sending, by the client's clock
+    stopped: bool  # whether the client's machine itself has latched the emergency stop
 
 
 class Echo(_Message):
     """Answer of the host to a beat."""
 
-    sent_s: Time  # time stamp of the beat, client's clock
-    received_s: Time  # the host's clock
-    answered_s: Time  # the host's clock
+    sent_s: Time  # time at which the beat was sent, by the client's clock
+    received_s: Time  # time of the beat's arrival, by the host's clock
+    answered_s: Time  # time of this answer, by the host's clock
     held: bool  # whether the beat's session has arms; once this becomes false, the host has released them
 
 
@@ -91,7 +91,7 @@ class States(_Message):
 
     run: Number  # random number of this run of the host
     stopped: bool  # whether the emergency stop is latched on the host
-    stopped_by: Machine  # machine that has latched it: the host or a client's
+    stopped_by: Machine  # machine that has latched the stop: the host's or a client's
     arms: list[tuple[Number, Annotated[bytes, Meta(max_length=STATE_DTYPE.itemsize)]]]  # number and state, host's clock
 
 

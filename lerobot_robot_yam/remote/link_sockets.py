@@ -20,10 +20,10 @@ _OPTIONS = {
     zmq.LINGER: 0,
     zmq.SNDHWM: 64,  # most messages in a queue: half a second of commands, at 60 Hz and with two arms
     zmq.RCVHWM: 64,
-    zmq.SNDBUF: 1 << 18,  # bytes in the kernel: 0.3 s of states
+    zmq.SNDBUF: 1 << 18,  # size of the kernel's buffer, bytes: 0.3 s of states
     zmq.RCVBUF: 1 << 18,
-    # Keepalive ends connections that the network has forgotten, after 3 to 4 s. ZMTP's own heartbeat would, too, but
-    # libzmq 4.3.5 aborts (`!_io_error`) when one is due on a full connection whose other end has gone.
+    # Keepalive ends connections that the network has forgotten, after 3 to 4 s. ZMTP's heartbeat would end them, too,
+    # but libzmq 4.3.5 aborts (`!_io_error`) when a heartbeat is due on a full connection whose other end has gone.
     zmq.TCP_KEEPALIVE: 1,
     zmq.TCP_KEEPALIVE_IDLE: 1,  # silence before the first probe, s
     zmq.TCP_KEEPALIVE_INTVL: 1,  # time between probes, s

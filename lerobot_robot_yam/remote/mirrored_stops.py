@@ -26,7 +26,7 @@ class _Computer:
     stopped: bool = False
     said: dict[bytes, tuple[bool, float]] = field(default_factory=dict)  # link → its last report, and when (s)
     failed: bool = False  # whether latching or releasing this computer's stop failed the last time
-    unwritten: bool = False  # whether its stop cannot be latched here
+    unwritten: bool = False  # whether the computer's stop cannot be latched here
 
 
 class MirroredStops:

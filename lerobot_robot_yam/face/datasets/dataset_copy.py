@@ -53,7 +53,7 @@ def copy_side_cars(root: Path, target: Path, kept: Sequence[int]) -> None:
     Args:
         root: the data set.
         target: the copy; its directory meta exists.
-        kept: numbers in `root` of the copy's episodes.
+        kept: numbers that the copy's episodes have in `root`.
 
     Raises:
         ConfigError: a line of the outcomes is no outcome; the message names the line.

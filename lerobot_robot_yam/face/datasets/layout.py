@@ -35,7 +35,7 @@ def locate(path_or_repo_id: str) -> Path:
     stored = HF_LEROBOT_HOME / path_or_repo_id
     if (stored / "meta").is_dir():
         return stored
-    from lerobot.datasets import LeRobotDataset  # seconds to import
+    from lerobot.datasets import LeRobotDataset  # takes seconds to import
 
     try:
         return Path(LeRobotDataset(path_or_repo_id).root)

@@ -92,7 +92,7 @@ def of_dataset(repo_id: str, root: str | None) -> Recording:
     what = f"data set {root or repo_id}"
     try:
         meta = LeRobotDatasetMetadata(repo_id, root=root)
-    except Exception as error:  # LeRobot, which is about to open it, reports the reason
+    except Exception as error:  # LeRobot, which is about to open the data set, reports the reason
         logger.debug("%s: %s", what, error)
         return Recording(what)
     return Recording(what, meta.robot_type or "", value_names(meta.features.get(ACTION, {})), meta.stats or {})

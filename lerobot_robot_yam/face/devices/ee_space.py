@@ -69,7 +69,7 @@ class EeSpace:
         vector = validate_action(self._arms.device, action, self.keys)
         states = self._arms.newest()
         for side, tool, state in zip(self._arms.sides, self._tools, states, strict=True):
-            if state.mode is not Mode.TRACK:  # the first action, after a pause, after an emergency stop
+            if state.mode is not Mode.TRACK:  # at the first action, after a pause, and after an emergency stop
                 tool.begin()
             vector[side.slice] = tool.joints(vector[side.slice], state.setpoint_q)
         return vector
@@ -89,7 +89,7 @@ class Tool:
         self._reference = downward(kinematics)
         self._tracker = PoseTracker(kinematics, kinematics.middle)
         self._before: np.ndarray | None = None
-        self._reached = _QUIET  # poses since the last one out of reach
+        self._reached = _QUIET  # number of poses since the last pose out of reach
 
     def numbers(self, q: np.ndarray) -> np.ndarray:
         """Return the (6,) `TOOL_NUMBERS` at joints `q` (n,) rad."""

@@ -132,7 +132,7 @@ class ImageReader:
         self._cameras, self._configs = cameras, configs
         self._images: dict[str, Any] = {}
         self._new_s: dict[str, float] = {}  # time of the first read of each camera's image
-        self._told_s, self._untold = -math.inf, 0  # last warning of a wait, and waits since
+        self._told_s, self._untold = -math.inf, 0  # time of the last warning of a wait, number of waits since
 
     def read(self) -> tuple[dict[str, Any], bool]:
         """Return the images of `newest_images`, and whether this call has waited for any."""

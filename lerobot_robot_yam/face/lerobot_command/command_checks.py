@@ -51,7 +51,7 @@ _HUB_S = 5.0  # longest wait for the hub's answer
 _PARQUET_END = b"PAR1"
 _FILLED = "empty_camera"  # prefix of images that LeRobot fills with zeros
 _FILLING = ("pi0", "pi05", "pi0_fast", "smolvla", "xvla", "evo1")  # types of policies that fill any missing image
-_SERVER_SPACES = {"joint_position": "joint", "cartesian_position": "ee"}  # RoboArena's words
+_SERVER_SPACES = {"joint_position": "joint", "cartesian_position": "ee"}  # RoboArena's word → action space
 _NAMES = {"joint": "joint positions", "ee": "tool poses"}
 _OTHER_ROBOT = "Set the robot's type, and each arm's gripper, to those of the recording"
 _OTHER_ORDER = "Convert the recording to this robot's order, and train a policy anew"
@@ -147,7 +147,7 @@ def _check_channels() -> None:
 
 
 def _check_data_set(dataset: Mapping[str, Any], opens: bool, new: bool) -> None:
-    """Refuse a `dataset.root` without the data set that the command opens, or with one in place of a new one."""
+    """Refuse a `dataset.root` without the data set that the command opens, or with one where it makes a new one."""
     if not dataset.get("root"):
         return  # LeRobot's own directory, or the hub
     root = Path(str(dataset["root"]))

@@ -20,7 +20,7 @@ from typing import Any
 
 RECORD, EVALUATION = "lerobot-record", "lerobot-eval"
 STOP, LEAVE_LOOP, AGAIN = "stop_recording", "exit_early", "rerecord_episode"  # LeRobot's flags, which its keys set
-_KEY_S = 0.2  # longest time until a key takes effect, s, which is at the command's next frame
+_KEY_S = 0.2  # longest time until a key takes effect, s: keys act at the command's next frame
 
 
 def _lerobot() -> Path:

@@ -41,7 +41,7 @@ except ImportError as error:
 
 logger = logging.getLogger(__name__)
 _wire_logger = logging.getLogger(f"{__name__}.wire")
-_wire_logger.setLevel(logging.CRITICAL)  # below, websockets logs whole requests and port scans
+_wire_logger.setLevel(logging.CRITICAL)  # at lower levels, websockets logs whole requests and port scans
 
 _MOST_BYTES = 32 * 2**20  # size of the largest message, bytes: five pictures of 1920 x 1080 pixels
 _MOST_WORDS = 2000  # length of the longest error, characters: an error can quote a client's message
@@ -184,7 +184,7 @@ def _message(data: bytes | str) -> dict[Any, Any]:
         raise ObservationError("a message of openpi's protocol is a dictionary, not text")
     try:
         message = decode_message(data)
-    except Exception as error:  # NumPy raises many kinds for impossible types and shapes
+    except Exception as error:  # NumPy raises many kinds of errors for impossible types and shapes
         raise ObservationError(f"this is no message of openpi's protocol: {error}") from error
     if not isinstance(message, dict):
         raise ObservationError(f"a message of openpi's protocol is a dictionary, not {type(message).__name__}")

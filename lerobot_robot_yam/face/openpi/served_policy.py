@@ -220,7 +220,7 @@ def _loaded(path: str, overrides: list[str], rename_map: dict[str, str]) -> tupl
                 "rename_observations_processor": {"rename_map": rename_map},
             },
         )
-    except Exception as error:  # each policy type raises its own
+    except Exception as error:  # each type of policy raises its own errors
         where = "" if Path(path).is_dir() else ", which is no directory here, from the hub"
         raise ConfigError(f"the checkpoint {path} cannot be loaded{where}: {_cause(error)}") from error
     policy.to(config.device).eval()

@@ -86,7 +86,7 @@ def _known(word: Any, what: str, known: Iterable[str]) -> str:
 
 
 class RisingEdges:
-    """Detector of presses, which find that a button was up and is down. The control loop has removed bounces already.
+    """Detector of buttons that were up and are down now. The control loop has removed bounces already.
 
     A button that is down at first, or after its handle was silent, has to be up before it counts as pressed.
     """

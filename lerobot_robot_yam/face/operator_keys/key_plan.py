@@ -64,7 +64,7 @@ def single_key(meaning: Meaning, now: Situation) -> Meaning | None:
 
 
 def frames_to_label(now: Situation, automatic: bool) -> int | None:
-    """Return the frames of the episode to label, 0 if it is saved already; None if a label would get the wrong episode.
+    """Return the frames of the episode to label, 0 if it is saved already; None if the wrong episode would be labelled.
 
     Args:
         now: the command's situation.

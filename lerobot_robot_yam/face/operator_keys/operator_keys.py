@@ -164,7 +164,7 @@ class OperatorKeys:
         self._goal = None
 
     def _press(self, key: Meaning, now: Situation, now_s: float, again: bool | None = None) -> None:
-        """Press a key, the same one only again if `again`, after `_AGAIN_S`: too early it would hit the next phase."""
+        """Press a key. The same key is pressed again at once (`again` None), after `_AGAIN_S` (True), never (False)."""
         this = key, now.phase, now.turn
         if again is not None and this == self._last and (not again or now_s - self._pressed_s < _AGAIN_S):
             return

@@ -101,7 +101,7 @@ class DiskLeft:
     """
 
     def __init__(self) -> None:
-        self._begun = deque[tuple[float, int]]()  # per recording: seconds recorded before it, free bytes
+        self._begun = deque[tuple[float, int]]()  # for each recording: seconds recorded before it, free bytes
         self._recorded_s = self._looked_s = 0.0
         self._records = False
 

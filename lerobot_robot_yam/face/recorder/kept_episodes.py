@@ -64,7 +64,7 @@ def _say_kept(dataset: "LeRobotDataset", root: Path, before: int, resumes: bool)
 
 
 def _wrong(root: Path, first: int) -> Iterator[tuple[int, str]]:
-    """Yield number and message of each episode from `first` on with figures which show that it harms a training."""
+    """Yield number and message of each episode, from `first` on, whose figures show that it would harm a training."""
     from lerobot_robot_yam.face.datasets.check.row_checks import real_times
 
     for number, figures in sorted(read_figures(root).items()):

@@ -59,7 +59,7 @@ def append(root: Path, outcomes: Sequence[Outcome]) -> None:
 
 
 def read(root: Path) -> dict[int, Outcome]:
-    """Read episode → its outcome, for labelled episodes. Raises ConfigError: a line, which is named, is no outcome."""
+    """Read the outcomes: number of a labelled episode → its outcome. Raises ConfigError: a line is no outcome."""
     path = root / OUTCOMES
     found: dict[int, Outcome] = {}
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []

@@ -22,7 +22,7 @@ ACTION_MOVES_RAD, STATE_LEAVES_RAD = 0.1, 0.2  # motion of action or state, rad,
 FAR_RAD = 0.35  # usual distance of a joint from its action from which it is far apart, rad
 AWAY_RAD, THERE_RAD = 0.3, 0.15  # distance from the action at which an approach begins, and at which it ends, rad
 LARGEST_RAD = 6.4  # angle that is beyond any joint's range in rad, but small in degrees
-MOVES_RAD = 0.3  # recorded range of a joint, in its unit, from which "degrees" so small are radians
+MOVES_RAD = 0.3  # motion from which small numbers of a data set in degrees are radians, in recorded units
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ _BATCH = 16  # number of frames decoded at once: LeRobot's decoder keeps all fra
 
 
 def inspect(root: Path, progress: Progress = iter) -> Findings:
-    """Inspect a data set without changing the data set. progress: wraps the loop that decodes videos.
+    """Inspect a data set without changing it. progress: wraps the loop that decodes videos.
 
     Raises:
         DatasetError: a file that describes the format of the data is missing.

@@ -24,7 +24,7 @@ _PAGE_HEADERS = {
     _DATA_PAGE: (5, 2),
     _DICTIONARY_PAGE: (7, 2),
     _DATA_PAGE_V2: (8, 4),
-}  # type → field, encoding's field in it
+}  # type of a page → number of the field with its header, number of the encoding's field in that header
 _RLE = 3
 
 Struct = dict[int, tuple[int, Any]]
