@@ -1,7 +1,7 @@
-"""MuJoCo's own viewer on the arms that run on this computer; it can drive those that it has started.
+"""MuJoCo's own viewer on the arms that run on this computer; it can drive arms of its own session.
 
-All arms are one MuJoCo model, posed from outside, without simulation. While control is on, the driven arms follow the
-boxes that a person drags.
+All arms are in one MuJoCo model, which is posed from the arms' states and not simulated. While control is on, the
+driven arms follow the boxes that a person drags.
 """
 
 import queue
@@ -27,13 +27,13 @@ from lerobot_robot_yam.viewer.live.arm_panel import warnings as warnings_of
 from lerobot_robot_yam.viewer.live.placement import row_of
 from lerobot_robot_yam.viewer.live.watched_arms import WatchedArms
 
-_GRIP_M = 0.045  # half the edge of the dragged box, which encloses a gripper's motor of 36 mm
+_GRIP_M = 0.045  # half the edge of the dragged box, m: the box encloses a gripper's motor of 36 mm
 _GRIP_RGBA = (0.95, 0.5, 0.1, 0.5)
-_REACH_RAD = 0.7  # largest turn of a joint for one pose, so that the arm never swings round to its other side
+_REACH_RAD = 0.7  # largest turn of a joint for one pose, rad, so that the arm never swings round to its other side
 _ATTEMPTS = 4
 _DRIVEN = (Mode.HOLD, Mode.TRACK)
 _PERIOD_S = 0.02
-_SPACE = 32  # GLFW's key number
+_SPACE = 32  # GLFW's number of the space key
 HELP = (
     "SPACE: watch or control. To move a tool: double-click its orange box, then Ctrl and drag (right: move, left: turn)"
 )
@@ -43,11 +43,11 @@ class DesktopScene:
     """Model and data for MuJoCo's viewer.
 
     Args:
-        arms: by channel key.
-        grips: channel keys of the arms that get a box to drag their tool by.
+        arms: channel key → arm.
+        grips: channel keys of the arms that get a box by which a person drags the tool.
 
     Attributes:
-        model, data: the viewer's.
+        model, data: MuJoCo's model and data for the viewer.
     """
 
     def __init__(self, arms: Mapping[str, ResolvedArm], grips: Collection[str] = ()):
@@ -85,7 +85,7 @@ class DesktopScene:
                 values[self.model.joint(f"{key}/{finger}").qposadr[0]] = closed + opening * (opened - closed)
 
     def refresh(self) -> None:
-        """Update all that follows from the joints."""
+        """Compute all poses that follow from the joints."""
         mujoco.mj_forward(self.model, self.data)
 
     def tool(self, key: str) -> np.ndarray:
@@ -122,17 +122,17 @@ def _pose(position: np.ndarray, quat: np.ndarray) -> np.ndarray:
 
 
 class DragControl:
-    """Control of arms by dragged boxes; it watches until `toggle`.
+    """Control of arms by dragged boxes, which is off until `toggle`.
 
-    The control loop keeps its own limits, workspace and collisions, and holds if targets cease.
+    The control loop applies its own limits, workspace and collision guard, and holds if targets cease.
 
     Args:
-        session: under way; its arms hold.
-        names: the followers in it to drive.
+        session: started session, whose arms hold.
+        names: names of the session's followers to drive.
 
     Attributes:
         on: whether the arms follow the boxes.
-        said: why control ended by itself; empty if it did not.
+        said: why control ended by itself; empty if a person ended it.
     """
 
     def __init__(self, session: ArmSession, names: Sequence[str]):
@@ -162,7 +162,7 @@ class DragControl:
             self.said = str(error)
 
     def watch(self, why: str = "") -> None:
-        """Stop driving: the arms hold."""
+        """Stop driving, so that the arms hold."""
         self.said = why
         for client in self._clients.values() if self.on else ():
             try:
@@ -173,7 +173,7 @@ class DragControl:
         self.on = False
 
     def update(self, scene: DesktopScene) -> None:
-        """Send each arm its next target; while watching, keep its box at its set-point's tool pose."""
+        """Send each arm its next target; while control is off, keep each box at the tool pose of the set-point."""
         try:
             for key, client in self._clients.items():
                 if not self.on:
@@ -186,7 +186,7 @@ class DragControl:
             self.watch(str(error))
 
     def _ready(self, client: ArmClient) -> ArmState:
-        """Return the state of an arm. Raises YamError: it accepts no targets."""
+        """Return the state of an arm. Raises YamError: the arm accepts no targets."""
         state = client.observe()
         if state.mode not in _DRIVEN:
             raise LifeCycleError(f"{client.config.name} is in {state.mode.name}: it takes no targets")
@@ -194,7 +194,7 @@ class DragControl:
 
 
 def need_display() -> None:
-    """Raise ConfigError if no window can be opened, for which MuJoCo's viewer would wait for ever."""
+    """Raise ConfigError if no window can be opened; MuJoCo's viewer would wait for ever."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         opened = glfw.init()
@@ -205,7 +205,7 @@ def need_display() -> None:
 
 
 class Desktop:
-    """Contents of the window, apart from the window. control: the driven arms'; None only watches."""
+    """Contents of the window, without the window itself. `control`: control of the driven arms, if any."""
 
     def __init__(self, control: DragControl | None = None):
         self._control = control
@@ -216,7 +216,7 @@ class Desktop:
         self.look()
 
     def look(self) -> bool:
-        """Read the states of all arms; return whether other arms run now, with a new scene."""
+        """Read the states of all arms; if other arms run now, make a new scene and return True."""
         self._watched.update(time.monotonic())
         known = {key: arm.hardware for key, arm in self._watched.arms.items() if arm.hardware is not None}
         shown = {key: self._watched.arms[key].process for key in known}
@@ -229,11 +229,11 @@ class Desktop:
         return True
 
     def type(self, key: int) -> None:
-        """Queue a key of the window, by GLFW's number; from any thread."""
+        """Queue a key of the window, given by GLFW's number. Any thread may call it."""
         self._typed.put(key)
 
     def update(self) -> None:
-        """Pose the arms by their last states, and drive the driven ones."""
+        """Pose the arms by their last states, and send targets to the driven arms."""
         for key in self._shown:
             arm = self._watched.arms.get(key)
             if arm is not None and arm.state is not None:
@@ -261,7 +261,7 @@ class Desktop:
 
 
 def run_desktop(control: DragControl | None = None) -> None:
-    """Show windows until a person closes one; a new one replaces it when arms come or go."""
+    """Show a window until a person closes it; when arms come or go, a new window replaces the old one."""
     desktop = Desktop(control)
     try:
         while _one_window(desktop):
@@ -271,7 +271,7 @@ def run_desktop(control: DragControl | None = None) -> None:
 
 
 def _one_window(desktop: Desktop) -> bool:
-    """Show the present scene in a window; return whether another one is needed."""
+    """Show the present scene in a window; return whether a new window is needed."""
     scene = desktop.scene
     with mujoco.viewer.launch_passive(
         scene.model, scene.data, key_callback=desktop.type, show_left_ui=False, show_right_ui=False

@@ -1,6 +1,6 @@
-"""Session desks of the page: one for each LeRobot command on this computer that drives our arms, found by itself.
+"""Session desks of the page: one for each LeRobot command on this computer that drives our arms, found automatically.
 
-Each has a folder: what the command does, its successes, and buttons for its present offers.
+Each desk has a folder with the command's progress, its successes, and buttons for the actions that it offers now.
 """
 
 import html
@@ -19,8 +19,8 @@ from lerobot_robot_yam.state.desk_post import Asked, ask, forget_the_dead, runni
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 
 BY = "yam-view"
-MODIFIER: KeyModifier = "shift"  # for all keys, as W, A, S, D, Q and E alone move the camera of viser's scene
-# Meaning → label, colour and key of its button.
+MODIFIER: KeyModifier = "shift"  # modifier of all keys: W, A, S, D, Q and E alone move the camera of viser's scene
+# Meaning of a button → its label, colour and key.
 BUTTONS: dict[str, tuple[str, tuple[int, int, int] | None, HotkeyKey]] = {
     "success": ("success", (30, 150, 60), "S"),
     "failure": ("failure", (200, 110, 0), "F"),
@@ -34,15 +34,15 @@ BUTTONS: dict[str, tuple[str, tuple[int, int, int] | None, HotkeyKey]] = {
     "save": ("save", None, "K"),
 }
 _BANNER = "background:#c00;color:#fff;padding:0.5em;font-weight:bold"
-_SILENT_S = 3.0  # silence to report; LeRobot may block Python while it saves
+_SILENT_S = 3.0  # least silence of a command that is reported, s: LeRobot may block Python while saving
 _DAY_S = 86_400.0
 _LOOK_S = 0.25
 
 
 class SuccessRate:
-    """Successes among a data set's episodes, by their labels; read again when these have changed.
+    """Successes among a data set's episodes, from their labels, which are read again when they have changed.
 
-    root: folder of the data set. first: episodes that were there before this session, which do not count.
+    `root`: folder of the data set; `first`: number of episodes from before this session, which do not count.
     """
 
     def __init__(self, root: Path, first: int):
@@ -51,7 +51,7 @@ class SuccessRate:
         self._labels: dict[int, str | None] = {}
 
     def words(self, saved: int) -> str:
-        """Return one line. saved: episodes of the data set, of which some have no label."""
+        """Return a line about successes. `saved`: number of all episodes of the data set, labelled or not."""
         self._read()
         labels = [label for episode, label in self._labels.items() if self._first <= episode < saved]
         count = {kind: labels.count(kind) for kind in outcomes.KINDS}
@@ -74,16 +74,16 @@ class SuccessRate:
         except FileNotFoundError:
             self._labels = {}
         except (OSError, ConfigError):
-            self._seen = None  # half written; keep the last labels
+            self._seen = None  # the file is half written: keep the last labels, and read again
 
 
 class DeskFolder:
     """Folder of one command on the page.
 
     Args:
-        gui: the server's.
-        number: the process's.
-        send: sends a request; called by viser's threads.
+        gui: the server's gui.
+        number: number of the command's process.
+        send: function that sends a request; viser's threads call it.
     """
 
     def __init__(self, gui: viser.GuiApi, number: int, send: Callable[[Asked], None]):
@@ -103,13 +103,13 @@ class DeskFolder:
         self.press(meaning)
 
     def press(self, meaning: str) -> None:
-        """Request what a button stands for, if the command offers it; for the phase that is shown."""
+        """Send the request of a button for the phase that is shown, if the command offers this request."""
         status = self.status
         if meaning in status["offers"]:
             self._send(Asked(meaning, BY, status.get("turn")))
 
     def show(self, status: dict[str, Any]) -> None:
-        """Show a new status, or that it is not understood, as of another version."""
+        """Show a new status, or a message if the status is of another version."""
         try:
             if "root" in status and self._rate is None:
                 self._rate = SuccessRate(Path(status["root"]), status.get("first", 0))
@@ -129,12 +129,12 @@ class DeskFolder:
 
 
 def key_name(key: HotkeyKey) -> str:
-    """Return the name of a key with its modifier: "Shift+S"."""
+    """Return the name of a key with its modifier, such as "Shift+S"."""
     return f"{MODIFIER.capitalize()}+{key}"
 
 
 def describe(status: dict[str, Any], rate: SuccessRate | None) -> str:
-    """Return the folder's HTML. rate: the data set's, or None."""
+    """Return the folder's HTML. `rate`: successes in the data set, or None."""
     red = [status["disk_warning"]] if "disk_warning" in status else []
     if status["age_s"] > _SILENT_S:
         red.append(f"has said nothing for {status['age_s']:.0f} s")
@@ -149,7 +149,7 @@ def describe(status: dict[str, Any], rate: SuccessRate | None) -> str:
 
 
 def _doing(status: dict[str, Any]) -> list[str]:
-    """Return lines on command and task, the episode and its phase, and time."""
+    """Return lines about command and task, the episode and its phase, and the time."""
     what = " ".join(status[name] for name in ("command", "strategy") if name in status)
     lines = [what, status.get("task", "")]
     saved, first = status.get("saved"), status.get("first", 0)
@@ -164,7 +164,7 @@ def _doing(status: dict[str, Any]) -> list[str]:
 
 
 def _rates(status: dict[str, Any]) -> list[str]:
-    """Return lines on the loop, the encoder, the disk, and results that LeRobot itself has counted."""
+    """Return lines about the loop, the encoder, the disk, and results that LeRobot itself has counted."""
     loop = [f"{status['fps']:.1f} of {status['fps_asked']:.0f} fps"] if "fps" in status else []
     loop += [f"{status['late']} late"] if status.get("late") else []
     waiting = status.get("encoder_waiting", {})
@@ -181,12 +181,12 @@ def _rates(status: dict[str, Any]) -> list[str]:
 
 
 class SessionDesks:
-    """Folders of all commands that run."""
+    """Desks of all running commands."""
 
     def __init__(self, server: viser.ViserServer):
         self._gui = server.gui
         self._folders: dict[int, DeskFolder] = {}
-        self._wishes = deque[tuple[int, Asked]]()  # filled by viser's threads
+        self._wishes = deque[tuple[int, Asked]]()  # requests that viser's threads have queued: process, request
         self._keys = deque[str]()
         self._looked_s = -_LOOK_S
         forget_the_dead(runtime_dir())
@@ -198,19 +198,19 @@ class SessionDesks:
         return command
 
     def press(self, meaning: str) -> None:
-        """Queue the key of this meaning for `update`. Any thread may call it."""
+        """Queue a pressed key, given by its meaning, for `update`. Any thread may call this."""
         self._keys.append(meaning)
 
     def update(self, now_s: float) -> None:
         """Send the queued requests, and show changes."""
         while self._keys:
             meaning = self._keys.popleft()
-            if len(self._folders) == 1:  # with several commands a key is ambiguous, so only buttons count
+            if len(self._folders) == 1:  # with several commands a key is ambiguous, and is ignored
                 next(iter(self._folders.values())).press(meaning)
         while self._wishes:
             number, asked = self._wishes[0]
             if number in self._folders and not ask(runtime_dir(), number, asked):
-                break  # its post is full: try again the next time
+                break  # the command's mailbox is full: try again in the next update
             self._wishes.popleft()
         if now_s - self._looked_s >= _LOOK_S:
             self._looked_s = now_s

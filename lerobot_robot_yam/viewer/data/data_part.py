@@ -1,4 +1,4 @@
-"""The data part of the page: a data set's episodes, played in 3-D with their pictures, and sent to the arms."""
+"""Data part of the page: plays a data set's episodes in 3-D with their pictures, and sends them to the arms."""
 
 import contextlib
 import html
@@ -22,7 +22,7 @@ from lerobot_robot_yam.viewer.data.replay_desk import ReplayDesk
 from lerobot_robot_yam.viewer.data.scene_match import SceneMatch
 from lerobot_robot_yam.viewer.serving.handles import put
 
-if TYPE_CHECKING:  # it loads the inverse kinematics, not needed without arms
+if TYPE_CHECKING:  # the driver loads the inverse kinematics, which a page without arms does not need
     from lerobot_robot_yam.viewer.moving.driver import Driver
 
 _WIDTH_PX = 380
@@ -35,15 +35,15 @@ class DataPart:
     """Part of the page for one data set.
 
     Args:
-        server: viser's.
+        server: viser's server.
         root: directory of the data set.
-        known: prefix of the values → configuration of the arm, from a run config.
-        cameras: options of that config's cameras.
-        arm, gripper: profiles of other arms.
-        driver: the known arms', in their order, to which episodes can be sent; or None.
+        known: prefix of the values → config of the arm, from a run config.
+        cameras: name → options of the run config's cameras.
+        arm, gripper: profiles of arms that are not in `known`.
+        driver: driver of the known arms, in their order, to which episodes can be sent; or None.
 
     Raises:
-        ConfigError: it is no data set of format v3, it has no episodes, or the profiles do not fit it.
+        ConfigError: `root` is no data set of format v3, has no episodes, or does not fit the profiles.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class DataPart:
         last = max(self._episodes)
         self._number = gui.add_number("episode", min(self._episodes), min=0, max=last, step=1)
         self._slider = gui.add_slider("frame", 0, 1, 1, 0)
-        self._slid = 0  # the slider's last value from here
+        self._slid = 0  # value of the slider that this part has set last
         self._play = gui.add_button("play", icon=viser.Icon.PLAYER_PLAY)
         self._speed = gui.add_slider("speed", 0.1, 2.0, 0.1, 1.0)
         self._next = gui.add_button("go to the next flag")
@@ -140,11 +140,11 @@ class DataPart:
             self._playhead.seek(next((start for start in starts if start > self._playhead.frame), starts[0]))
 
     def update(self, now_s: float) -> None:
-        """Carry out requests, and show the frame that is due."""
+        """Process requests, and show the frame that is due."""
         while self._asked:
             self._asked.popleft()()
         self._choose()
-        if self._slider.value != self._slid:  # a person has moved it
+        if self._slider.value != self._slid:  # a person has moved the slider
             self._playhead.pause()
             self._playhead.seek(self._slider.value)
         self._playhead.speed = self._speed.value
@@ -205,10 +205,10 @@ class DataPart:
 
 
 def _labels(root: Path, episodes: Sequence[Any]) -> dict[int, str]:
-    """Return outcomes by episode: from the side-car, else from the column of a labelled copy.
+    """Return episode → outcome, from the outcomes' file, or else from the column of a labelled copy.
 
     Raises:
-        ConfigError: a line of the side-car is no outcome.
+        ConfigError: a line of the outcomes' file is no outcome.
     """
     found = {
         episode.number: outcomes.SUCCESS if episode.metadata[_SUCCESS_COLUMN] else outcomes.FAILURE

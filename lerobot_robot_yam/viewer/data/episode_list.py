@@ -1,4 +1,4 @@
-"""Table of the episodes, with length, outcome and flags of the check; and the check, in the background."""
+"""Table of the episodes, with length, outcome and flags of the check; and the check itself, in the background."""
 
 import html
 import threading
@@ -21,13 +21,13 @@ _CHOSEN = "background:#f78b2e55"
 
 
 class BackgroundCheck:
-    """Check in a thread, whose report grows while it is shown: one picture per second, as in `yam-dataset-check`.
+    """Check of a data set in a thread, with a growing report: one picture per second, as in `yam-dataset-check`.
 
-    arm: profile with the joint limits; None for the widest of all arms.
+    `arm`: profile with the joint limits; None: the widest limits of all arms.
 
     Attributes:
         report: findings so far.
-        trouble: why the check has ended early; empty if it has not.
+        trouble: why the check has ended early; empty if all is well.
     """
 
     def __init__(self, data: OpenedDataset, arm: str | None = None):
@@ -42,16 +42,16 @@ class BackgroundCheck:
 
     @property
     def share(self) -> float:
-        """Share that is done, 0 … 1."""
+        """Share of the check that is done, 0 … 1."""
         return self._looked / self._all if self._all else 1.0
 
     @property
     def done(self) -> bool:
-        """Whether it has ended."""
+        """Whether the check has ended."""
         return self._thread.ident is not None and not self._thread.is_alive()
 
     def found(self) -> dict[int, EpisodeReport]:
-        """Return the reports of the checked episodes, by number."""
+        """Return episode number → report, for the episodes checked so far."""
         return {episode.number: episode for episode in self.report.episodes[: self._looked]}
 
     def _run(self, data: OpenedDataset, arm: str | None) -> None:
@@ -75,13 +75,13 @@ class BackgroundCheck:
 
 
 class EpisodeList:
-    """A table that fills while the check goes on.
+    """Table that fills while the check goes on.
 
     Args:
-        gui: the server's, inside the container of the table.
+        gui: the server's gui; the table is added to its open container.
         data: the data set.
-        labels: number → outcome, for the episodes that have one.
-        check: under way.
+        labels: episode number → outcome, for labelled episodes.
+        check: the running check.
     """
 
     def __init__(self, gui: viser.GuiApi, data: OpenedDataset, labels: Mapping[int, str], check: BackgroundCheck):
@@ -99,7 +99,7 @@ class EpisodeList:
         self._done = False
 
     def update(self, now_s: float, chosen: int) -> None:
-        """Show the present findings; chosen: number of the shown episode."""
+        """Show the present findings. `chosen`: number of the episode that is shown."""
         if now_s - self._shown_s < _SHOWN_S:
             return
         self._shown_s = now_s
@@ -142,7 +142,7 @@ def _row(episode: RecordedEpisode, fps: float, label: str, report: EpisodeReport
 
 
 def describe(flags: Sequence[Flag] | None) -> str:
-    """Return HTML about the flags of one episode; None: not checked yet."""
+    """Return HTML about the flags of one episode. `flags` is None for an episode that is not checked yet."""
     if flags is None:
         lines = ["not checked yet"]
     else:

@@ -1,4 +1,4 @@
-"""The player of an episode: the playhead, the pictures at its frame, and a plot of one value."""
+"""Player of an episode: the playhead, the pictures at the playhead's frame, and a plot of one value."""
 
 import contextlib
 import threading
@@ -17,29 +17,29 @@ Wish = tuple[RecordedEpisode, int]
 """An episode and a frame of it."""
 
 _SHOWN_S = 0.2
-_POINTS = 600  # most points of a plot, whose width shows no more
+_POINTS = 600  # largest number of points of a plot: its width shows no more
 _HEIGHT = 180
 _STATE, _ACTION, _OTHER, _NOW = "#1f77b4", "#ff7f0e", "#4682ff88", "#d00"
 
 
 class Playhead:
-    """Place in an episode, while it plays or stands. Times are those of the caller's clock, in s.
+    """Place in an episode that plays or stands. Times are times of the caller's clock, s.
 
     Attributes:
-        frames: the episode's; at least 1.
-        fps: frames per second, at speed 1.
-        speed: factor.
-        playing: whether it moves; it stops at the last frame.
+        frames: number of frames of the episode, at least 1.
+        fps: frames per second at speed 1.
+        speed: factor on the speed.
+        playing: whether the playhead moves; it stops at the last frame.
     """
 
     def __init__(self, fps: float):
         self.fps, self.speed, self.frames, self.playing = fps, 1.0, 1, False
-        self._place = 0.0  # in frames
+        self._place = 0.0  # place in frames, with fractions
         self._then_s: float | None = None
 
     @property
     def frame(self) -> int:
-        """The frame to show."""
+        """Number of the frame to show."""
         return min(int(self._place), self.frames - 1)
 
     def open(self, frames: int) -> None:
@@ -51,7 +51,7 @@ class Playhead:
         self._place = float(min(max(frame, 0), self.frames - 1))
 
     def play(self) -> None:
-        """Play, from the start if it stands at the end."""
+        """Play; start again if the playhead is at the end."""
         if self.frame == self.frames - 1:
             self._place = 0.0
         self.playing, self._then_s = True, None
@@ -60,7 +60,7 @@ class Playhead:
         self.playing = False
 
     def advance(self, now_s: float) -> int:
-        """Return the frame to show at this time."""
+        """Advance to this time; return the frame to show."""
         if self.playing:
             if self._then_s is not None:
                 self._place += (now_s - self._then_s) * self.fps * self.speed
@@ -72,7 +72,7 @@ class Playhead:
 
 
 class PictureReader:
-    """Reader of all cameras of one frame at a time, in a thread; only the last request counts."""
+    """Thread that reads the pictures of all cameras, one frame at a time; a new request replaces a waiting one."""
 
     def __init__(self, data: OpenedDataset):
         self._data = data
@@ -84,13 +84,13 @@ class PictureReader:
         self._thread.start()
 
     def ask(self, episode: RecordedEpisode, frame: int) -> None:
-        """Read this frame next, instead of an earlier request."""
+        """Request this frame, instead of an earlier request that still waits."""
         with self._wanted:
             self._wish = episode, frame
             self._wanted.notify()
 
     def take(self) -> dict[str, np.ndarray | str] | None:
-        """Return what was read since the last call, by camera: (height, width, 3) uint8, or why it is missing."""
+        """Return camera → picture (height, width, 3) uint8, or why it is missing; None if there is nothing new."""
         with self._wanted:
             read, self._read = self._read, None
         return read
@@ -122,9 +122,9 @@ class PictureReader:
 
 
 class EpisodePlot:
-    """Plot of one value, measured and commanded, with the playhead; and of the same value in another episode.
+    """Plot of one value, measured and commanded, with the playhead, and of the same value in another episode.
 
-    gui: the server's, inside the container of the plot.
+    `gui`: the server's gui; the plot is added to its open container.
     """
 
     def __init__(self, gui: viser.GuiApi, data: OpenedDataset):
@@ -166,9 +166,9 @@ def curves(
     other: RecordedEpisode | None,
     fps: float,
 ) -> tuple[np.ndarray, ...]:
-    """Return time (s), state, action, state of the other episode, and the state at `frame` alone: (points,) each.
+    """Return time (s), state, action, state of the other episode, and the state at `frame` alone, (points,) each.
 
-    Missing values are NaN, which is not drawn. names: feature → names of its values.
+    Missing values are NaN, which is not drawn. `names`: feature → names of its values.
     """
     places = np.unique(np.linspace(0, episode.length - 1, min(episode.length, _POINTS)).astype(int))
     state, action = (_values(names[feature], name, episode, feature, places) for feature in (STATE, ACTION))

@@ -1,4 +1,4 @@
-"""Arms of a data set: their columns in states and actions, and their figures at a frame."""
+"""Arms of a data set: the columns of each arm in states and actions, and the figures of all arms at a frame."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,13 +23,13 @@ ARM, GRIPPER, NO_GRIPPER = "yam", "linear_4310", "no_gripper"
 
 @dataclass(frozen=True)
 class RecordedArm:
-    """One arm of a data set.
+    """Arm of a data set.
 
     Attributes:
-        prefix: prefix of its values' names, such as `left_`; empty for a single arm.
-        hardware: its profiles.
-        columns: feature (`action`, `observation.state`) → columns of its joints, then of its gripper if that has a
-            motor; a feature that does not name them all is missing.
+        prefix: prefix of the names of the arm's values, such as `left_`; empty for a single arm.
+        hardware: profiles of the arm.
+        columns: feature (`action`, `observation.state`) → columns of the joints, then of a gripper with a motor; a
+            feature that does not name all of these is missing.
         unit: rad per recorded number of a joint.
     """
 
@@ -39,7 +39,7 @@ class RecordedArm:
     unit: float
 
     def positions(self, episode: RecordedEpisode, feature: str) -> np.ndarray | None:
-        """Return (n, motors) rad, the gripper 0 closed … 1 open; None if the feature does not have them."""
+        """Return the positions (n, motors), rad, gripper 0 closed … 1 open; None if the feature lacks them."""
         if feature not in self.columns or feature not in episode.rows:
             return None
         found = np.array(episode.rows[feature][:, self.columns[feature]], dtype=float)
@@ -50,8 +50,8 @@ class RecordedArm:
         """Return the motion of the episode's actions for this arm, `speed` times as fast as recorded.
 
         Raises:
-            ConfigError: its actions are no positions of joints.
-            ActionError: they are not finite, or there are too few.
+            ConfigError: the actions are not joint positions.
+            ActionError: the actions are not finite, or too few.
         """
         positions = self.positions(episode, ACTION)
         if positions is None:
@@ -67,8 +67,8 @@ def motion_of(
     """Return the motion of an episode's actions for all arms, side by side in the order of `prefixes`.
 
     Raises:
-        ActionError: it is of other arms, not finite, or too short.
-        ConfigError: its actions are no positions of joints.
+        ActionError: the episode is of other arms, not finite, or too short.
+        ConfigError: the episode's actions are not joint positions.
     """
     ways = {arm.prefix: arm.trajectory(episode, fps, speed) for arm in arms}
     if ways.keys() != set(prefixes):
@@ -86,14 +86,14 @@ def _list(prefixes: Iterable[str]) -> str:
 
 
 def recorded_arms(data: OpenedDataset, known: Mapping[str, ArmConfig], arm: str, gripper: str) -> list[RecordedArm]:
-    """Return the arms whose joints are named as ours in action or state.
+    """Return the arms of which action or state has joints with our names.
 
     Args:
-        known: configurations by prefix, from a run config.
-        arm, gripper: profiles of the others. A recording without an opening has no gripper.
+        known: prefix → config of the arm, from a run config.
+        arm, gripper: profiles of other arms. An arm without a recorded opening gets no gripper.
 
     Raises:
-        ConfigError: an unknown profile, or one with another number of joints than was recorded.
+        ConfigError: a profile is unknown, or has another number of joints than the recording.
     """
     named = {feature: list(value_names(data.features.get(feature, {}))) for feature in (STATE, ACTION)}
     matches = [match for names in named.values() for match in map(JOINT.fullmatch, names) if match]
@@ -104,7 +104,7 @@ def recorded_arms(data: OpenedDataset, known: Mapping[str, ArmConfig], arm: str,
 
 
 def followers(plan: Plan) -> dict[str, ArmConfig]:
-    """Return the followers of a run config, by the prefix of their values in data sets."""
+    """Return prefix of the values in data sets → config, for the followers of a run config."""
     configs = [target.driven for target in plan.followers]
     return dict(zip(("left_", "right_") if len(configs) > 1 else ("",), configs, strict=False))
 
@@ -131,13 +131,13 @@ def _arm(
 
 
 class RecordedFigures:
-    """Figures of all arms of a data set, as measured, or without a state as commanded.
+    """Figures of all arms of a data set, in the measured pose, or in the commanded pose if no state was recorded.
 
     Args:
-        scene: the server's.
-        root: name of their frame.
-        arms: the data set's.
-        ghost: draw in one pale colour.
+        scene: the server's scene.
+        root: name of the figures' parent frame.
+        arms: arms of the data set.
+        ghost: whether to draw in one pale colour.
     """
 
     def __init__(self, scene: viser.SceneApi, root: str, arms: Sequence[RecordedArm], ghost: bool = False):
@@ -148,7 +148,7 @@ class RecordedFigures:
         self._ways: list[np.ndarray | None] = [None] * len(arms)
 
     def open(self, episode: RecordedEpisode) -> None:
-        """Show this episode from now on."""
+        """Set the episode to show."""
         self._ways = []
         for arm in self._arms:
             measured = arm.positions(episode, STATE)
@@ -163,7 +163,7 @@ class RecordedFigures:
 
     @property
     def visible(self) -> bool:
-        """Whether they are shown."""
+        """Whether the figures are shown."""
         return any(figure.visible for figure in self._figures)
 
     @visible.setter

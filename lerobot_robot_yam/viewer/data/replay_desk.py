@@ -11,7 +11,7 @@ from lerobot_robot_yam.face.datasets.check.opened_dataset import RecordedEpisode
 from lerobot_robot_yam.viewer.data.recorded_arms import RecordedArm, motion_of
 from lerobot_robot_yam.viewer.serving.handles import pressed, put
 
-if TYPE_CHECKING:  # it loads the inverse kinematics, not needed without arms
+if TYPE_CHECKING:  # the driver loads the inverse kinematics, which a page without arms does not need
     from lerobot_robot_yam.viewer.moving.driver import Driver
 
 LEAST_SPEED, MOST_SPEED = 0.1, 2.0
@@ -21,12 +21,12 @@ class ReplayDesk:
     """Buttons for the browser that controls the arms.
 
     Args:
-        gui: the server's.
-        driver: the arms'.
-        prefixes: prefixes of the driver's arms, in their order, in names of recorded values: "", or "left_" and
-            "right_".
-        arms: the data set's.
-        fps: the data set's.
+        gui: the server's gui.
+        driver: driver of the arms.
+        prefixes: prefix of each of the driver's arms in names of recorded values: "", or "left_" and "right_", in
+            the driver's order.
+        arms: arms of the data set.
+        fps: frames per second of the data set.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class ReplayDesk:
         self._episode = episode
 
     def update(self, flags: Sequence[Flag] | None) -> None:
-        """Show the progress; flags: the episode's, None if it has not been checked."""
+        """Show the progress. `flags`: flags of the episode, None if the episode has not been checked."""
         self._flags = flags
         replayed = self._driver.replayed
         put(self._send, visible=replayed is None)

@@ -1,6 +1,6 @@
-"""Overlay of a data set's picture on the present one of a camera, so that a scene can be restored.
+"""Overlay of a data set's picture on a camera's live picture, so that a person can restore the scene.
 
-The camera is one of a run config, or of a virtual rig that runs on this computer.
+The camera belongs to a run config, or to a virtual rig that runs on this computer.
 """
 
 import html
@@ -22,10 +22,10 @@ from lerobot_robot_yam.viewer.serving.handles import put
 logger = logging.getLogger(__name__)
 
 _NONE = "none"
-_LOOK_S = 2.0  # between two looks for rigs
+_LOOK_S = 2.0  # period of searching for rigs, s
 _SHOWN_S = 0.1
-_RIG, _SOCKET = "rig-", ".sock"  # begin and end of a socket's file name, around the rig's name
-# Settings of a rig's camera, for a good picture rather than a fast one.
+_RIG, _SOCKET = "rig-", ".sock"  # parts of a socket's file name before and after the rig's name
+# Settings of a rig's camera: pictures of good quality at a low rate.
 _PICTURES = {"width": 640, "height": 480, "fps": 10}
 _WAIT_MS = 1000.0
 
@@ -36,9 +36,9 @@ def running_rigs() -> list[str]:
 
 
 def rig_cameras(rig: str) -> dict[str, dict[str, Any]]:
-    """Return LeRobot's options of the cameras of a rig, by a name that contains the rig's; empty once it has ended.
+    """Return camera → LeRobot's options; the camera's name has the rig's name in it. Empty once the rig has ended.
 
-    It reads the rig's file only, as a connection would restart a rig that was killed.
+    Only the rig's file is read, since a connection would restart a rig that was killed.
     """
     try:
         names = [camera.name for camera in told_scene(rig).cameras]
@@ -52,13 +52,13 @@ class LiveCamera:
     """Reader of one camera, in a thread.
 
     Args:
-        name: its name in messages.
-        options: as in a run config.
-        arms: that config's.
+        name: name of the camera in messages.
+        options: options of the camera, as in a run config.
+        arms: arms of the run config.
 
     Attributes:
-        picture: (height, width, 3) uint8 RGB, the newest one; None before the first.
-        trouble: why there is no picture any more; empty if there is.
+        picture: newest picture, (height, width, 3) uint8 RGB; None before the first picture.
+        trouble: why no more pictures come; empty if all is well.
     """
 
     def __init__(self, name: str, options: Mapping[str, Any], arms: Sequence[ArmConfig]):
@@ -69,7 +69,7 @@ class LiveCamera:
         self._thread.start()
 
     def _run(self, name: str, options: Mapping[str, Any], arms: Sequence[ArmConfig]) -> None:
-        from lerobot_robot_yam.face.devices.images import open_camera  # LeRobot: seconds
+        from lerobot_robot_yam.face.devices.images import open_camera  # late: loads LeRobot, takes seconds
 
         try:
             camera = open_camera(name, options, arms)
@@ -79,13 +79,13 @@ class LiveCamera:
         try:
             while not self._ending.is_set():
                 self.picture = camera.async_read(timeout_ms=_WAIT_MS)
-        except Exception as error:  # drivers raise anything
+        except Exception as error:  # camera drivers may raise any error
             self.trouble = f"camera {name}: {error}"
         finally:
             camera.disconnect()
 
     def begin_close(self) -> None:
-        """Request its end, without waiting."""
+        """Request the end of the thread, without waiting."""
         self._ending.set()
 
     def close(self) -> None:
@@ -95,20 +95,20 @@ class LiveCamera:
 
 
 def overlaid(live: np.ndarray, recorded: np.ndarray, alpha: float) -> np.ndarray:
-    """Return the live picture (height, width, 3) with a share `alpha` of the recorded one, scaled to it."""
+    """Return the live picture (height, width, 3), blended with a share `alpha` of the recorded picture."""
     height, width = live.shape[:2]
     fitted = cv2.resize(recorded, (width, height), interpolation=cv2.INTER_AREA)
     return cv2.addWeighted(live, 1.0 - alpha, fitted, alpha, 0.0)
 
 
 class SceneMatch:
-    """A choice of cameras, a slider, and the picture.
+    """Controls to choose the cameras, a slider for the blend, and the blended picture.
 
     Args:
-        gui: the server's, inside its container.
+        gui: the server's gui; the controls are added to its open container.
         recorded: cameras of the data set.
         cameras: name → options of a run config's camera.
-        arms: that config's.
+        arms: arms of the run config.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class SceneMatch:
         self._looked_s = self._shown_s = -_LOOK_S
 
     def update(self, now_s: float, pictures: Mapping[str, np.ndarray | str]) -> None:
-        """Show the newest live picture; pictures: camera → picture of the shown frame of the data set."""
+        """Show the newest live picture. `pictures`: camera → picture of the shown frame of the data set."""
         if now_s - self._looked_s >= _LOOK_S:
             self._looked_s = now_s
             self._look()

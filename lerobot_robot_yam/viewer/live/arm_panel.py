@@ -15,7 +15,7 @@ from lerobot_robot_yam.state.records import ArmState, Limited
 from lerobot_robot_yam.viewer.live.watched_arms import WatchedArm
 
 _SPAN_S = 10.0
-_ROWS = 512  # rows of a ring, more than a page reads in that time
+_ROWS = 512  # number of rows of a ring: more samples than a page reads in `_SPAN_S`
 _COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c")
 _POSITION, _TORQUE, _PERIOD, _AGE = "q, set-point, target", "torque, Nm", "loop period, ms", "sample age, ms"
 _CURVES = {
@@ -25,12 +25,12 @@ _CURVES = {
     _AGE: ("oldest sample",),
 }
 _SHOWN_S = 0.2
-_NEAR = 0.8  # share of a torque limit that is marked
+_NEAR = 0.8  # share of a torque limit from which on a torque is marked
 _STYLE = "font-family:monospace;font-size:11px;width:100%;border-collapse:collapse;text-align:right"
 
 
 class ArmHistory:
-    """A ring of samples of one arm with n motors, its joints in rad and then the gripper, 0 … 1.
+    """Ring of samples of one arm with n motors: joints in rad, then the gripper, 0 … 1.
 
     Columns: n each of q, set-point, target and torque (Nm), then the loop's period and the age of its samples, ms.
     """
@@ -43,13 +43,13 @@ class ArmHistory:
         self._last: ArmState | None = None
 
     def add(self, state: ArmState) -> None:
-        """Add a state, unless it is the one before or lacks a reading."""
+        """Add a state, unless it was added before or lacks a reading."""
         last, self._last = self._last, state
         if last is None or state.tick <= last.tick:
             return
         setpoint = state.setpoints
         action = state.action or ()
-        target = action if len(action) == self._n else setpoint  # a leader's has its follower's gripper
+        target = action if len(action) == self._n else setpoint  # a leader's action has its follower's gripper
         grip = state.gripper_tau_nm
         row = [*state.positions, *setpoint, *target, *state.tau_nm, *([] if grip is None else [grip])]
         row.append(1e3 * (state.published_s - last.published_s) / (state.tick - last.tick))
@@ -60,7 +60,7 @@ class ArmHistory:
             self._count += 1
 
     def columns(self, now_s: float, *numbers: int) -> tuple[np.ndarray, ...]:
-        """Return seconds before now, (k,) from -10 to 0, and the values of some columns, (k,) each, oldest first."""
+        """Return times relative to now, (k,) from -10 to 0 s, and values of some columns, (k,) each, oldest first."""
         kept = min(self._count, _ROWS)
         rows = np.arange(self._count - kept, self._count) % _ROWS
         rows = rows[self._times[rows] > now_s - _SPAN_S]
@@ -68,12 +68,12 @@ class ArmHistory:
 
 
 class ArmPlot:
-    """Plot of one quantity of one motor, with two menus to choose them, in the open folder.
+    """Plot of one quantity of one motor, with a menu for each of both, in the open folder.
 
-    gui: the server's. names: the motors'.
+    `gui`: the server's gui; `names`: names of the motors.
 
     Attributes:
-        history: the plotted samples; to be filled.
+        history: samples to plot, which the caller adds.
     """
 
     def __init__(self, gui: viser.GuiApi, names: Sequence[str]):
@@ -107,7 +107,7 @@ class ArmPlot:
             )
 
     def close(self) -> None:
-        """Remove it from the page."""
+        """Remove the plot from the page."""
         if self._plot is not None:
             self._plot.remove()
         self._folder.remove()
@@ -132,12 +132,12 @@ class ArmPanel:
         self._folder = gui.add_folder(arm.name)
         with self._folder:
             self._text = gui.add_html("")
-        self._plot: ArmPlot | None = None  # once the number of motors is known
+        self._plot: ArmPlot | None = None  # made when the first state tells the number of motors
         self._gui = gui
         self._shown_s = -_SHOWN_S
 
     def update(self, now_s: float, looked_at: bool) -> None:
-        """Plot the last state, and show it a few times a second while a browser is open."""
+        """Add the last state to the plot; draw a few times a second while a browser is open."""
         state = self._arm.state
         if state is None:
             return
@@ -155,7 +155,7 @@ class ArmPanel:
         self._folder.visible = False
 
     def close(self) -> None:
-        """Remove it from the page, contents first, so that no update is under way to something removed."""
+        """Remove the panel from the page, contents first, so that no update is sent to a removed element."""
         if self._plot is not None:
             self._plot.close()
         self._text.remove()
@@ -201,7 +201,7 @@ def warnings(arm: WatchedArm) -> list[str]:
 
 
 def motor_names(arm: WatchedArm, state: ArmState) -> list[str]:
-    """Return the profiles' names of the motors; (n)."""
+    """Return the names (n) of the motors: from the profiles if these fit, else by number."""
     if arm.hardware is not None and arm.hardware.n == len(state.positions):
         return [motor.name for motor in arm.hardware.motors]
     joints, motors = len(state.q), len(state.positions)

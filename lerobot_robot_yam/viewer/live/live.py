@@ -1,4 +1,4 @@
-"""The live part of the page: each arm and camera of this computer, as others use them. It drives and opens none."""
+"""Live part of the page: shows each arm and camera of this computer as other programs use them; only watches."""
 
 import html
 import json
@@ -42,24 +42,24 @@ show(lines);
 clearTimeout(window.yamSilence);
 window.yamSilence = setTimeout(() => show([silent, ...lines]), silentMs);
 """
-_GHOST_RAD = 0.005  # least distance of a set-point that is drawn
-_EYE_M, _LOOKS_AT_M = (1.3, 1.5, 1.1), (-0.3, 0.0, 0.15)  # two followers and their leaders, from the front
-_LEAVE_S = 3.0  # until a hidden panel is removed; without a graphics card a browser may draw once a second
+_GHOST_RAD = 0.005  # least distance between set-point and arm at which the ghost is drawn, rad
+_EYE_M, _LOOKS_AT_M = (1.3, 1.5, 1.1), (-0.3, 0.0, 0.15)  # first view, m: two pairs of arms from the front
+_LEAVE_S = 3.0  # wait until a hidden panel is removed, s: a browser without a graphics card may draw once a second
 _CAMERAS_S = 0.5
-_DEVICES_S = 5.0  # between two searches for users of devices, which read a file per process
+_DEVICES_S = 5.0  # period of searching the users of devices, s: a search reads a file per process
 _NOBODY = "<p style='padding:0 0.8em;color:#888'>no arm runs on this computer</p>"
 
 
 class RunJavascriptMessage(viser._messages.RunJavascriptMessage, include_in_scene_serialization=False):
-    """viser's message of that name, of which viser keeps only the newest for browsers that come later."""
+    """Variant of viser's message of this name: viser keeps only the newest for browsers that connect later."""
 
     def redundancy_key(self) -> str:
-        """Return the same key for all, so that a new one replaces the old."""
+        """Return the same key for all messages, so that a new message replaces the old one."""
         return "yam-view banner"
 
 
 class Banner:
-    """Bar over the top of the page in all browsers, and its title, for warnings that nobody may overlook."""
+    """Bar at the top of the page in all browsers, and the page's title, for warnings that nobody may overlook."""
 
     def __init__(self, server: viser.ViserServer):
         self._server = server
@@ -67,7 +67,7 @@ class Banner:
         self._sent_s = -_BEAT_S
 
     def show(self, lines: Sequence[str], now_s: float) -> None:
-        """Show these lines; none: no bar. Call it often: a browser without news for 4 s reports that itself."""
+        """Show these lines, or no bar without lines. Call it often: after 4 s without news the browser warns."""
         if list(lines) == self._lines and now_s - self._sent_s < _BEAT_S:
             return
         self._lines, self._sent_s = list(lines), now_s
@@ -77,12 +77,12 @@ class Banner:
 
 
 class _Shown:
-    """One arm on the page."""
+    """Panel and drawing of one arm on the page."""
 
     def __init__(self, server: viser.ViserServer, arm: WatchedArm):
         self.arm = arm
         self.panel = ArmPanel(server.gui, arm)
-        self.place: Place | None = None  # its base's, once it is drawn
+        self.place: Place | None = None  # place of the arm's base, once the arm is drawn
         self._figure = self._ghost = None
         self._drawn: tuple[float, ...] = ()
         if arm.hardware is not None:
@@ -93,7 +93,7 @@ class _Shown:
             add_workspace(server.scene, root, arm.hardware)
 
     def stand(self, place: Place) -> None:
-        """Move its base."""
+        """Move the base of the drawing."""
         self.place = place
         for figure in (self._figure, self._ghost):
             if figure is not None:
@@ -115,7 +115,7 @@ class _Shown:
             self._ghost.pose(state.setpoint_q, state.gripper_setpoint)
 
     def close(self) -> None:
-        """Remove it from the page, except for the panel, which is hidden; see `Live`."""
+        """Remove the drawing, and hide the panel, which `Live` removes later."""
         self.panel.hide()
         for figure in (self._figure, self._ghost):
             if figure is not None:
@@ -123,7 +123,7 @@ class _Shown:
 
 
 class _Cameras:
-    """A folder behind the arms: cameras that a rig draws now, and those that are plugged in. It opens none."""
+    """Folder after the arms: cameras that a rig draws now, and plugged-in cameras. Opens no camera."""
 
     def __init__(self, gui: viser.GuiApi):
         self._folder = gui.add_folder("cameras", order=1e6, expand_by_default=False, visible=False)
@@ -134,7 +134,7 @@ class _Cameras:
         self._looked_s = -_DEVICES_S
 
     def update(self, now_s: float, rigs: WatchedRigs) -> None:
-        """Show the cameras, now and then; without any the folder is hidden."""
+        """Show the cameras every `_CAMERAS_S`; hide the folder if there are none."""
         if now_s - self._shown_s < _CAMERAS_S:
             return
         self._shown_s = now_s
@@ -152,12 +152,12 @@ def _who_reads(device: VideoDevice) -> str:
 
 
 class Live:
-    """Part that shows the arms and their troubles, and has the emergency stop.
+    """Part of the page that shows the arms and their troubles, and has the emergency stop.
 
-    A slow browser delays updates to its next picture, but removes elements at once: it then misses the target of an
-    update, and reports that in its console. So panels are hidden first, and removed once that has been drawn.
+    A slow browser delays updates until it draws, but removes elements at once; an update of a removed element is then
+    an error in the browser's console. So panels are hidden first, and removed after the browser has drawn.
 
-    server: viser's. troubles: present lines of the page for the banner.
+    `server`: viser's server; `troubles`: list with the page's present lines for the banner.
     """
 
     def __init__(self, server: viser.ViserServer, troubles: Sequence[str] = ()):
@@ -165,7 +165,7 @@ class Live:
         self._watched = WatchedArms()
         self._rigs = WatchedRigs(server.scene)
         self._shown: dict[str, _Shown] = {}
-        self._leaving: list[tuple[float, ArmPanel]] = []  # with the time of removal
+        self._leaving: list[tuple[float, ArmPanel]] = []  # hidden panels, with the time of removal
         server.scene.configure_default_lights(cast_shadow=False)  # for browsers without a graphics card
         server.initial_camera.position, server.initial_camera.look_at = _EYE_M, _LOOKS_AT_M
         self._grid = server.scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.1, section_size=0.5)
@@ -176,11 +176,11 @@ class Live:
 
     @property
     def arms(self) -> dict[str, WatchedArm]:
-        """The arms that run, by key."""
+        """Channel key → running arm."""
         return self._watched.arms
 
     def place_of(self, key: str) -> Place | None:
-        """Return the drawn place of the base of the arm with this key: position (3,) m, w x y z (4,); or None."""
+        """Return the drawn place of an arm's base, position (3,) m and w x y z (4,), or None. `key`: channel key."""
         shown = self._shown.get(key)
         return None if shown is None else shown.place
 
@@ -188,7 +188,7 @@ class Live:
         """Read the arms, and draw changes."""
         try:
             self._draw(now_s)
-        finally:  # the banner is shown even after an error
+        finally:  # the banner has to be shown even after an error
             lines = [*self._stop.update(), *self._troubles, *self._watched.lost(now_s)]
             lines += [f"{arm.name}: {line}" for arm in self.arms.values() for line in warnings(arm)]
             self._banner.show(lines, now_s)
@@ -205,7 +205,7 @@ class Live:
             self._cameras.update(now_s, self._rigs)
 
     def _keep(self, now_s: float) -> None:
-        """Keep a drawing of each arm that runs, at its place, and of its rig."""
+        """Add and remove drawings, so that each running arm and its rig are drawn at their places."""
         arms, before = self.arms, list(self._shown.values())
         for key in [key for key, shown in self._shown.items() if shown.arm is not arms.get(key)]:
             shown = self._shown.pop(key)
@@ -213,7 +213,7 @@ class Live:
             self._leaving.append((now_s + _LEAVE_S, shown.panel))
         while self._leaving and self._leaving[0][0] <= now_s:
             self._leaving.pop(0)[1].close()
-        for key in sorted(arms.keys() - self._shown.keys())[:1]:  # one a round, as a new drawing takes a moment
+        for key in sorted(arms.keys() - self._shown.keys())[:1]:  # one arm per round, since a new drawing takes time
             self._shown[key] = _Shown(self._server, arms[key])
         moved = self._rigs.keep({arm.rig for arm in arms.values() if arm.rig})
         if not moved and before == list(self._shown.values()):

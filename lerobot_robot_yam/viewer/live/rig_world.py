@@ -1,4 +1,4 @@
-"""A virtual rig from the blocks of its renderer, without a connection: its world, and pictures of its cameras."""
+"""World and camera pictures of a virtual rig, read from the blocks of its renderer, without a connection."""
 
 import contextlib
 import re
@@ -16,22 +16,22 @@ from lerobot_robot_yam.system.runtime_files import slug
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _SETTINGS = re.compile(r"(.+)-(\d+)x(\d+)-(\d+)")
-_STAMP = struct.Struct("<d")  # the first field of a frame
-_WIDEST = 320  # pixels, as a frustum is small on the page
+_STAMP = struct.Struct("<d")  # first field of a frame: the time stamp, s
+_WIDEST = 320  # largest width of a picture, pixels: a frustum is small on the page
 
 
 class RigWorld:
     """World of one rig.
 
-    name: the rig's, as in the names of its files.
+    `name`: name of the rig in the names of its files.
 
     Attributes:
         scene: the simulated scene.
-        model, data: MuJoCo's, as last read: poses, cameras and contacts.
+        model, data: MuJoCo's model and data, with the poses, cameras and contacts read last.
 
     Raises:
-        RigError, FileNotFoundError: no such rig runs.
-        ConfigError, StaleStateError: its scene's file has changed since its start.
+        RigError, FileNotFoundError: no rig of this name runs.
+        ConfigError, StaleStateError: the scene's file has changed since the rig's start.
     """
 
     def __init__(self, name: str):
@@ -47,7 +47,7 @@ class RigWorld:
 
     @property
     def current(self) -> bool:
-        """False once the rig has ended."""
+        """Whether the rig still runs."""
         return self._block.current
 
     @property
@@ -56,11 +56,11 @@ class RigWorld:
         return float(self.model.geom("floor").pos[2])
 
     def base(self, channel: str) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return position (3,) m and w x y z (4,) of the base of the arm on a channel; None without one."""
+        """Return position (3,), m, and w x y z (4,) of the base of the arm on a channel; None without an arm."""
         return self._bases.get(channel)
 
     def read(self) -> bool:
-        """Read the newest state; return False if there is no newer one."""
+        """Read the newest state; return False if there is no new state."""
         record = self._block.glance()
         if record is None or float(record["stamp_s"]) == self._stamp_s:
             return False
@@ -71,7 +71,7 @@ class RigWorld:
         return True
 
     def contacts(self) -> list[tuple[str, str, np.ndarray]]:
-        """Return the contacts of arms: names of both bodies, an arm's first, and the point (3,) m."""
+        """Return the contacts of arms: names of both bodies, an arm's body first, and the point (3,), m."""
         found = []
         for index in range(self.data.ncon):
             contact = self.data.contact[index]
@@ -87,7 +87,7 @@ class RigWorld:
 
 
 class RenderedPictures:
-    """Pictures of one rig's cameras. It opens no camera, so an unused camera has no picture."""
+    """Pictures of one rig's cameras. No camera is opened, so a camera that nobody uses has no picture."""
 
     def __init__(self, rig: str):
         self._rig = rig
@@ -95,7 +95,7 @@ class RenderedPictures:
         self._shown: dict[SharedBlock, int] = {}
 
     def look(self) -> None:
-        """Find the cameras that are open now."""
+        """Update the list of open cameras."""
         head = rig_path(self._rig, "camera-")
         found = {path.name.removeprefix(head.name): path for path in head.parent.glob(f"{head.name}*")}
         for name in [name for name, block in self._blocks.items() if name not in found or not block.current]:
@@ -103,12 +103,12 @@ class RenderedPictures:
         for name, path in found.items():
             settings = _SETTINGS.fullmatch(name)
             if settings is not None and name not in self._blocks:
-                with contextlib.suppress(FileNotFoundError, StaleStateError):  # it is opened or closed just now
+                with contextlib.suppress(FileNotFoundError, StaleStateError):  # camera just opens or closes
                     dtype = frame_dtype(int(settings[2]), int(settings[3]))
                     self._blocks[name] = SharedBlock(path, dtype, create=False)
 
     def open_ones(self, now_s: float) -> dict[str, float]:
-        """Return cameras by the names of their blocks, `top-320x240-30`, and the age of their pictures, s."""
+        """Return name of a camera's block, such as `top-320x240-30` → age of its picture, s."""
         return {name: now_s - block.peek(0, _STAMP) for name, block in sorted(self._blocks.items())}
 
     def is_open(self, camera: str) -> bool:
@@ -116,7 +116,7 @@ class RenderedPictures:
         return self._of(camera) is not None
 
     def newest(self, camera: str) -> np.ndarray | None:
-        """Return (h, w, 3) uint8 RGB, at most 320 wide; None if there is no newer one than at the last call."""
+        """Return the newest picture, (h, w, 3) uint8 RGB, at most 320 wide; None if none is new since the last call."""
         block = self._of(camera)
         if block is None or block.sequence() == self._shown.get(block):
             return None

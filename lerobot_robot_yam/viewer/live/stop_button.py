@@ -1,4 +1,4 @@
-"""The emergency stop of the page: one click latches it; the release needs a confirmation."""
+"""Emergency stop of the page: one click latches the stop; the release needs a confirmation."""
 
 import logging
 
@@ -11,14 +11,14 @@ logger = logging.getLogger(__name__)
 
 
 class StopButton:
-    """Two buttons at the top of the panel. The thread that receives the click latches the stop, without a wait.
+    """Two buttons at the top of the panel. The thread that receives the click latches the stop at once.
 
-    Each click has an `EmergencyStop` of its own, as one that could not be written down stays latched for good.
+    Each click makes a new `EmergencyStop`, since an object whose file could not be written stays latched for good.
     """
 
     def __init__(self, gui: viser.GuiApi):
         self._seen = EmergencyStop()
-        self._failure = ""  # why the last click failed
+        self._failure = ""  # why the last click failed; empty if it did not
         self._button = gui.add_button("EMERGENCY STOP", color="red", icon=viser.Icon.HAND_STOP)
         self._release = gui.add_button("release the emergency stop …", visible=False)
         self._button.on_click(lambda _: self._latch())

@@ -1,4 +1,4 @@
-"""The arms that run on this computer, found and read through their state blocks, without writing or requests."""
+"""Arms that run on this computer, found and read through their state blocks, without writing or requests."""
 
 import contextlib
 import dataclasses
@@ -18,20 +18,20 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.5
-_AGE_S = 0.25  # limit of the state's age for an arm without a known one
-_LOST_S = 60.0  # duration of the warning that an arm was left energised
+_AGE_S = 0.25  # largest age of the state of an arm without a known limit, s
+_LOST_S = 60.0  # duration of the warning that an arm was left energised, s
 _FIELDS = {field.name for field in dataclasses.fields(LeadArmConfig)}
 
 
 class WatchedArm:
-    """One arm of any session on this computer.
+    """Arm of any session on this computer.
 
     Attributes:
         key: key of the channel.
-        process: process that drives it.
-        hardware: profiles and limits; None if its session does not publish them.
-        state: last read; None before the first.
-        age_s: age of that state when it was read.
+        process: process that drives the arm.
+        hardware: profiles and limits; None if the session does not publish them.
+        state: state that was read last; None before the first state.
+        age_s: age of `state` when it was read, s.
     """
 
     def __init__(self, directory: Path, key: str, process: str):
@@ -43,29 +43,29 @@ class WatchedArm:
 
     @property
     def name(self) -> str:
-        """Its name in messages, with its channel."""
+        """Name of the arm in messages, with its channel."""
         return self.key if self.hardware is None else f"{self.hardware.name} ({self.key})"
 
     @property
     def rig(self) -> str | None:
-        """Name of its virtual rig, as in the names of its files; None for a real arm."""
+        """Name of the arm's virtual rig, as in the names of the rig's files; None for a real arm."""
         if self.hardware is None or self.hardware.config.interface != VIRTUAL:
             return None
         return self.key.removesuffix(f".{slug(self.hardware.config.channel)}")
 
     @property
     def current(self) -> bool:
-        """False once its session has ended, or another has begun on its channel."""
+        """Whether the arm's session still runs, and no other session has begun on the channel."""
         return self._block.current
 
     @property
     def stale(self) -> bool:
-        """Whether its control loop is silent."""
+        """Whether the arm's control loop is silent."""
         limit_s = _AGE_S if self.hardware is None else self.hardware.config.max_state_age_s
         return self.state is not None and self.state.mode is not Mode.OFF and self.age_s > limit_s
 
     def read(self, now_s: float) -> None:
-        """Read the newest state and its age at `now_s`, of the monotonic clock."""
+        """Read the newest state; compute its age at `now_s`, a time of the monotonic clock."""
         payload = self._block.glance_bytes()
         if payload is not None:
             self.state = ArmState(payload)
@@ -78,7 +78,7 @@ class WatchedArm:
 
 
 class WatchedArms:
-    """All running arms, by key. Call `update` once per round."""
+    """All running arms (`arms`: channel key → arm). Call `update` once per round."""
 
     def __init__(self) -> None:
         self.arms: dict[str, WatchedArm] = {}
@@ -86,7 +86,7 @@ class WatchedArms:
         self._looked_s = -_LOOK_S
 
     def update(self, now_s: float) -> None:
-        """Look for sessions that have begun or ended, now and then, and read all states."""
+        """Read all states; every `_LOOK_S`, also search for sessions that have begun or ended."""
         if now_s - self._looked_s >= _LOOK_S:
             self._looked_s = now_s
             self._look(now_s)
@@ -110,7 +110,7 @@ class WatchedArms:
                 del self.arms[key]
         for key, process in running.items():
             if key not in self.arms:
-                with contextlib.suppress(FileNotFoundError, StaleStateError):  # a session that just begins or ends
+                with contextlib.suppress(FileNotFoundError, StaleStateError):  # the session just begins or ends
                     self.arms[key] = WatchedArm(directory, key, process)
                     self._lost.pop(key, None)
 

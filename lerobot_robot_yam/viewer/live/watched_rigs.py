@@ -1,4 +1,4 @@
-"""The virtual rigs of the watched arms: each is found by its arms, and drawn around them."""
+"""Virtual rigs of the watched arms: each rig is found by its arms, and drawn around them."""
 
 import logging
 import math
@@ -15,14 +15,14 @@ from lerobot_robot_yam.viewer.live.rig_world import RenderedPictures, RigWorld
 
 logger = logging.getLogger(__name__)
 
-_GROUPS = (0, 2)  # shapes that cameras see
+_GROUPS = (0, 2)  # MuJoCo's groups of the shapes that cameras see
 _LOOK_S = 1.0
 _PICTURES_S = 0.25
-_ASPECT = 4 / 3  # for a camera that is not open
+_ASPECT = 4 / 3  # width / height of the frustum of a camera that is not open
 _FRUSTUM = 0.12
 _CONTACT = (255, 0, 60)
 _CONTACT_M = 0.012
-_SEEN = np.array([0.0, 1.0, 0.0, 0.0])  # MuJoCo's cameras look along -z with y up, viser's along z with y down
+_SEEN = np.array([0.0, 1.0, 0.0, 0.0])  # turn from MuJoCo's cameras (along -z, y up) to viser's (along z, y down)
 
 
 class RigScenery:
@@ -58,11 +58,11 @@ class RigScenery:
         self._looked_s = self._pictured_s = -math.inf
 
     def stand(self, origin_m: np.ndarray) -> None:
-        """Move its origin to (3,) m."""
+        """Move the rig's origin to (3,), m."""
         self._root.position = origin_m
 
     def update(self, now_s: float, watched: bool) -> None:
-        """Draw changes. watched: whether a browser is open, for which pictures are worth their cost."""
+        """Draw changes. `watched`: whether a browser is open; without a browser, pictures are not worth their cost."""
         if self._world.read():
             self._draw()
         if watched and now_s - self._looked_s >= _LOOK_S:
@@ -103,7 +103,7 @@ class RigScenery:
             frustum.aspect = picture.shape[1] / picture.shape[0]
 
     def close(self) -> None:
-        """Remove it from the scene."""
+        """Remove the rig from the scene."""
         self._pictures.close()
         self._root.remove()
 
@@ -111,10 +111,10 @@ class RigScenery:
 class WatchedRigs:
     """All rigs of the watched arms.
 
-    scene: the server's.
+    `scene`: the server's scene.
 
     Attributes:
-        worlds: by the rig's name, in the order in which they stand beside each other.
+        worlds: name of the rig → its world, in the order in which the rigs stand beside each other.
     """
 
     def __init__(self, scene: viser.SceneApi):
@@ -124,7 +124,7 @@ class WatchedRigs:
         self._unknown: set[str] = set()  # rigs whose world cannot be read
 
     def keep(self, names: Iterable[str]) -> bool:
-        """Keep the rigs of these names, and no other; return whether something has changed."""
+        """Add and remove rigs until exactly these are drawn; return whether something has changed."""
         wanted = set(names)
         self._unknown &= wanted
         before = list(self.worlds.values())
@@ -140,12 +140,12 @@ class WatchedRigs:
             self._sceneries[name] = RigScenery(self._scene, world)
         if before == list(self.worlds.values()):
             return False
-        for number, scenery in enumerate(self._sceneries.values()):  # as `places` does for their arms
+        for number, scenery in enumerate(self._sceneries.values()):  # same order as in `places`
             scenery.stand(origin_of(number))
         return True
 
     def update(self, now_s: float, watched: bool) -> None:
-        """Draw changes. watched: whether a browser is open."""
+        """Draw changes of all rigs. `watched`: whether a browser is open."""
         for scenery in self._sceneries.values():
             scenery.update(now_s, watched)
 

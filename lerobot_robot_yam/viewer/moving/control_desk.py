@@ -1,10 +1,10 @@
-"""Control of the arms: nobody's before a person has confirmed, then one browser's at a time.
+"""Right to control the arms: nobody has it before a person has confirmed, then one browser at a time.
 
     watching ──connect──▶ connecting ──arms hold──▶ enabled ──take──▶ control
         ▲                                              ▲  ◀──give, lost──┘
         └──────────────── landed ──────────────────────┘
 
-A browser is known by the number of its connection. One that is lost comes back as another.
+A browser is identified by the number of its connection. A browser that reconnects gets a new number.
 """
 
 from enum import Enum
@@ -29,7 +29,7 @@ _REFUSED = {
 
 
 class ControlDesk:
-    """Stage and holder of the control. One thread changes it.
+    """Stage of the page and holder of the control. Only one thread may change it.
 
     Attributes:
         holder: the browser that controls the arms, or None.
@@ -48,15 +48,15 @@ class ControlDesk:
         self.stage = Stage.CONNECTING
 
     def enable(self) -> None:
-        """Note that the arms hold."""
+        """Set the stage for arms that hold."""
         self.stage = Stage.ENABLED
 
     def end(self) -> None:
-        """Note that the arms have landed, or did not come up."""
+        """Set the stage for arms that have landed, or did not come up."""
         self.stage, self.holder, self.asker = Stage.WATCHING, None, None
 
     def take(self, browser: int) -> bool:
-        """Give the browser control, if nobody has it, and return True; else note its request.
+        """Give the browser control if nobody has it, and return True; otherwise note the request and return False.
 
         Raises:
             LifeCycleError: the arms are not connected.
@@ -70,17 +70,17 @@ class ControlDesk:
         return True
 
     def give(self, browser: int) -> int | None:
-        """Pass control to the browser that requests it, else to nobody; return the new holder.
+        """Pass control to the browser that requests control, or else to nobody; return the new holder.
 
         Raises:
-            LifeCycleError: this browser does not have it.
+            LifeCycleError: this browser does not have control.
         """
         self.check(browser)
         self._hand_to(self.asker)
         return self.holder
 
     def lost(self, browser: int) -> bool:
-        """Note that this browser has gone; return whether it had control."""
+        """Remove a browser that has gone; return whether the browser had control."""
         if self.asker == browser:
             self.asker = None
         if self.holder != browser:

@@ -1,7 +1,7 @@
-"""Moving arms: one to a goal that a person changes meanwhile, or all of them along a recorded motion.
+"""Motion of arms: one arm to a goal that a person may change meanwhile, or all arms along a recorded motion.
 
-The control loop limits the speed of an arm that is moved; a recorded motion is slowed before it begins. The loop only
-reports that its collision guard holds a set-point back; `HeldBack` names the parts that are too near.
+The control loop limits the speed of an arm on its way to a goal; a recorded motion is slowed before it begins. The
+loop only reports that its collision guard holds a set-point back; `HeldBack` names the parts that are too close.
 """
 
 from collections.abc import Sequence
@@ -21,22 +21,22 @@ from lerobot_robot_yam.session.trajectory import Trajectory, soft_way
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 
-_REACHED = 1e-3  # rad, or share of the gripper's stroke: distance that counts as reached
-_PROGRESS = 5e-3  # least progress of an arm towards its goal
-_STUCK_S = 1.0  # within this time; without it the arm holds
-_OFF_M = 0.03  # error of a dragged tool that counts as out of reach
-_RAMP_S = 0.4  # time of a pause's ramp from full speed to rest, and back
-_SETTLES_S = 1.0  # longest wait for the set-points at the last targets
-_LONGEST_S = 0.1  # longest step of a motion, which pauses while no targets are sent
-_AHEAD_RAD = 0.05  # largest distance at which the guard stops before its limit
+_REACHED = 1e-3  # distance at which a goal counts as reached, rad or share of the gripper's stroke
+_PROGRESS = 5e-3  # least progress towards the goal in `_STUCK_S`, rad or share of the stroke
+_STUCK_S = 1.0  # time without this progress after which the arm holds, s
+_OFF_M = 0.03  # error of a dragged tool from which on the pose counts as out of reach, m
+_RAMP_S = 0.4  # duration of a pause's ramp from full speed to rest, and back, s
+_SETTLES_S = 1.0  # longest wait for the set-points to reach the last targets, s
+_LONGEST_S = 0.1  # longest step of a motion, s: the motion pauses while no targets are sent
+_AHEAD_RAD = 0.05  # largest distance before its limit at which the guard stops an arm, rad
 
 
 class DrivenArm:
-    """Sender of the targets of one arm. One thread uses it.
+    """Sender of the targets of one arm, for use by one thread.
 
     Attributes:
-        goal: (n,) of all motors, rad and 0 … 1, while the arm moves to it, else None.
-        shown: (n,) the goal, or the set-points; any thread may read it.
+        goal: goal (n,) of all motors, rad and 0 … 1, while the arm moves to the goal, else None.
+        shown: goal (n,), or else the set-points; any thread may read it.
     """
 
     def __init__(self, client: ArmClient):
@@ -51,7 +51,7 @@ class DrivenArm:
         """Move one joint to an angle, rad, or the gripper, 0 … 1; the others keep their goals.
 
         Raises:
-            ActionError: there is no such motor, or the value is not finite or beyond its limits; nothing changes.
+            ActionError: there is no such motor, or the value is not finite or beyond a limit; nothing changes.
             YamError: the arm accepts no targets.
         """
         hw = self.hardware
@@ -67,10 +67,10 @@ class DrivenArm:
         self._set(goal, now)
 
     def drag(self, pose: np.ndarray, now: float) -> str:
-        """Move the tool to a pose (4, 4) in the frame of the base; return a notice, empty for none.
+        """Move the tool to a pose (4, 4) in the frame of the base; return a notice for the person, or "".
 
         Raises:
-            ActionError: no pose; nothing changes.
+            ActionError: `pose` is not a pose; nothing changes.
             ConfigError: this arm has no kinematics.
             YamError: the arm accepts no targets.
         """
@@ -79,7 +79,7 @@ class DrivenArm:
             if not hw.joints:
                 raise ConfigError(f"{hw.name} has no joints to move its tool with")
             self._tracker = PoseTracker(YamKinematics(hw.arm, hw.gripper), goal[: hw.joints])
-        if not np.array_equal(self._tracker.q, goal[: hw.joints]):  # something else has moved it since
+        if not np.array_equal(self._tracker.q, goal[: hw.joints]):  # something else has moved the arm since
             self._tracker.restart(goal[: hw.joints])
         result = self._tracker.solve(pose)
         goal[: hw.joints] = result.q
@@ -89,18 +89,18 @@ class DrivenArm:
         return ""
 
     def glide(self, goal: np.ndarray) -> None:
-        """Move softly along a straight joint line to a pose (n,). Raises YamError: the arm accepts no targets."""
+        """Move softly to a pose (n,), straight in joint space. Raises YamError: the arm accepts no targets."""
         self.stay()
         start = ready([self.client])
         speed = np.minimum(self.hardware.speed_limit, APPROACH_RAD_S)
         self._playback = Playback([self.client], soft_way(start, goal, approach_s(goal - start, speed)))
 
     def stay(self) -> None:
-        """Send no more targets."""
+        """End the motion, so that no more targets are sent."""
         self.goal = self._playback = None
 
     def _present(self) -> np.ndarray:
-        """Return (n,) the goal, or the set-points. Raises YamError: the arm accepts no targets."""
+        """Return the goal (n,), or else the set-points. Raises YamError: the arm accepts no targets."""
         state = self.client.newest()
         _check_takes_targets(self.client)
         return np.array(state.setpoints) if self.goal is None else self.goal.copy()
@@ -111,14 +111,14 @@ class DrivenArm:
         self._least, self._since_s = np.inf, now
 
     def step(self, now: float) -> bool:
-        """Send the present target; return False if the arm comes no nearer to its goal, and holds from now on.
+        """Send the present target; return False if the arm is stuck before its goal, and holds from now on.
 
         Raises:
             YamError: the arm no longer accepts targets.
         """
         self.shown = np.array(self.client.published().setpoints) if self.goal is None else self.goal
         if self._playback is not None and self._playback.step(now):
-            self._set(self._playback.trajectory.positions[-1], now)  # until it arrives
+            self._set(self._playback.trajectory.positions[-1], now)  # keeps the goal until the arm arrives
         if self.goal is None:
             return True
         _check_takes_targets(self.client)
@@ -149,34 +149,34 @@ def _check_takes_targets(client: ArmClient) -> None:
 
 
 class Replay:
-    """A motion under way, with the way to its first pose before it.
+    """Replay of a motion, which begins with the way to the motion's first pose.
 
     Args:
-        clients: the arms. One that floats holds from now on.
-        trajectory: with a column for each of their motors.
-        now: the arms' clock, s.
+        clients: clients of the arms; a floating arm holds from now on.
+        trajectory: motion with a column for each motor of the arms.
+        now: time of the arms' clock, s.
 
     Attributes:
-        paused: whether it comes to rest, or stands still.
-        share: part that is done, 0 … 1.
+        paused: whether the motion slows to rest, or stands still.
+        share: share of the motion that is done, 0 … 1.
 
     Raises:
-        ActionError: it does not fit these arms; nothing moves.
-        YamError: one has failed or is silent.
+        ActionError: the trajectory does not fit these arms; nothing moves.
+        YamError: an arm has failed or is silent.
     """
 
     def __init__(self, clients: Sequence[ArmClient], trajectory: Trajectory, now: float):
         self._playback = replay(clients, trajectory)
         self._then_s, self._place_s, self._rate = now, 0.0, 1.0
         self._ended_s: float | None = None
-        self._there = False  # whether the arms had arrived at the step before
+        self._there = False  # whether the arms were at the motion's end in the step before
         self.paused, self.share = False, 0.0
 
     def step(self, now: float) -> bool:
-        """Send the present targets; return True once the arms are at the last ones, or have had time to get there.
+        """Send the present targets; return True when the arms are at the last targets, or too late.
 
         Raises:
-            YamError: one accepts no targets, has failed or is silent.
+            YamError: an arm accepts no targets, has failed or is silent.
         """
         passed_s, self._then_s = min(now - self._then_s, _LONGEST_S), now
         most = passed_s / _RAMP_S
@@ -186,18 +186,18 @@ class Replay:
         if not self._playback.step(self._place_s):
             return False
         self._ended_s = now if self._ended_s is None else self._ended_s
-        there, self._there = self._there, not self.late()  # twice, as a set-point may only pass by
+        there, self._there = self._there, not self.late()  # required twice, since a set-point may only pass by
         return (there and self._there) or now - self._ended_s > _SETTLES_S
 
     def late(self) -> str:
-        """Return the joint, with its arm, that is not at the motion's end; empty when all are."""
+        """Return the name of a joint, with its arm, that is not at the motion's end; empty when all are."""
         return self._playback.late()
 
 
 class HeldBack:
-    """Finder of the parts that hold arms of one session back. One thread uses it.
+    """Search for the parts that hold arms of one session back, for use by one thread.
 
-    arms: in the order of all lists below.
+    `arms`: arms of the session, in the order of all lists below.
     """
 
     def __init__(self, arms: Sequence[ResolvedArm]):
@@ -209,12 +209,12 @@ class HeldBack:
     def reason(
         self, arm: int, setpoints: Sequence[np.ndarray], goals: Sequence[np.ndarray], openings: Sequence[float]
     ) -> str:
-        """Return the parts that hold this arm back: "left link4 – left link1, 21 mm"; empty without any.
+        """Return the parts that hold this arm back, such as "left link4 – left link1, 21 mm"; "" without parts.
 
         Args:
             arm: index of the arm.
-            setpoints, goals: per arm (joints,) or more, rad.
-            openings: per arm, the gripper's, 0 closed … 1 open.
+            setpoints, goals: set-points and goals of each arm, (joints,) or more, rad.
+            openings: opening of each arm's gripper, 0 closed … 1 open.
         """
         parts = self._clearance.parts
         parts.open_grippers(openings)

@@ -1,7 +1,7 @@
-"""The one thread that drives the arms: it carries out the requests of browsers, and streams the targets.
+"""Thread that drives the arms: it processes the requests of browsers, and streams the targets.
 
-Each request goes through `ask`, and is carried out here or refused with a notice. When the browser that controls the
-arms is lost, they hold. When the page ends, they land.
+Each request is queued by `ask`, and processed in the thread or refused with a notice. When the browser that controls
+the arms is lost, the arms hold. When the page ends, the arms land.
 """
 
 import logging
@@ -30,11 +30,11 @@ logger = logging.getLogger(__name__)
 
 _PERIOD_S = 0.02
 _MOST_NOTICES = 50
-_REPEATED_S = 2.0  # least time between two equal notices
+_REPEATED_S = 2.0  # least time between two equal notices, s
 
 
 class Notice(NamedTuple):
-    """Text for one browser; None for all."""
+    """Text for one browser, or for all browsers if `browser` is None."""
 
     browser: int | None
     text: str
@@ -44,17 +44,17 @@ class Driver:
     """Driver of the arms of a plan.
 
     Args:
-        plan: the arms.
-        server: viser's.
+        plan: plan with the configs of the arms.
+        server: viser's server.
         isolation: see `ArmSession`.
 
     Attributes:
-        desk: who may do what; only read elsewhere.
-        arms: the connected ones, by name.
-        replayed: the recorded motion that all of them follow, or None.
-        notices: to show; the reader removes them.
-        held_back: name of an arm → parts that it would bring too near.
-        heartbeat: the browsers'.
+        desk: stage of the page and holder of the control; other threads only read it.
+        arms: name → connected arm.
+        replayed: recorded motion that all arms follow, or None.
+        notices: notices to show; the reader removes them.
+        held_back: name of an arm → parts that its motion would bring too close.
+        heartbeat: heartbeat of the browsers.
 
     Raises:
         ConfigError: the arms cannot be used together.
@@ -80,7 +80,7 @@ class Driver:
         self._thread.start()
 
     def ask(self, browser: int, work: Callable[[], object]) -> None:
-        """Queue a command of the browser that controls the arms. Call it in the order of arrival."""
+        """Queue a command of the browser that controls the arms. Call this in the commands' order of arrival."""
         try:
             self.desk.check(browser)
         except LifeCycleError as error:
@@ -89,15 +89,15 @@ class Driver:
             self._queue(Order(browser, work, True, self.heartbeat.given_s(browser)))
 
     def ask_to_connect(self, browser: int) -> None:
-        """Queue the connection of the arms, after a person has confirmed it in a question known to the heartbeat."""
+        """Queue the connection of the arms, which a person has confirmed after `Heartbeat.begin_question`."""
         self._queue(Order(browser, self.connect, False, self.heartbeat.given_s(browser)))
 
     def ask_freely(self, browser: int, work: Callable[[], object]) -> None:
-        """Queue work that needs no control and energises nothing, dated by its arrival; from any thread."""
+        """Queue work that needs no control and energises nothing, dated by its arrival. Any thread may call this."""
         self._queue(Order(browser, work, False, time.monotonic()))
 
     def ask_to_leave(self, browser: int) -> None:
-        """Queue the loss of this browser, which is never too old."""
+        """Queue the loss of this browser, an order that never gets too old."""
         self._orders.add(Order(browser, lambda: self.leave(browser), False, math.inf), always=True)
 
     def _queue(self, order: Order) -> None:
@@ -105,7 +105,7 @@ class Driver:
             self.say(order.browser, "nothing was done: too many of your commands wait; give it again")
 
     def say(self, browser: int | None, text: str) -> None:
-        """Add a notice, unless the same was added just now."""
+        """Add a notice, unless an equal notice was added in the last `_REPEATED_S`."""
         notice, now = Notice(browser, text), time.monotonic()
         if now - self._said.get(notice, -np.inf) < _REPEATED_S:
             return
@@ -115,7 +115,7 @@ class Driver:
     # requests
 
     def connect(self) -> None:
-        """Energise the arms, which hold their poses. A person has confirmed it. Raises YamError: the reason."""
+        """Energise the arms, which hold their poses. A person must have confirmed. Raises YamError: it failed."""
         self.desk.begin()
         self._said = {}  # notices of the last session may repeat
         try:
@@ -129,7 +129,7 @@ class Driver:
         self.say(None, "the arms hold where they are; `take control` to move them")
 
     def take(self, browser: int) -> None:
-        """Give this browser control, or ask the holder for it. Raises LifeCycleError: the arms are not connected."""
+        """Give this browser control, or ask the holder for control. Raises LifeCycleError: no arms are connected."""
         if self.desk.take(browser):
             self._hand_to(browser)
         else:
@@ -137,7 +137,7 @@ class Driver:
             self.say(browser, f"browser {self.desk.holder} has been asked for control")
 
     def give(self, browser: int) -> None:
-        """Pass this browser's control to the one that requests it, or to nobody; then the arms hold."""
+        """Pass this browser's control to the browser that requests control, or to nobody; the arms hold."""
         holder = self.desk.give(browser)
         self._freeze()
         if holder is not None:
@@ -148,33 +148,33 @@ class Driver:
         self.say(None, f"browser {browser} controls the arms")
 
     def leave(self, browser: int) -> None:
-        """Note that this browser has gone: the arms hold, if it controlled them."""
+        """Remove a browser that has gone; the arms hold if this browser controlled them."""
         if self.desk.lost(browser):
             self._freeze()
             self.say(None, f"browser {browser}, which controlled the arms, is lost: they hold")
 
     def hold(self) -> None:
-        """Have each arm keep its set-point, or its pose when it floats."""
+        """Hold each arm at its set-point, or at its pose when it floats."""
         self._stay()
         self._each(ArmClient.hold)
 
     def let_float(self) -> None:
-        """Let all arms be moved by hand."""
+        """Let all arms float, so that a hand can move them."""
         self._stay()
         self._each(ArmClient.float)
 
     def rearm(self) -> None:
-        """Enable failed arms again. Raises YamError: one still fails."""
+        """Enable failed arms again. Raises YamError: an arm still fails."""
         self._stay()
         self.session.rearm()
 
     def land(self) -> None:
-        """Begin to land all arms. Raises YamError: one does not."""
+        """Begin to land all arms. Raises YamError: an arm does not land."""
         self._stay()
         self._each(ArmClient.land)
 
     def _each(self, work: Callable[[ArmClient], None]) -> None:
-        """Do this with each arm, whatever happens to the others. Raises YamError: the first failure."""
+        """Call `work` for each arm, even after a failure. Raises YamError: it failed; the first error is raised."""
         failures: list[YamError] = []
         for arm in self.arms.values():
             try:
@@ -197,7 +197,7 @@ class Driver:
             self.say(browser, said)
 
     def glide(self, goals: Mapping[str, np.ndarray]) -> None:
-        """Move arms, by name, softly to a pose (n,) each. Raises YamError: one accepts no targets; nothing moves."""
+        """Move arms softly (`goals`: name → pose (n,)). Raises YamError: an arm accepts no targets; nothing moves."""
         arms = [(self._arm(name), goal) for name, goal in goals.items()]
         self._stay()
         for arm, _ in arms:
@@ -206,11 +206,11 @@ class Driver:
             arm.glide(goal)
 
     def replay(self, trajectory: Trajectory) -> None:
-        """Move all arms softly to the first pose, then along a trajectory with a column for each of their motors.
+        """Move all arms softly to the first pose, then along a trajectory with a column for each motor of the arms.
 
         Raises:
-            ActionError: it does not fit these arms; nothing moves.
-            YamError: one has failed or is silent.
+            ActionError: the trajectory does not fit these arms; nothing moves.
+            YamError: an arm has failed or is silent.
         """
         self._stay()
         self.replayed = Replay([arm.client for arm in self.arms.values()], trajectory, self.session.clock.now())
@@ -221,7 +221,7 @@ class Driver:
             self.replayed.paused = paused
 
     def change_gains(self, name: str, kp: np.ndarray, kd: np.ndarray) -> None:
-        """Set the gains of an arm, (joints,) each. Raises YamError: a configuration would be refused with them."""
+        """Set the gains of an arm, (joints,) each. Raises YamError: the gains would be refused in a config, too."""
         self._arm(name).client.change_gains(kp, kd)
 
     def _arm(self, name: str) -> DrivenArm:
@@ -235,7 +235,7 @@ class Driver:
         while not self._ended.is_set():
             try:
                 self.round()
-            except Exception:  # a defect: targets cease, so the arms hold, and the page goes on
+            except Exception:  # a defect in our code: targets cease, so the arms hold, and the page goes on
                 logger.exception("the driver's round failed")
                 self._stay()
             self.session.clock.sleep(_PERIOD_S)
@@ -258,7 +258,7 @@ class Driver:
             order.work()
         except YamError as error:
             self.say(order.browser, str(error))
-        except Exception:  # a defect, or a message that no page of ours sends
+        except Exception:  # a defect in our code, or a message that our page never sends
             logger.exception("a command of browser %d failed", order.browser)
             self.say(order.browser, "the command failed: see the terminal of yam-view")
 
@@ -291,7 +291,7 @@ class Driver:
         self.say(None, said)
 
     def _note_held_back(self, name: str) -> None:
-        """Find, once, the parts for which the control loop's guard holds this arm back."""
+        """Find the parts for which the control loop's guard holds this arm back, once for each time it does."""
         states = [arm.client.published() for arm in self.arms.values()]
         index = list(self.arms).index(name)
         if Limited.WORKSPACE not in states[index].limited:
@@ -317,13 +317,13 @@ class Driver:
             self._freeze()
 
     def _stay(self) -> None:
-        """Send no more targets."""
+        """End all motions, so that no more targets are sent."""
         self.replayed = None
         for arm in self.arms.values():
             arm.stay()
 
     def _freeze(self) -> None:
-        """Have all arms that move or float hold; a landing goes on."""
+        """Hold all arms that move or float; a landing goes on."""
         self._stay()
         for arm in self.arms.values():
             try:
@@ -333,9 +333,9 @@ class Driver:
                 self.say(None, str(error))
 
     def close(self) -> None:
-        """Land the arms, and wait for it. Idempotent."""
+        """Land the arms, and wait until they are down. Idempotent."""
         self._ended.set()
-        self.session.begin_stop()  # else `join` would wait for arms that come up
+        self.session.begin_stop()  # otherwise `join` would wait for arms that just come up
         self.heartbeat.close()
         if self._thread.ident is not None:
             self._thread.join()

@@ -1,4 +1,4 @@
-"""Choice of the arms that the page or the window drives: from a config, or from the options of one arm."""
+"""Choice of the arms that page or window drive: from a config, or from the options of one arm."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -9,16 +9,16 @@ from lerobot_robot_yam.arm.config import ArmConfig, check_together, passive_of
 from lerobot_robot_yam.doctor.kit.targets import calibration_root, from_config
 from lerobot_robot_yam.errors import ConfigError
 
-MARGIN_M = 0.02  # default margin between an arm's parts, as in docs/workspace.md
-_APART_M = 2.0  # distance out of each other's reach, for arms without a place in the config
+MARGIN_M = 0.02  # default margin between an arm's parts, m, as in docs/workspace.md
+_APART_M = 2.0  # distance between arms without a place in the config, m: out of each other's reach
 
 
 @dataclass(frozen=True)
 class DrivingPlan:
-    """Arms to drive.
+    """Plan of the arms to drive.
 
     Attributes:
-        configs: the arms.
+        configs: configs of the arms.
         poses: file of saved poses.
         notes: differences from the config, for the person who has to confirm them.
     """
@@ -29,10 +29,10 @@ class DrivingPlan:
 
 
 def plan_of_file(path: Path, rig: str | None) -> DrivingPlan:
-    """Return the followers of a rig's file or run config; its leaders if it has no follower.
+    """Return the plan for the followers of a rig's file or run config, or for its leaders if it has no follower.
 
     Raises:
-        ConfigError: unreadable, without an arm with motors, or refused by a session.
+        ConfigError: the file is unreadable, has no arm with motors, or a session refuses its arms.
     """
     plan = from_config(path, rig)
     driven = plan.followers or plan.targets
@@ -43,15 +43,15 @@ def plan_of_file(path: Path, rig: str | None) -> DrivingPlan:
 
 
 def plan_of_arm(config: ArmConfig) -> DrivingPlan:
-    """Return the plan of one arm. Raises ConfigError: refused by a session."""
+    """Return the plan of one arm. Raises ConfigError: a session refuses the arm."""
     return plan_of([config], calibration_root() / "yam" / f"{config.channel}.poses.json")
 
 
 def plan_of(configs: Sequence[ArmConfig], poses: Path) -> DrivingPlan:
-    """Return the plan of these arms, which hold when energised, and keep clear of themselves.
+    """Return the plan of these arms, which hold when energised, and avoid collisions with themselves.
 
     Raises:
-        ConfigError: they cannot be used together.
+        ConfigError: the arms cannot be used together.
     """
     notes: list[str] = []
     if not any(config.workspace.collision_margin_m is not None for config in configs):

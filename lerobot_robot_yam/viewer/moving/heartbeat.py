@@ -1,11 +1,11 @@
-"""Heartbeats of browsers, the age of their commands, and the commands that wait.
+"""Heartbeats of browsers, the age of browsers' commands, and the queue of commands.
 
 viser has no heartbeat. A WebSocket's own ping is answered by the browser's network code, even while the page itself
-hangs. So the page has to look up an item of its local storage again and again, which its script does; the item does
-not matter.
+hangs. So the page is asked repeatedly to look up an item of its local storage, which only the page's script can do;
+the item does not matter.
 
-A page's messages arrive in order, however long the network keeps them. So a command that arrives after an answer was
-sent after that question: the question's time is the earliest at which a person can have given the command.
+A page's messages arrive in order, however late. So a command that arrives after the answer to a question was given
+after that question: the question's time is the earliest at which a person can have given the command.
 """
 
 import itertools
@@ -19,20 +19,20 @@ from typing import NamedTuple
 import viser
 from viser._messages import LocalStorageGetItemRequestMessage, LocalStorageGetItemResponseMessage
 
-# Age of the newest answered question at which a page is lost; with a round of the driver, the arms hold in 0.5 s.
+# Age of the newest answered question at which a page counts as lost, s; a driver's round later, in 0.5 s, arms hold.
 SILENT_S = 0.4
-OLD_S = 0.5  # age at which a command is dropped, as the person has seen no effect
-_ASKED_S = 0.05  # between two questions, each of which makes the page draw its scene
-_HELD_UP_S = 0.1  # gap between two rounds of the driver that means that this process was blocked
-_MOST_OPEN = 16  # most open questions to a page that hangs
+OLD_S = 0.5  # age at which a command is dropped, s: the person has seen no effect and may have changed plans
+_ASKED_S = 0.05  # period of the questions, s; each question makes the page draw its scene
+_HELD_UP_S = 0.1  # gap between two rounds of the driver from which on this process counts as blocked, s
+_MOST_OPEN = 16  # largest number of open questions to a page that hangs
 _ITEM = "yam-view"
-_MOST_A_ROUND = 50  # commands per round; others grow old
-_MOST_CONTROLLING = 200  # waiting commands of one browser with control: a drag until they are too old
-_MOST_FREE = 4  # waiting requests of one browser that need no control
+_MOST_A_ROUND = 50  # largest number of commands in a round; other commands wait
+_MOST_CONTROLLING = 200  # largest number of waiting commands of a browser with control: a drag, until it is too old
+_MOST_FREE = 4  # largest number of waiting requests of one browser that need no control
 
 
 class _Pulse:
-    """Open questions to one browser by their names, each with its time."""
+    """Questions to one browser (`open`: name of an open question → its time, s)."""
 
     def __init__(self) -> None:
         self.begun_s = time.monotonic()
@@ -41,9 +41,9 @@ class _Pulse:
 
 
 class Heartbeat:
-    """Questions to the browser that controls the arms, and to those in which a person has to confirm something.
+    """Questions to the browser that controls the arms, and to browsers where a person has to confirm something.
 
-    server: viser's. holder: returns the browser that controls the arms, or None.
+    `server`: viser's server; `holder`: function that returns the browser that controls the arms, or None.
     """
 
     def __init__(self, server: viser.ViserServer, holder: Callable[[], int | None]):
@@ -53,20 +53,20 @@ class Heartbeat:
         self._names = itertools.count()
         self._looked_s = self._excused_s = -math.inf
         self._ended = threading.Event()
-        # viser calls it in the order of arrival, like asynchronous callbacks of controls
+        # viser calls this handler in the order of arrival, like asynchronous callbacks of controls
         server._websock_server.register_handler(LocalStorageGetItemResponseMessage, self._take_answer)
         self._thread = threading.Thread(target=self._run, name="yam-view-heartbeat", daemon=True)
         self._thread.start()
 
     def begin(self, browser: int) -> None:
-        """Watch this browser, which has just gained control. Its earlier answers do not count."""
+        """Start to watch this browser, which has just gained control. The browser's earlier answers do not count."""
         self._pulses[browser] = pulse = _Pulse()
         client = self._server.get_clients().get(browser)
         if client is not None:
             self._ask(client, pulse)
 
     def begin_question(self, browser: int) -> None:
-        """Watch this browser, too; call it before a person there has to confirm something."""
+        """Start to watch a browser where a person has to confirm something; call this before the person can confirm."""
         self._confirming.add(browser)
         self.begin(browser)
 
@@ -80,9 +80,9 @@ class Heartbeat:
         return -math.inf if pulse is None else pulse.answered_s
 
     def lost(self) -> bool:
-        """Return whether the browser that controls the arms has been silent for too long; called in each round.
+        """Return whether the browser that controls the arms has been silent for too long; call this in each round.
 
-        A page cannot answer while this process itself is blocked. It then gets its time again, but not repeatedly.
+        If this process itself was blocked, the page could not answer, and gets the full time again, but not repeatedly.
         """
         now_s, before_s = time.monotonic(), self._looked_s
         self._looked_s = now_s
@@ -113,31 +113,31 @@ class Heartbeat:
         client.flush()
 
     def _take_answer(self, browser: int, answer: LocalStorageGetItemResponseMessage) -> None:
-        """Note an answer, even one that says that the browser refuses to look."""
+        """Record an answer; an answer that the browser refuses local storage counts, too."""
         pulse = self._pulses.get(browser)
         asked_s = None if pulse is None else pulse.open.pop(answer.request_uuid, None)
         if pulse is not None and asked_s is not None:
             pulse.answered_s = max(pulse.answered_s, asked_s)
 
     def close(self) -> None:
-        """Stop the questions. Idempotent."""
+        """End the thread that sends the questions. Idempotent."""
         self._ended.set()
         self._thread.join()
 
 
 def too_old(given_s: float) -> bool:
-    """Return whether a command of this time (monotonic, s) has to be dropped."""
+    """Return whether a command that was given at this time (monotonic, s) has to be dropped."""
     return time.monotonic() - given_s > OLD_S
 
 
 class Order(NamedTuple):
-    """One command.
+    """Command in the queue.
 
     Attributes:
         browser: sender of the command.
-        work: carries it out.
+        work: function that carries out the command.
         controls: whether the browser needs control.
-        given_s: earliest time at which a person can have given it (monotonic, s).
+        given_s: earliest time at which a person can have given the command (monotonic, s).
     """
 
     browser: int
@@ -147,13 +147,13 @@ class Order(NamedTuple):
 
 
 class Orders:
-    """A queue. Any thread adds to it, one takes out."""
+    """Queue of commands. Any thread may add, one thread takes out."""
 
     def __init__(self) -> None:
         self._waiting: deque[Order] = deque()
 
     def add(self, order: Order, always: bool = False) -> bool:
-        """Add an order; return False, without adding it unless `always`, if too many of this browser's wait."""
+        """Add an order and return True; return False if too many orders of this browser wait, unless `always`."""
         kinds = [(other.browser, other.controls) for other in self._waiting.copy()]
         most = _MOST_CONTROLLING if order.controls else _MOST_FREE
         if not always and kinds.count((order.browser, order.controls)) >= most:

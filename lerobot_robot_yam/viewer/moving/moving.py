@@ -1,4 +1,4 @@
-"""The part of the page that drives arms: nothing is energised before a person has confirmed it there."""
+"""Part of the page that drives arms: nothing is energised before a person has confirmed on the page."""
 
 import functools
 import html
@@ -29,7 +29,7 @@ _HAZARD = (
 )
 _SEEKS = "The gripper of {arms} closes and opens fully to find its stops."
 _CHANNEL = "the whole channel"
-_FAULTS: dict[str, tuple[str, Any, bool]] = {  # label → kind, value, whether of a motor, not of the channel
+_FAULTS: dict[str, tuple[str, Any, bool]] = {  # label → kind, value, whether the fault is of a motor
     "silent": ("silent", True, True),
     "stuck": ("stuck", True, True),
     "without power": ("power", False, True),
@@ -44,7 +44,7 @@ _NOTICE_S = 8.0
 
 
 class ControlPanel:
-    """Buttons to connect, control, float, hold and land, and above them what keeps the arms from moving."""
+    """Buttons to connect, control, float, hold and land, below a text that says what keeps the arms from moving."""
 
     def __init__(self, server: viser.ViserServer, driver: Driver):
         self._driver, gui = driver, server.gui
@@ -89,7 +89,7 @@ class ControlPanel:
         if event.client is None or event.client_id is None:
             return
         browser, gui, heartbeat = event.client_id, event.client.gui, self._driver.heartbeat
-        heartbeat.begin_question(browser)  # first, so that its answer precedes the confirmation
+        heartbeat.begin_question(browser)  # first, so that an answer precedes the confirmation
         with gui.add_modal("Energise the arms?") as question:
             gui.add_markdown(self.hazard())
             yes = pressed(gui.add_button("energise", color="red"), self._driver.ask_to_connect)
@@ -103,7 +103,7 @@ class ControlPanel:
             pressed(button, close)
 
     def hazard(self) -> str:
-        """Return the warning for the person who has to confirm."""
+        """Return the warning that the person has to confirm."""
         plan = self._driver.plan
         names = [f"{config.name} ({config.channel})" for config in plan.configs]
         lines = [_HAZARD.format(arms=" and ".join(names))]
@@ -121,9 +121,9 @@ class ControlPanel:
 
 
 class RigPanel:
-    """Folder for a virtual rig only: it moves things, and sets faults. The driver's thread uses the rig.
+    """Folder to move objects and set faults of a virtual rig. The driver's thread uses the rig.
 
-    channels: those of the driven arms.
+    `channels`: channels of the driven arms.
     """
 
     def __init__(self, gui: viser.GuiApi, driver: Driver, rig: RigOperations, channels: Sequence[str]):
@@ -173,16 +173,16 @@ class Moving:
     """Controls for the arms of a plan.
 
     Args:
-        server: viser's.
-        plan: the arms.
-        place: returns the drawn place of the base of the arm with this channel key, or None.
+        server: viser's server.
+        plan: plan with the configs of the arms.
+        place: function from a channel key to the drawn place of the arm's base, or None.
         isolation: see `ArmSession`.
 
     Attributes:
-        driver: drives the arms. Its thread has to be started.
+        driver: driver of the arms; the caller has to start its thread.
 
     Raises:
-        ConfigError: the arms cannot be used together, or their file of saved poses cannot be read.
+        ConfigError: the arms cannot be used together, or the file of saved poses cannot be read.
         RigError: the virtual rig cannot be started.
     """
 

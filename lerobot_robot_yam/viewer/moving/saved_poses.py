@@ -1,4 +1,4 @@
-"""Saved poses: a JSON file, by name of the pose and of the arm, and a folder of the panel.
+"""Saved poses: a JSON file, pose name → arm name → joints, and a folder of the panel.
 
 {"poses": {"above the table": {"left_robot": {"arm": "yam", "gripper": "linear_4310", "q_rad": [0.0, …],
                                               "opening": 1.0}}}}
@@ -28,14 +28,14 @@ Pose = dict[str, np.ndarray]
 
 
 class SavedPoses:
-    """The poses in one file.
+    """Poses in one file.
 
     Args:
-        path: the file; it need not exist.
-        arms: arms that the page drives. Poses of others stay in the file, and are not offered.
+        path: path of the file, which need not exist.
+        arms: arms that the page drives. Poses of other arms stay in the file, and are not offered.
 
     Raises:
-        ConfigError: the file cannot be read, or has a pose that does not fit; names it.
+        ConfigError: the file cannot be read, or has a pose that does not fit; the message names the pose.
     """
 
     def __init__(self, path: Path, arms: Sequence[ResolvedArm]):
@@ -49,13 +49,13 @@ class SavedPoses:
         return [name for name, pose in self._poses.items() if pose]
 
     def __getitem__(self, name: str) -> Pose:
-        """Return a pose. Raises ActionError: no pose of this name."""
+        """Return a pose. Raises ActionError: there is no pose of this name."""
         if not self._poses.get(name):
             raise ActionError(f"there is no saved pose {name!r}; nothing moves")
         return self._poses[name]
 
     def save(self, name: str, pose: Pose) -> None:
-        """Save a pose, which replaces one of the same name.
+        """Save a pose; it replaces a pose of the same name.
 
         Raises:
             ActionError: the name is empty or too long, or the pose does not fit these arms; nothing is saved.
@@ -70,7 +70,7 @@ class SavedPoses:
         self._poses[name] = checked
 
     def forget(self, name: str) -> None:
-        """Remove a pose. Raises ActionError: no pose of this name; ConfigError: the file cannot be written."""
+        """Remove a pose. Raises ActionError: there is no such pose; ConfigError: the file cannot be written."""
         self[name]
         self._write({key: rows for key, rows in self._rows.items() if key != name})
         del self._poses[name]
@@ -110,7 +110,7 @@ class SavedPoses:
 
     @staticmethod
     def _values(where: str, arm: ResolvedArm, row: object) -> np.ndarray:
-        """Return (n,) of one arm. Raises ConfigError: the pose does not fit this arm."""
+        """Return the positions (n,) of one arm in a pose. Raises ConfigError: the pose does not fit this arm."""
         if not isinstance(row, dict) or (row.get("arm"), row.get("gripper")) != (arm.arm.name, arm.gripper.name):
             raise ConfigError(f"{where}: this is no pose of {arm.arm.name} with {arm.gripper.name}")
         try:
@@ -130,7 +130,7 @@ class SavedPoses:
 
 
 class PosePanel:
-    """A folder to choose a pose and go there, save one, or forget one."""
+    """Folder to choose a pose and move the arms there, save a pose, or delete a pose."""
 
     def __init__(self, gui: viser.GuiApi, driver: Driver, poses: SavedPoses):
         self._driver, self._poses = driver, poses
@@ -142,7 +142,7 @@ class PosePanel:
             pressed(gui.add_button("forget it"), self._with(self._chosen, self._forget))
 
     def _with(self, control: Any, work: Callable[[str], None]) -> Callable[[int], None]:
-        """Return a handler that requests this work with the value of a control at the press."""
+        """Return a handler that requests this work with the control's value at the time of the press."""
 
         def asked(browser: int) -> None:
             shown = str(control.value)

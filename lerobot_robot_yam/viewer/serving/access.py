@@ -1,11 +1,11 @@
-"""Access to the page: for this computer's own browsers, and for others with the token. Never for a page of elsewhere.
+"""Access to the page: for this computer's own browsers, and for others with the token. Never for a foreign page.
 
-A browser sends any page's WebSocket to any address, and a name can be made to point to 127.0.0.1. So the page that
-opens one, its `Origin`, must be ours, and on a loopback address the `Host` must be a name of this computer.
+A browser lets any page open a WebSocket to any address, and a host name can be made to point to 127.0.0.1. So the
+`Origin` of a WebSocket must be our page, and on a loopback address the `Host` must be a name of this computer.
 
-A page of elsewhere could also show ours in a frame and lead a person's clicks onto it, or open it with viser's own
-`?websocket=` and `?playbackPath=`, which make our page obey another server. So no frame may hold it, it may connect to
-its own origin only, and no query but the token's is served.
+A foreign page could also show our page in a frame and lure a person into clicking there, or open our page with viser's
+own `?websocket=` and `?playbackPath=`, which make our page obey another server. So our page refuses frames, may
+connect only to its own origin, and is served with no query except the token's.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ from websockets.http11 import Request, Response
 from lerobot_robot_yam.errors import ConfigError
 
 _HOST = re.compile(r"[\w.:\[\]-]+", re.ASCII)
-# viser's page is one file with its scripts and workers inside
+# viser's page is one file that contains its scripts and workers
 _POLICY = (
     "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; connect-src 'self' data: blob: {lines}; "
     "object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -38,12 +38,12 @@ class Access:
     """Judge of requests, by their headers.
 
     Args:
-        host: the address that the server binds to.
-        token: required of clients: in the URL first (`?token=`), then in the cookie that they get for it. None for
-            none.
+        host: address that the server binds to.
+        token: token that clients need, first in the URL (`?token=`), later in the cookie that they then get. None:
+            no token is needed.
 
     Raises:
-        ConfigError: an address that others can reach, without a token.
+        ConfigError: other computers can reach the address, and there is no token.
     """
 
     def __init__(self, host: str, token: str | None):
@@ -51,14 +51,14 @@ class Access:
         if not self._local and not token:
             raise ConfigError(f"{host} can be reached by others: it needs a token")
         self._token = token or ""
-        # cookies ignore ports, so each server has a name of its own
+        # browsers send a cookie to all ports of a host, so each server's cookie has its own name
         self._cookie = f"yam_view_{hashlib.sha256(self._token.encode()).hexdigest()[:8]}"
 
     def answer(self, request: Request) -> Response | None:
         """Return a refusal, or a redirection for a URL with the token; None if the request is served."""
         try:
             why = self._refusal(request)
-        except (ValueError, MultipleValuesError):  # malformed host or origin, or two of them
+        except (ValueError, MultipleValuesError):  # host or origin is malformed, or present twice
             why = "this request cannot be understood"
         if why:
             return plain_response(HTTPStatus.FORBIDDEN, why)
@@ -94,16 +94,16 @@ class Access:
 
 
 def plain_response(status: HTTPStatus, text: str) -> Response:
-    """Return a line of text for a browser."""
+    """Return a response with a line of text."""
     body = f"{text}\n".encode()
     headers = Headers({"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))})
     return Response(status, status.phrase, headers, body)
 
 
 def shield(request: Request, response: Response) -> Response:
-    """Add headers to the response that keep a browser from lending the page to others."""
+    """Add headers to the response that keep a browser from letting foreign pages use our page."""
     hosts = [host for host in request.headers.get_all("Host") if _HOST.fullmatch(host)]
-    lines = " ".join(f"ws://{host} wss://{host}" for host in hosts)  # not every browser takes 'self' for WebSockets
+    lines = " ".join(f"ws://{host} wss://{host}" for host in hosts)  # not all browsers apply 'self' to WebSockets
     response.headers["Content-Security-Policy"] = _POLICY.format(lines=lines)
     for name, value in _HEADERS.items():
         response.headers[name] = value

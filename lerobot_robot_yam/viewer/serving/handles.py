@@ -1,4 +1,4 @@
-"""Handles of the page's elements: their properties, and who pressed what."""
+"""Functions on handles of the page's elements: properties, presses, and inputs that are undone."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,7 +7,7 @@ import viser
 
 
 def put(handle: Any, **properties: Any) -> None:
-    """Set properties of an element, and send those that differ to the browsers."""
+    """Set properties of an element; only changed properties are sent to the browsers."""
     for name, value in properties.items():
         if getattr(handle, name) != value:
             setattr(handle, name, value)

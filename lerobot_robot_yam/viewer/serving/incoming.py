@@ -1,11 +1,11 @@
-"""Judge of a browser's messages and their contents, before they reach viser.
+"""Check of a browser's messages and their contents, before they reach viser.
 
-viser (1.1) sets any field of a control that a message names, its callbacks and `removed` too, and casts its values:
-the text "nan" becomes the value of a slider, without a check of its limits. It also accepts files of any size, opens a
-tunnel to the world on request, and keeps marks of forms for ever. So only what our parts need passes: with the fields
+viser (1.1) sets any field of a control that a message names, even callbacks and `removed`, and casts values: the text
+"nan" becomes the value of a slider, without a check of limits. viser also accepts files of any size, opens a tunnel to
+the internet on request, and keeps marks of forms for ever. So only messages that our parts need pass: with the fields
 that viser declares, with finite numbers, and to a control only values that a person could set.
 
-A part that needs another kind of message (uploads, `get_render`) adds it to `_KINDS`, and bounds it here.
+A part that needs another kind of message (uploads, `get_render`) adds the kind to `_KINDS`, with bounds in this module.
 """
 
 import math
@@ -32,13 +32,13 @@ _KINDS = {
         messages.TransformControlsUpdateMessage,
         messages.TransformControlsDragStartMessage,
         messages.TransformControlsDragEndMessage,
-        messages.LocalStorageGetItemResponseMessage,  # for the heartbeat
+        messages.LocalStorageGetItemResponseMessage,  # answer of the heartbeat
     )
 }
 _OTHER_KINDS = {kind.__name__ for kind in messages.Message.get_subclasses()} - set(_KINDS)
-_LARGEST = 1e9  # largest number in a scene or of a camera
-_UNIT = 0.01  # allowed error of a quaternion's length
-_ROUNDING = 1e-6  # share of a slider's range for rounding, as browsers add up its steps
+_LARGEST = 1e9  # largest accepted number in a message about scene or camera
+_UNIT = 0.01  # allowed error of the length of a unit quaternion
+_ROUNDING = 1e-6  # tolerance of a slider's limits, as a share of its range: browsers add up steps
 
 _SWITCHES = (viser.GuiButtonHandle, viser.GuiCheckboxHandle)
 _CHOICES = (viser.GuiDropdownHandle, viser.GuiButtonGroupHandle)
@@ -55,11 +55,11 @@ def passes(raw: bytes | str, control: Callable[[str], Any]) -> bool:
     """Return whether viser may see a message; other well-formed messages are dropped.
 
     Args:
-        raw: as received.
-        control: returns the handle of a control by its id, or None.
+        raw: message as received.
+        control: function from the id of a control to its handle, or None.
 
     Raises:
-        MalformedError: it is no message of viser's, and its sender no page of viser's.
+        MalformedError: no page of viser's would send this message.
     """
     name, fields = _decoded(raw)
     if name in _OTHER_KINDS:
@@ -83,7 +83,7 @@ def passes(raw: bytes | str, control: Callable[[str], Any]) -> bool:
 
 def settable(control: Any, value: Any) -> bool:
     """Return whether a person could set a control (a handle of viser's) to a value: visible, enabled, and in range."""
-    if not _seen(control) or getattr(control, "disabled", True):  # a bar of progress takes no input at all
+    if not _seen(control) or getattr(control, "disabled", True):  # a progress bar has no such attribute
         return False
     if isinstance(control, _SWITCHES):
         return isinstance(value, bool)
@@ -106,13 +106,13 @@ def _seen(control: Any) -> bool:
     while control is not None:
         if not getattr(control, "visible", True):
             return False
-        impl = getattr(control, "_impl", None)  # neither the root nor a modal has one
+        impl = getattr(control, "_impl", None)  # the root and modals have no `_impl`
         control = impl and impl.gui_api._container_handle_from_uuid.get(impl.parent_container_id)
     return True
 
 
 def within(value: Any, low: float | None, high: float | None) -> bool:
-    """Return whether a value is a finite number within limits; None: no limit."""
+    """Return whether a value is a finite number within limits; a limit of None is no limit."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         return False
     slack = 0.0 if low is None or high is None else (high - low) * _ROUNDING
@@ -120,7 +120,7 @@ def within(value: Any, low: float | None, high: float | None) -> bool:
 
 
 def _decoded(raw: bytes | str) -> tuple[str, dict[str, Any]]:
-    """Return name and fields of a message."""
+    """Decode a message; return its name and its fields. Raises MalformedError: the message is malformed."""
     try:
         fields = msgspec.msgpack.decode(raw) if isinstance(raw, bytes) else None
     except (msgspec.DecodeError, RecursionError, ValueError, TypeError) as error:
@@ -134,7 +134,7 @@ def _decoded(raw: bytes | str) -> tuple[str, dict[str, Any]]:
 
 
 def _finite(value: Any) -> bool:
-    """Return whether all numbers in (lists of) lists are of a plausible size."""
+    """Return whether all numbers in nested lists are finite and at most `_LARGEST`."""
     if isinstance(value, (list, tuple)):
         return all(map(_finite, value))
-    return not isinstance(value, (int, float)) or abs(value) <= _LARGEST  # NaN compares as false
+    return not isinstance(value, (int, float)) or abs(value) <= _LARGEST  # False for NaN

@@ -1,4 +1,4 @@
-"""The server of the page: viser behind its gate, and the loop that updates each part of the page."""
+"""Server of the page: viser behind its gate, and the loop that updates each part of the page."""
 
 import contextlib
 import errno
@@ -27,7 +27,7 @@ _FAILED = "A PART OF THIS PAGE HAS FAILED, {name}: what it shows is old. See the
 
 
 class Part(Protocol):
-    """A part of the page."""
+    """Part of the page."""
 
     def update(self, now_s: float) -> None:
         """Show the state at this time of the monotonic clock."""
@@ -37,15 +37,15 @@ class Part(Protocol):
 
 
 class Page:
-    """One server.
+    """Server of the page.
 
     Args:
-        host, port: address to listen at; a taken port is replaced by the next free one.
-        with_token: require a token on this computer's own addresses, too; others always require it.
+        host, port: address to listen on; if the port is taken, the next free port is used.
+        with_token: whether loopback addresses require a token, too; other addresses always do.
 
     Attributes:
-        server: viser's.
-        url: for a browser; with the token, if one is needed.
+        server: viser's server.
+        url: address for a browser, with the token if a token is needed.
         troubles: messages about failed parts, for the banner.
 
     Raises:
@@ -58,7 +58,7 @@ class Page:
         token = secrets.token_urlsafe(24) if with_token or not is_loopback(host) else None
         gate = Gate(Access(host, token))
         port = _free_port(host, port)
-        with guarded(gate), contextlib.redirect_stdout(io.StringIO()):  # viser prints a box of its own
+        with guarded(gate), contextlib.redirect_stdout(io.StringIO()):  # hides the text that viser prints
             self.server = viser.ViserServer(host=host, port=port, label="yam-view", verbose=False)
         gate.server = self.server
         self.server.gui.configure_theme(control_width="large", show_share_button=False, brand_color=(240, 120, 20))
@@ -67,7 +67,7 @@ class Page:
         self.url = f"http://{f'[{name}]' if ':' in name else name}:{self.server.get_port()}{query}"
 
     def run(self, parts: Sequence[Part]) -> None:
-        """Update the parts, until interrupted. One that fails does not end the others."""
+        """Update the parts until interrupted. A part that fails does not end the others."""
         due_s = time.monotonic()
         while True:
             now_s = time.monotonic()
@@ -80,7 +80,7 @@ class Page:
     def _updated(self, part: Part, now_s: float) -> bool:
         try:
             part.update(now_s)
-        except Exception:  # a defect: the page goes on, with its emergency stop, and so do the arms
+        except Exception:  # a defect in our code: the page, with its emergency stop, and the arms go on
             name = type(part).__name__
             if now_s - self._said_s.get(name, -math.inf) >= _SAID_EVERY_S:
                 self._said_s[name] = now_s
@@ -96,7 +96,7 @@ class Page:
 
 @contextlib.contextmanager
 def served(page: Page, parts: Sequence[Part]) -> Iterator[None]:
-    """Close the parts, then the page, when the block ends in any way."""
+    """Close the parts and then the page when the block ends, even by an error."""
     try:
         yield
     finally:
@@ -109,10 +109,10 @@ def served(page: Page, parts: Sequence[Part]) -> Iterator[None]:
 
 
 def _free_port(host: str, port: int) -> int:
-    """Return the first free port from this one on; viser would wait for ever without one.
+    """Return the first free port from `port` on; viser would wait for ever for a taken port.
 
     Raises:
-        ConfigError: there is none, or the address is not this computer's.
+        ConfigError: no port is free, or the address is not this computer's.
     """
     why = "there is no such port"
     for candidate in range(max(port, 0), min(port + _PORTS_TRIED, 1 << 16)):
