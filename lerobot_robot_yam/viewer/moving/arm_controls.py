@@ -137,7 +137,7 @@ class ToolHandle:
 
 
 def pose_of(position_m: np.ndarray, wxyz: np.ndarray) -> np.ndarray:
-    """Return the pose (4, 4) from (3,), m, and a quaternion (4,). Raises ActionError: not finite, or zero quaternion."""
+    """Return the pose (4, 4) of (3,), m, and a quaternion (4,). Raises ActionError: not finite, or zero quaternion."""
     norm = float(np.linalg.norm(wxyz))
     if position_m.shape != (3,) or wxyz.shape != (4,) or not np.isfinite([*position_m, norm]).all() or norm < 1e-6:
         raise ActionError(f"this is no pose of a tool: {position_m} m, {wxyz}; nothing moves")
