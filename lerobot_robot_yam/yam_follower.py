@@ -35,7 +35,7 @@ from lerobot_robot_yam.system.clock import Clock
 logger = logging.getLogger(__name__)
 
 _CAUGHT_UP_RAD = 0.15  # distance at which arms have caught up with leaders, rad: the usual lag behind a moving leader
-_CATCH_UP_S = 3.0  # extra time for catching up, s, beyond the time of the way at the speed limit
+_CATCH_UP_S = 3.0  # extra time for catching up, s, beyond the time that the way takes at the speed limit
 _CATCH_UP_TICK_S = 0.02  # period of sending targets while the arms catch up, s
 _PERMITTED_S = 0.1  # time for which a follower follows its leader by itself after the caller's last action, s
 _SAME = 1e-6  # largest difference of equal targets, rad or strokes: shared memory rounds them

@@ -1,4 +1,4 @@
-"""Options of leaders, one arm or two, and their checks. Does not import LeRobot, whose registry loads all configs."""
+"""Options of leaders, one arm or two, and their checks, without importing LeRobot, whose registry loads all configs."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping

@@ -50,7 +50,7 @@ class VideoDevice:
 
     @property
     def label(self) -> str:
-        """Name, nodes and USB port, for messages about its link."""
+        """Name, nodes and USB port, for messages about the camera's link."""
         nodes = "/".join(node.name for node in self.nodes) or "no video node"
         return f"{self.name or 'camera'} ({nodes}{', USB ' + self.usb.port if self.usb else ''})"
 

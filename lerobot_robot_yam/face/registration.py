@@ -79,8 +79,8 @@ def register_as[C: type](registry: Any, name: str, spare: str | None = None) -> 
 
     Args:
         registry: LeRobot's base class of such configs.
-        name: the type. When another plugin has taken it, the class gets the spare name.
-        spare: another name for the same class, None without one.
+        name: name of the type. When another plugin has taken this name, the class gets the spare name.
+        spare: spare name of the type; None without one.
     """
 
     def decorate(config_class: C) -> C:

@@ -44,7 +44,7 @@ _END_S = 2.0  # longest wait for the end of the thread, s
 
 
 class TickPace:
-    """Counter of the real rate of a command's loop, one loop after the other.
+    """Counter of the real rate of a command's loop, which counts each run of the loop anew.
 
     The loop only notes the time, in `tick`; another thread counts.
     """

@@ -66,11 +66,8 @@ class HostedGroup:
         self.dropped = 0
         self._lock = threading.Lock()  # guards phase, lease, _over and _last
         self._over = 0  # session that called `stop` last
-        self._last: tuple[int, bool, YamError | None] = (
-            0,
-            True,
-            None,
-        )  # last session, whether it has landed, its error
+        # Last session, whether its arms are down, and why they were not energised.
+        self._last: tuple[int, bool, YamError | None] = (0, True, None)
         self._unwanted = threading.Event()
         self._worker: threading.Thread | None = None
 

@@ -65,7 +65,7 @@ def paired(directory: Path) -> list[str]:
 
 
 def pair(directory: Path, name: str, target: Path) -> None:
-    """Make a key for a client and, the first time, the host's own.
+    """Make a key for a client and, the first time, the host's own key.
 
     Args:
         directory: the directory of the host's keys.

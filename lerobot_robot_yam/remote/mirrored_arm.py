@@ -73,7 +73,7 @@ class MirroredArm:
         self._last = state
 
     def note(self, mode: Mode, message: str = "") -> None:
-        """Write a mode and its reason, unless the arm is off; used when the host's states are lost, or not ours."""
+        """Write a mode and its reason, unless the arm is off; for use when states of the host are lost or not ours."""
         if self._last is not None and self._last["mode"] != Mode.OFF:
             self._last["mode"], self._last["message"] = mode, message.encode() or self._last["message"]
             self._states.write(self._last)

@@ -3,8 +3,8 @@
 Each computer reports only its own stop, never one that it mirrors. So a stop ends where it began: a mirrored stop that
 is released here is latched again.
 
-The programs of a computer have a link each, and check its latch at different times. So a computer counts as stopped
-while one of its links says so.
+The programs of a computer have a link each, and check the computer's latch at different times. So a computer counts as
+stopped while one of its links reports a stop.
 """
 
 import logging

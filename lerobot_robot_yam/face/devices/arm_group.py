@@ -67,7 +67,7 @@ class ArmGroup:
         paused: whether followers hold until they get a new target, see `pause_followers`.
         give_action: for connected leaders, returns their present action; None for followers.
         recognise: for connected leaders, returns the joints (n,) of their last action, and for each arm whether a
-            given action has them; None if no arm's are in it.
+            given action has them; None if the action has none of them.
     """
 
     def __init__(

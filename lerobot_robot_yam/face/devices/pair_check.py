@@ -57,7 +57,7 @@ def check_pair(one: Spoken, other: Spoken) -> None:
         same = np.array_equal(arm.joint_limits_rad, other_arm.joint_limits_rad)
         if spaces & {"ee", "delta"}:
             same = (arm.name, gripper.name) == (other_arm.name, other_gripper.name)
-        if not same:  # recorded actions would not be the executed ones
+        if not same:  # recorded actions would differ from the executed ones
             raise ConfigError(
                 f"{both}: one speaks of {arm.name} with {gripper.name}, the other of {other_arm.name} with "
                 f"{other_gripper.name}; set follower_arm and ee_gripper of the leader's arm to what the follower is"

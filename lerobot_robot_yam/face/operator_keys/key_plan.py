@@ -91,7 +91,7 @@ class StopRequest:
 
         stop       at once: no further episode begins, unless it has begun already
         re-record  if an episode has begun since, or the episode to be saved has no frame: it is dropped
-        leave      in a loop that was seen with the flags above set: no episode follows this loop
+        leave      once a loop is seen to run with the flags above set: no episode follows that loop
 
     now: situation in which the button is pressed.
     """

@@ -106,7 +106,7 @@ class DiskLeft:
         self._records = False
 
     def left_s(self, now_s: float, free: int, recording: bool) -> float | None:
-        """Return the seconds of recording until only `LEFT_FREE` is free; None if unknown yet, or not filling.
+        """Return the recording time until only `LEFT_FREE` is free, s; None if unknown, or if the disk does not fill.
 
         Args:
             now_s: monotonic time, s.

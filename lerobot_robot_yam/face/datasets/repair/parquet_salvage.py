@@ -20,11 +20,8 @@ import pyarrow.parquet as pq
 _MAGIC = b"PAR1"
 _TRUE, _FALSE, _BYTE, _I16, _I32, _I64, _DOUBLE, _BINARY, _LIST, _SET, _MAP, _STRUCT = range(1, 13)
 _DATA_PAGE, _DICTIONARY_PAGE, _DATA_PAGE_V2 = 0, 2, 3
-_PAGE_HEADERS = {
-    _DATA_PAGE: (5, 2),
-    _DICTIONARY_PAGE: (7, 2),
-    _DATA_PAGE_V2: (8, 4),
-}  # type of a page → number of the field with its header, number of the encoding's field in that header
+# Type of a page → number of the field with its header, number of the encoding's field in that header.
+_PAGE_HEADERS = {_DATA_PAGE: (5, 2), _DICTIONARY_PAGE: (7, 2), _DATA_PAGE_V2: (8, 4)}
 _RLE = 3
 
 Struct = dict[int, tuple[int, Any]]
