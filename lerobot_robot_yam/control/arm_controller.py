@@ -200,7 +200,7 @@ class ArmController:
         self._stop.check(now)
         wrong = self._floating.watch(now, status.mode in _HELD and arm.estimate.all_usable, status.afloat)
         if wrong:
-            arm.setpoint.move_at(arm.estimate.dq[: arm.hardware.joints])  # to stop at once would throw the arm
+            arm.setpoint.move_at(arm.estimate.dq[: arm.hardware.joints])  # a sudden stop would throw the arm
             self.faults.suffer(Trouble.RUNAWAY, wrong, now)
         self.faults.advance()
         if status.mode is Mode.BRING_UP:

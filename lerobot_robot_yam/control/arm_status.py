@@ -10,7 +10,7 @@ class ArmStatus:
     """Status of the arm called `name`.
 
     Args:
-        name: for messages.
+        name: name of the arm, for messages.
         floats: whether the arm floats by default, as leaders do, rather than holds.
 
     Attributes:

@@ -31,7 +31,7 @@ class BringUp:
         where = f"{arm.name} ({arm.config.channel})"
         self._status.check(Mode.BRING_UP)
         arm.chain.drain()
-        if arm.chain.foreign_commands:  # it may hold the arm
+        if arm.chain.foreign_commands:  # another driver may hold the arm
             raise ChannelInUseError(
                 f"{arm.name}: another driver commands the motors on {arm.config.channel}; stop it and try again"
             )

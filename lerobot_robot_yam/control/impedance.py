@@ -68,7 +68,7 @@ class Inputs(NamedTuple):
 
 
 class LiveGains:
-    """Gains of n motors that a caller changes while the arm is energised: gradually, so that no torque jumps.
+    """Gains of n motors, which a caller changes while the arm is energised; they change gradually: no torque jumps.
 
     kp(t) = kp0 + (kp1 - kp0) t / T, kd alike: damping that suits both ends suits all gains between, too.
 

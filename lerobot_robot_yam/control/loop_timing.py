@@ -15,7 +15,7 @@ _BINS = 10_000  # number of bins, up to 0.1 s; longer periods fall into the last
 
 
 class LoopStatistics:
-    """Counts of cycles, overruns and periods of a loop with a nominal period of `period_s` (0: no nominal period)."""
+    """Statistics of cycles, overruns and periods of a loop with nominal period `period_s` (0: no nominal period)."""
 
     def __init__(self, period_s: float):
         self.period_s = period_s

@@ -57,7 +57,7 @@ class Rearm:
         self._compare([i for i in heard if i not in off], trial)
         chain.feedback.adopt(trial, heard)
         arm.estimate.read()
-        self._interface.resolve([i for i in off if i < self._hardware.joints])  # they forget their turn without power
+        self._interface.resolve([i for i in off if i < self._hardware.joints])  # motors forget their turn without power
         arm.estimate.read()
         yield from self._enable(off)
         for _ in range(_HOLD_TICKS):

@@ -103,7 +103,7 @@ class StopResponse:
             self._stop()
         elif self._status.mode is Mode.STOPPED:
             self._resume(now)
-        elif self._status.limited:  # hardly ever; flags take long to combine
+        elif self._status.limited:  # rarely, and flags take long to combine
             self._status.limited &= ~Limited.EMERGENCY_STOP  # an arm in trouble answers the next stop, too
 
     def _stop(self) -> None:

@@ -42,7 +42,7 @@ def _receiver(bus: can.BusABC) -> Callable[[float], can.Message | None]:
     receive, matches = bus._recv_internal, bus._matches_filters
 
     def recv(timeout_s: float) -> can.Message | None:
-        deadline_s = time.monotonic() + timeout_s if timeout_s > 0.0 else 0.0  # most calls only look
+        deadline_s = time.monotonic() + timeout_s if timeout_s > 0.0 else 0.0  # most calls do not wait
         while True:
             message, filtered = receive(timeout_s)
             if message is not None and (filtered or matches(message)):
@@ -115,7 +115,7 @@ class BusPort:
 
     def _error(self, verb: str, error: Exception) -> BusError:
         number = getattr(error, "error_code", None) or getattr(error, "errno", None)
-        if "buffer full" in str(error):  # so python-can says it, without a number
+        if "buffer full" in str(error):  # python-can's text, which has no number
             number = errno.ENOBUFS
         if number == errno.ENOBUFS:
             advice = (

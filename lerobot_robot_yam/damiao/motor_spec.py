@@ -14,7 +14,7 @@ MAX_MOTORS = len(MOTOR_IDS)
 
 @dataclass(frozen=True)
 class MotorSpec:
-    """One motor: name for messages, CAN id it listens on, type (of `MOTOR_TYPES`), way of answering.
+    """Motor on a bus: name for messages, CAN id of its commands, type (of `MOTOR_TYPES`), mode of answering.
 
     `turns`: whether the motor may leave the range of positions that the wire carries, and is followed there. A joint of
     an arm never does: a reading that looks so is impossible.

@@ -1,40 +1,40 @@
-"""Which command each answer belongs to.
+"""Matching of answers to the commands that they belong to.
 
-An answer does not say what it answers. Three rules find it out, for an adapter that takes any time, either way:
+An answer does not name its command. Three rules find the command, whatever time an adapter takes either way:
 
-1. A motor answers in the order in which it was asked. The oldest open question is the one that is answered.
-2. A wire keeps the order of ticks. Once a motor has answered tick k, what others owe for earlier ticks is lost.
+1. A motor answers in the order of its questions, so an answer belongs to the motor's oldest open question.
+2. A wire keeps the order of ticks. Once a motor has answered tick k, answers that are owed for earlier ticks are lost.
 3. A channel that has lost whole ticks looks like one that has become slow. So, when every motor has owed more than
-   before for a while, the first one is not asked for some ticks: if its answers end before its debt does, the rest is
-   lost, and rule 2 clears the others' debts. A single motor that owes more than the others is left out of one tick;
-   rule 2 then clears its debt.
+   before for a while, the first motor is not asked for some ticks: if its answers end before all owed ones came, the
+   rest is lost, and rule 2 gives up the others' owed answers. A single motor that owes more than the others is
+   left out of one tick; rule 2 then gives up what it owes.
 
-Until a loss is told from a delay an answer counts as that to the older question: it is taken for too old, never for
-too new.
+While a loss may be a delay, an answer counts for the older question, so that its sample may seem too old, but never too
+new.
 """
 
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 
-_OPEN_MAX = 128  # open questions per motor: 0.5 s at 250 Hz; a motor that is silent for so long is a fault
-_BEHIND_TICKS = 2  # ticks in a row in which a motor owes more than the others, before one goes out without it
-_APART_TICKS, _APART_MAX_TICKS = 8, 128  # least and most ticks between two that go out without the same motor
+_OPEN_MAX = 128  # most open questions per motor: 0.5 s at 250 Hz; silence for so long is a fault
+_BEHIND_TICKS = 2  # ticks in a row in which a motor owes more than the others before it is left out
+_APART_TICKS, _APART_MAX_TICKS = 8, 128  # least and most ticks between two that leave out the same motor
 _SLOW_TICKS = 50  # ticks in a row in which all owe more than before, until the first motor rests
-_ENDED_TICKS = 4  # ticks in a row with answers of others only, after which those of the resting motor have ended
+_ENDED_TICKS = 4  # ticks in a row with answers of others only, after which the resting motor's have ended
 _REST_TICKS = 30  # longest rest, ticks (0.12 s): a motor without commands lets go after 0.4 s
 
 
 class Request:
-    """One question to several motors.
+    """Question to several motors.
 
     Attributes:
-        number: number of the question, growing.
-        asked: how many motors.
-        motors: by index, those that have not answered.
+        number: number of the question, counted up.
+        asked: number of motors that were asked.
+        motors: indices of motors that have not answered.
         handle: whether the handle was asked and has not answered.
-        sent_s: when it was sent (the chain's clock).
-        paced: whether there were pauses between the motors, so that `sent_s` is only that of the first.
+        sent_s: when the question was sent (the chain's clock).
+        paced: whether there were pauses between the motors, so that `sent_s` holds for the first only.
 
     Args:
         patient: whether to wait for the handle, too.
@@ -53,18 +53,18 @@ class Request:
 
     @property
     def missing(self) -> int:
-        """How many answers are waited for."""
+        """Number of answers that are awaited."""
         return len(self.motors) + (self.handle and self._patient)
 
 
 class Requests:
-    """The questions to `count` motors that are open.
+    """Open questions to `count` motors.
 
     Attributes:
         newest: the last question.
-        heard: motors that have answered anything since the caller last cleared this.
-        duplicates: per motor, answers to no question.
-        lost: per motor, answers that never came.
+        heard: indices of motors that have answered since the caller last cleared the set.
+        duplicates: per motor, number of answers to no question.
+        lost: per motor, number of answers that never came.
     """
 
     def __init__(self, count: int):
@@ -75,19 +75,19 @@ class Requests:
         self._open: list[deque[Request]] = [deque() for _ in range(count)]
         self._answered = 0  # number of the newest question that any motor has answered
         self._handle_silent = False
-        self._behind = [0] * count  # ticks in a row
-        self._left_out = [0] * count  # number of the last question that went out without this motor
+        self._behind = [0] * count  # ticks in a row in which each owes more than the others
+        self._left_out = [0] * count  # number of the last question that left out this motor
         self._apart = [_APART_TICKS] * count
-        self._usual = 0  # what every motor owes as it is asked again: more on a slow adapter
+        self._usual = 0  # answers that every motor owes when asked again: more on a slow adapter
         self._slow_ticks = 0
-        self._losses = 0  # in all, a tick ago
-        # While the first motor is not asked (rule 3): what it owed a tick ago, which question had been answered then,
-        # how many ticks its answers have ended for, and how many it has not been asked.
+        self._losses = 0  # losses of all motors, a tick ago
+        # While the first motor rests (rule 3): what it owed a tick ago, the question that was answered then, for how
+        # many ticks its answers have ended, and for how many it has not been asked.
         self._rest: tuple[int, int, int, int] | None = None
-        self._losses_of_first = 0  # before that
+        self._losses_of_first = 0  # before its rest
 
     def absent(self) -> Sequence[int]:
-        """Motors to leave out of the next tick, to learn whose answers come (rule 3)."""
+        """Return motors to leave out of the next tick, to learn whose answers come (rule 3)."""
         owed = [len(waiting) for waiting in self._open]
         if self._rest is not None:
             return [0] if self._go_on_resting(owed[0]) else ()
@@ -96,7 +96,7 @@ class Requests:
             return ()
         number = self.newest.number + 1
         losses, self._losses = self._losses, sum(self.lost)
-        if losses != self._losses:  # answers that are missing for this reason end, too
+        if losses != self._losses:  # losses explain what is owed, and end without a rest
             self._slow_ticks = 0
         least = min(owed[1:] or owed)  # after a rest the first one owes less
         if len(owed) > 1:
@@ -110,7 +110,7 @@ class Requests:
         return [0]
 
     def _go_on_resting(self, owed: int) -> bool:
-        """One tick in which the first motor has not been asked; whether to leave it out of the next one, too."""
+        """Process a tick in which the first motor rested; return whether to leave it out of the next one, too."""
         assert self._rest is not None
         before, answered, ended, ticks = self._rest
         if owed != before:
@@ -122,13 +122,13 @@ class Requests:
             self._give_up(0)
         if self._open[0] and ticks < _REST_TICKS:
             return True
-        if self._open[0] or self.lost[0] > self._losses_of_first:  # else all its answers came: the channel is slow
+        if self._open[0] or self.lost[0] > self._losses_of_first:  # else all its answers came, and the channel is slow
             self._usual = 0
         self._rest = None
         return False
 
     def _is_behind(self, motor: int, owes_more: bool, number: int) -> bool:
-        """Whether to leave out a motor that owes more than the others; less and less often if that does not help."""
+        """Return whether to leave out a motor that owes more than the others; less and less often if in vain."""
         if not owes_more:
             self._behind[motor] = 0
             if number - self._left_out[motor] > 2 * self._apart[motor]:
@@ -142,9 +142,9 @@ class Requests:
         return True
 
     def begin(self, motors: Iterable[int], handle: bool, repeats: int) -> Request:
-        """Open a question that every motor answers `repeats` times."""
+        """Register a question that every motor answers `repeats` times."""
         asked = list(motors)
-        # A silent handle must not hold up every tick: it is waited for only while it answers.
+        # A silent handle must not delay every tick: its answer is awaited only while it answers.
         request = Request(self.newest.number + 1, asked, handle, not self._handle_silent)
         for i in asked:
             waiting = self._open[i]
@@ -157,14 +157,14 @@ class Requests:
         return request
 
     def answer(self, index: int) -> Request | None:
-        """A motor has answered: which question; None when it was not asked. Hot: once per frame."""
+        """Note an answer of a motor; return its question, None when the motor was not asked. Hot: once per frame."""
         waiting = self._open[index]
         if not waiting:
             self.duplicates[index] += 1
             return None
         self.heard.add(index)
         request = waiting.popleft()
-        if request.number > self._answered:  # the first answer to a question: those before it are over (rule 2)
+        if request.number > self._answered:  # the first answer to a question ends earlier ones (rule 2)
             self._answered = request.number
             for i, others in enumerate(self._open):
                 while others and others[0].number < request.number:
@@ -174,7 +174,7 @@ class Requests:
         return request
 
     def withdraw(self) -> None:
-        """The newest question was not sent, or not to all."""
+        """Note that the newest question was not sent, or not to all motors."""
         for i, waiting in enumerate(self._open):
             if waiting and waiting[-1] is self.newest:
                 waiting.pop()
@@ -195,12 +195,12 @@ class Requests:
         self._open[motor].clear()
 
     def handle_answer(self) -> None:
-        """The handle has answered."""
+        """Note that the handle has answered."""
         self._handle_silent = False
         self.newest.handle = False
 
     def give_up_handle(self) -> bool:
-        """The handle has not answered in time; whether it was asked."""
+        """Note that the handle has not answered in time; return whether it was asked."""
         silent = self.newest.handle
         self._handle_silent |= silent
         return silent

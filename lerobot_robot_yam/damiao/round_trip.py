@@ -1,10 +1,10 @@
-"""How long an adapter takes each way, and so when a motor took the sample that it sent.
+"""Delays of an adapter each way, and thus when a motor took the sample that it sent.
 
 A motor samples when a command reaches it. Of a round trip only the sum is known:
 
     arrival − sent = out + wire + back
 
-The quickest of the last answers are taken to have been as long on their way out as on their way back. A slower answer
+The quickest of the last answers are assumed to have had equal delays on their way out and back. A slower answer
 lost its time on the way back: adapters hold back frames that they have received (USB polling, the 16 ms of a serial
 adapter), not frames that they send.
 """
@@ -13,16 +13,16 @@ import math
 
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
 
-_WINDOW_S = 0.15  # the quickest answer of one to two windows counts; longer than an adapter holds frames back
-SLOW_S = 0.002  # each way, above which an adapter is slow: half a tick at 250 Hz
-HELD_S = 0.02  # round trip, above which an adapter holds frames back: five ticks
+_WINDOW_S = 0.15  # window, longer than adapters hold frames back; the quickest answer of one to two counts
+SLOW_S = 0.002  # time each way above which an adapter is slow: half a tick at 250 Hz
+HELD_S = 0.02  # round trip above which an adapter holds frames back: five ticks
 
 
 class RoundTrip:
-    """Measures the round trips of one channel.
+    """Measurement of the round trips of one channel.
 
     Attributes:
-        one_way_s: adapter's time each way, of the quickest answers of late.
+        one_way_s: the adapter's delay each way, by the quickest recent answers.
         slowest_s: the largest `one_way_s` so far.
         longest_s: the longest round trip of an answer so far, wire included.
     """
@@ -31,7 +31,7 @@ class RoundTrip:
         self.one_way_s = 0.0
         self.slowest_s = self.longest_s = 0.0
         self._until_s = -math.inf
-        self._before = self._now = math.inf  # quickest, without the wire, of the last window and of this one
+        self._before = self._now = math.inf  # quickest round trips, without the wire, of the last window and of this
 
     @property
     def slow(self) -> bool:
@@ -39,7 +39,7 @@ class RoundTrip:
         return self.slowest_s > SLOW_S or self.longest_s > HELD_S
 
     def summary(self) -> str:
-        """How slow it was, for messages."""
+        """Describe how slow the adapter was, for messages."""
         answer = f"an answer took up to {self.longest_s * 1e3:.0f} ms"
         if self.slowest_s > SLOW_S:
             return f"the CAN adapter took up to {self.slowest_s * 1e3:.0f} ms each way: use a quicker one; {answer}"
@@ -48,13 +48,13 @@ class RoundTrip:
     def sampled_s(
         self, sent_s: float, arrived_s: float, place: int, count: int, paced: bool = False
     ) -> tuple[float, float]:
-        """When a motor took the sample in its answer: most likely, and at the latest.
+        """Return when a motor took the sample in its answer: most likely, and at the latest.
 
         Args:
             sent_s, arrived_s: times of the command and of its answer (the same clock).
             place: place of the motor among those asked, from 0.
-            count: how many were asked.
-            paced: not all at once: this tells nothing about the adapter.
+            count: number of motors that were asked.
+            paced: whether there were pauses between the motors, so that the time says nothing about the adapter.
         """
         if not paced:
             took_s = arrived_s - sent_s
@@ -67,9 +67,9 @@ class RoundTrip:
         return min(sent_s + self.one_way_s + (place + 1) * FRAME_TIME_S, latest_s), latest_s
 
     def _note(self, arrived_s: float, beside_wire_s: float) -> None:
-        """A round trip, less its time on the wire, that is the quickest of its window so far, or the first in one."""
+        """Note a round trip, without its time on the wire, that is the quickest of its window so far, or the first."""
         if arrived_s > self._until_s:
-            self.slowest_s = max(self.slowest_s, self.one_way_s)  # that of a whole window
+            self.slowest_s = max(self.slowest_s, self.one_way_s)  # delay of a whole window
             quiet = arrived_s > self._until_s + _WINDOW_S
             self._before, self._now = math.inf if quiet else self._now, math.inf
             self._until_s = arrived_s + _WINDOW_S

@@ -14,11 +14,11 @@ from lerobot_robot_yam.errors import ConfigError
 BITRATE = 1_000_000  # bit/s, classic CAN
 BITS_PER_FRAME = 130  # an 8-byte frame with an 11-bit identifier and worst-case bit stuffing
 FRAME_TIME_S = BITS_PER_FRAME / BITRATE
-BANDWIDTH_MARGIN = 1.1  # share of the wire that is kept free: load <= bitrate / margin
+BANDWIDTH_MARGIN = 1.1  # margin of the wire's load: load <= bitrate / margin
 
 REGISTER_ID = 0x7FF  # all register requests go to this identifier
 TIMEOUT_COUNT_S = 50e-6  # one count of the TIMEOUT register
-WATCHDOG_S = 0.4  # factory value (8000 counts): without a command for so long a motor gives up
+WATCHDOG_S = 0.4  # time without a command after which a motor lets go; factory value (8000 counts)
 
 # Identifier offsets of the command modes; MIT commands use the motor's own identifier.
 POSITION_VELOCITY_OFFSET = 0x100
@@ -27,7 +27,7 @@ FORCE_POSITION_OFFSET = 0x300
 
 
 class Fault(IntEnum):
-    """High nibble of a feedback frame, and how messages put it. Only NORMAL means that the motor obeys commands."""
+    """Fault code (high nibble of a feedback frame), with a text. Only NORMAL means that the motor obeys commands."""
 
     text: str
 
@@ -51,7 +51,7 @@ _FAULT_TEXT = {fault.value: fault.text for fault in Fault}
 
 
 def fault_text(code: int) -> str:
-    """Readable form of a fault nibble, for messages: `0xD communication lost …`."""
+    """Describe a fault code, for messages: `0xD communication lost …`."""
     return f"0x{code:X} {_FAULT_TEXT.get(code, 'unknown code')}"
 
 
@@ -65,7 +65,7 @@ class ControlMode(IntEnum):
 
 
 class ReceiveMode(StrEnum):
-    """Which identifier a motor answers with (its MST_ID register)."""
+    """Rule for the identifier of a motor's answers (its MST_ID register)."""
 
     P16 = "p16"
     SAME = "same"
@@ -73,7 +73,7 @@ class ReceiveMode(StrEnum):
     PLUS_ONE = "plus_one"
 
     def feedback_id(self, motor_id: int) -> int:
-        """CAN identifier of the feedback frames of motor `motor_id`."""
+        """Return the CAN identifier of the feedback frames of motor `motor_id`."""
         if self is ReceiveMode.ZERO:
             return 0
         return motor_id + {ReceiveMode.P16: 16, ReceiveMode.SAME: 0}.get(self, 1)
@@ -81,11 +81,11 @@ class ReceiveMode(StrEnum):
 
 @dataclass(frozen=True)
 class MotorType:
-    """Ranges that the packed frames are scaled with: values lie in [-max, max], gains in [0, max].
+    """Type of motor with the ranges that scale the packed frames: values lie in [-max, max], gains in [0, max].
 
-    They equal the registers PMAX, VMAX and TMAX of the motor; with other numbers every decoded value
-    would be scaled wrongly. Gains in Nm/rad and Nm s/rad. The gear ratio (register GR) is read-only and built in:
-    it tells which motor is really there; None where it is not published. The rotor's inertia, seen at the output, is
+    The ranges equal the registers PMAX, VMAX and TMAX of the motor; with other numbers every decoded
+    value would be scaled wrongly. Gains in Nm/rad and Nm s/rad. The gear ratio (register GR) is read-only and built in:
+    it identifies the motor; None where it is not published. The rotor's inertia, seen at the output, is
     that of google-deepmind/mujoco_menagerie (i2rt_yam); for the DM3507 and the DM6248 it is an estimate from those by
     size and gear.
     """
@@ -95,7 +95,7 @@ class MotorType:
     velocity_max_rad_s: float
     torque_max_nm: float
     gear_ratio: float | None
-    rotor_inertia_kg_m2: float = 0.0  # 0: not known
+    rotor_inertia_kg_m2: float = 0.0  # 0: unknown
     kp_max: float = 500.0
     kd_max: float = 5.0
 
@@ -122,7 +122,7 @@ MOTOR_TYPES: dict[str, MotorType] = {
 
 
 def motor_type(name: str) -> MotorType:
-    """Row of motor type `name`. Raises ConfigError: no such type."""
+    """Return the row of motor type `name`. Raises ConfigError: no such type."""
     try:
         return MOTOR_TYPES[name]
     except KeyError:

@@ -37,11 +37,11 @@ class ArmClient:
 
     Args:
         hardware: the arm.
-        clock: the clock of its control loop.
+        clock: clock of the arm's control loop.
         written: called after each command.
 
     Attributes:
-        published, await_fresh, await_next, newest: methods of its `StateReader`.
+        published, await_fresh, await_next, newest: methods of the client's `StateReader`.
         kp, kd: (joints,) the arm's own gains, Nm/rad and Nm s/rad.
     """
 
@@ -63,14 +63,14 @@ class ArmClient:
 
     @property
     def descriptors(self) -> Descriptors:
-        """File descriptors of both blocks, for the loop. Raises LifeCycleError: closed."""
+        """File descriptors of both blocks, for the loop. Raises LifeCycleError: the client is closed."""
         return Descriptors(self._states.block.descriptor, self._commands.descriptor)
 
     def payload(self) -> bytes | None:
         """Read the newest state record as bytes, to pass it on; None before the first record.
 
         Raises:
-            LifeCycleError: closed.
+            LifeCycleError: the client is closed.
         """
         return self._states.block.read_bytes()
 
@@ -87,10 +87,10 @@ class ArmClient:
         """Read the newest state of the arm, after waiting as in `await_fresh`.
 
         Raises:
-            MotorError: a motor has a fault; names it.
+            MotorError: a motor has a fault; the message names the motor.
             StaleStateError: the control loop or a motor has been silent for longer than `max_state_age_s`.
             GripperError: the gripper's stops are unknown, and so is its position.
-            LifeCycleError: not connected.
+            LifeCycleError: the arm is not connected.
         """
         self.await_fresh()
         return self.newest()
@@ -108,8 +108,8 @@ class ArmClient:
         """Write a target; the loop moves the set-point there under its limits.
 
         Args:
-            q: (n,) rad.
-            gripper: 0 closed … 1 open; None keeps the present set-point.
+            q: (n,) target of the joints, rad.
+            gripper: target of the gripper, 0 closed … 1 open; None keeps the present set-point.
             dq: (n,) speed at which the target moves on, rad/s; see `YamArm.command`.
             kp, kd: (n,) gains for this target instead of the configured ones, Nm/rad and Nm s/rad.
             coupled: channel key of the leader that the target comes from, and for how many seconds from now on the loop
@@ -121,7 +121,7 @@ class ArmClient:
             arm), the joints and gripper that it holds.
 
         Raises:
-            ActionError: wrong shape, not finite, or more than a motor takes; nothing was sent.
+            ActionError: a value has a wrong shape, is not finite, or is more than a motor takes; nothing was sent.
             LifeCycleError: the arm floats or lands; nothing was sent.
             YamError: the arm has failed or is silent, see `observe`; nothing was sent.
         """
@@ -150,7 +150,7 @@ class ArmClient:
         return np.array(target[: hw.joints]), target[-1] if hw.has_gripper else None
 
     def _validated_options(self, **given: Vector | None) -> dict[str, np.ndarray]:
-        """Check the given speed and gains (n,) of a target. Raises ActionError: out of a motor's range."""
+        """Check the given speed and gains (n,) of a target. Raises ActionError: one is out of a motor's range."""
         options = {}
         for field, value in given.items():
             if value is not None:
@@ -159,14 +159,14 @@ class ArmClient:
         return options
 
     def hold(self) -> None:
-        """Keep the set-point, or the measured pose when floating. Raises LifeCycleError: not from this mode."""
+        """Keep the set-point, or the measured pose when floating. Raises LifeCycleError: the mode forbids it."""
         self._request(Request.HOLD)
 
     def guide(self, within_s: float = _LET_GO_S) -> None:
         """Float, with the gripper at its set-point. Without further `guide_on` the arm holds after `command_timeout_s`.
 
         Raises:
-            LifeCycleError: as `float`.
+            LifeCycleError: see `float`.
         """
         self.float(Request.GUIDE, within_s)
 
@@ -185,11 +185,11 @@ class ArmClient:
         """Carry only the arm's own weight, so that a hand can move it.
 
         Args:
-            request: FLOAT, or GUIDE.
+            request: FLOAT or GUIDE.
             within_s: time for a hand that pulls at the arm to let go, s.
 
         Raises:
-            LifeCycleError: not from the present mode, or the arm would run away.
+            LifeCycleError: the present mode forbids floating, or the arm would run away.
         """
         deadline = self._clock.now() + within_s
         while True:
@@ -212,7 +212,7 @@ class ArmClient:
         """Change the default gains of targets, within half a second; the arm lands with the configured gains.
 
         Args:
-            kp, kd: (joints,) Nm/rad and Nm s/rad.
+            kp, kd: (joints,) gains, Nm/rad and Nm s/rad.
 
         Raises:
             ActionError, ConfigError: see `checked_gains`; nothing was sent.
@@ -228,7 +228,7 @@ class ArmClient:
         """Check gains of the joints; return the gains of all motors: kp, then kd, NaN for the gripper.
 
         Raises:
-            ActionError: wrong shape or not finite.
+            ActionError: gains have a wrong shape or are not finite.
             ConfigError: a configuration with these gains would be refused, such as for damping that is too weak.
         """
         hw, name = self.hardware, self.config.name
@@ -241,7 +241,7 @@ class ArmClient:
         """HAZARD: cut torque at once; an arm that does not lie falls. Afterwards the arm is off.
 
         Raises:
-            LifeCycleError: not from the present mode.
+            LifeCycleError: the present mode forbids that.
         """
         self._request(Request.CUT_TORQUE)
 
@@ -289,7 +289,7 @@ class ArmClient:
 
         Raises:
             MotorError: there is no gripper motor, the search failed, or the arm was stopped or landed before it ended.
-            LifeCycleError: not from the present mode.
+            LifeCycleError: the present mode forbids a search.
             GripperError: the stops are not stored in `calibration_path`; they are used until the arm is off.
         """
         self._request(Request.CALIBRATE_GRIPPER)
@@ -319,7 +319,7 @@ class ArmClient:
 
         Args:
             request: what the loop shall do.
-            own_gains: with GAINS, as `checked_gains` returns them.
+            own_gains: gains for GAINS, as `checked_gains` returns them.
             number: the request's number, greater than the last one; None: the next.
         """
         return self._commands.write_request(self._clock.now(), request, own_gains, number)

@@ -20,13 +20,13 @@ class ArmInfo:
         name, channel, interface, rate_hz: as configured.
         arm, gripper: names of the profiles.
         has_gripper: whether the gripper has a motor.
-        joint_names: (n,). motor_types: one per motor, the gripper's last.
-        joint_limits_rad: (n, 2) lower, upper.
-        speed_limit_rad_s, torque_limit_nm, kp, kd, idle_kd, gravity_factor: (n,); the gains as they are now.
-        gripper_stops_rad: motor angles closed, open; None until they are known.
-        gripper_force_limit_n: None: no limit.
-        firmware: version per motor from the binding file (`identity_path`); empty without a binding.
-        versions: versions of the packages that drive the arm.
+        joint_names: names of the joints (n,). motor_types: type of each motor, the gripper's last.
+        joint_limits_rad: (n, 2) lower and upper limits.
+        speed_limit_rad_s, torque_limit_nm, kp, kd, idle_kd, gravity_factor: (n,) settings; gains as they are now.
+        gripper_stops_rad: motor angles of the closed and open gripper; None until these are known.
+        gripper_force_limit_n: largest squeeze force, N; None: no limit.
+        firmware: motor's name -> firmware version from the binding file (`identity_path`); empty without a binding.
+        versions: package that drives the arm -> its version.
     """
 
     name: str
@@ -55,7 +55,7 @@ class ArmInfo:
         """Collect the hardware and settings of a client's arm.
 
         Raises:
-            LifeCycleError: not connected.
+            LifeCycleError: the arm is not connected.
             ConfigError: the arm's binding cannot be read.
         """
         hw, config = client.hardware, client.config
@@ -97,5 +97,5 @@ class ArmInfo:
 def _version(package: str) -> str:
     try:
         return version(package)
-    except PackageNotFoundError:  # runs from a checkout that is not installed
+    except PackageNotFoundError:  # a checkout that is not installed
         return ""

@@ -84,11 +84,11 @@ class ArmSession(Uncopied):
         return self._clients[name]
 
     def key(self, name: str) -> str:
-        """Channel key of the arm called `name`; other programs find the arm's state by this key."""
+        """Return the channel key of the arm called `name`; other programs find the arm's state by this key."""
         return self._keys[list(self._arms).index(name)]
 
     def hardware(self, name: str) -> ResolvedArm:
-        """Profiles and limits of the arm called `name`."""
+        """Return profiles and limits of the arm called `name`."""
         return self._arms[name]
 
     @property
@@ -100,11 +100,11 @@ class ArmSession(Uncopied):
         """Bring all arms up; return when they hold (or float) and their grippers' stops are known.
 
         Args:
-            search_grippers: False searches no stops and ignores stored stops that do not fit; for a `calibrate_gripper`
-                that follows.
+            search_grippers: whether to search stops; False also ignores stored stops that do not fit, for a
+                `calibrate_gripper` that follows.
 
         Raises:
-            YamError: says what failed; nothing is energised and nothing is left behind.
+            YamError: bring-up failed; nothing is energised and nothing is left behind.
         """
         if self._runner is not None:
             raise LifeCycleError("this session is running already")
@@ -141,7 +141,7 @@ class ArmSession(Uncopied):
     def stop(self) -> bool:
         """Land every arm, cut torque, end the loop. Idempotent; Ctrl-C does not hurry the landing.
 
-        In a forked child it only closes the child's blocks; the parent's arms go on.
+        In a forked child this closes only the child's blocks; the parent's arms go on.
 
         Returns:
             Whether nothing drives these arms any more. False: they are still in the air, because the emergency stop is
@@ -176,7 +176,7 @@ class ArmSession(Uncopied):
         """End the session of a lock-step world that is thrown away, without landing. Idempotent.
 
         Raises:
-            LifeCycleError: these arms are not in lock-step; they have to land.
+            LifeCycleError: these arms are not in lock-step, so they have to land.
         """
         if self._runner is None:
             return
@@ -190,7 +190,7 @@ class ArmSession(Uncopied):
     def rearm(self) -> None:
         """Enable failed motors again, and let all arms of the session take targets again.
 
-        Waits for the search of a gripper's stops: a motor that was without power has forgotten its turns.
+        This waits for the search of a gripper's stops: a motor that was without power has forgotten its turns.
 
         Raises:
             LifeCycleError: an arm still fails, or needs a new connection; arms that hold because of it go on holding.
@@ -241,7 +241,7 @@ def clear_away(config: ArmConfig, key: str) -> None:
 
 
 def still_in_the_air(who: str) -> str:
-    """Text for an `ArmSession.stop` that returned False. `who`: subject with its verb, such as "THE ARMS ARE"."""
+    """Return the text for a `stop` of sessions that returned False. `who`: subject and verb, as "THE ARMS ARE"."""
     return (
         f"{who} STILL IN THE AIR: the control loop goes on holding, and lands as soon as it can. Clear the way. If the "
         "emergency stop is latched, release it then: yam-estop release"

@@ -19,7 +19,7 @@ _WITHOUT_STOPS = {
     Mode.BRING_UP: "they are being sought; wait",
     Mode.STOPPED: "they are sought when the emergency stop is released (yam-estop release)",
 }
-_NEARLY_S = 0.0013  # time until a state is due in which callers wait for it, s: the one before is a tick older
+_NEARLY_S = 0.0013  # callers wait for a state that is due within this time, s: the previous state is a tick older
 _LATE_S = 0.003  # wait for an overdue state, s; the loop waits up to 2 ms for a reply
 _OLD_S = 0.0025  # age beyond one tick at which a sample counts as old, s: a newer one is due
 _AFTER_S = 0.0003  # sleep beyond a tick's due time, s: nearly all states are published by then, without polling
@@ -43,7 +43,7 @@ class StateReader:
 
     @property
     def block(self) -> SharedBlock:
-        """Shared memory with the state. Raises LifeCycleError: closed."""
+        """Shared memory with the state. Raises LifeCycleError: the reader is closed."""
         if self._block is None:
             raise LifeCycleError(f"{self._config.name}: not connected")
         return self._block
@@ -55,7 +55,7 @@ class StateReader:
             block.close()
 
     def published(self) -> ArmState:
-        """Read the state as last published, however old or bad. Raises LifeCycleError: not connected."""
+        """Read the state as last published, however old or bad. Raises LifeCycleError: the arm is not connected."""
         payload = self.block.read_bytes()
         if payload is None:
             raise LifeCycleError(f"{self._config.name}: not connected")
@@ -64,11 +64,11 @@ class StateReader:
     def await_fresh(self) -> None:
         """Wait for the state of a tick that ends within 1.3 ms; if that tick lost a reply, wait for the next tick.
 
-        The wait lasts two ticks and a few milliseconds at most; it ends early for a motor that missed more replies. To
+        The wait lasts two ticks and a few milliseconds at most, and ends early for a motor that missed more replies. To
         observe several arms, call this for all of them first: a state ages during the wait for another arm.
 
         Raises:
-            YamError: as `newest`.
+            YamError: see `newest`.
         """
         period_s = self._period_s
         if not period_s or self._block is None:
@@ -79,10 +79,10 @@ class StateReader:
             self._await_tick(self._block, self._newest[0], period_s)
 
     def await_next(self, after: int) -> int:
-        """Wait for the state after number `after`, unless the loop is late; returns the number of the newest state.
+        """Wait for the state after number `after`, unless the loop is late; return the number of the newest state.
 
         Raises:
-            LifeCycleError: not connected.
+            LifeCycleError: the arm is not connected.
         """
         block = self.block
         if self._period_s and block.sequence() == after:
@@ -98,7 +98,7 @@ class StateReader:
                 self._clock.sleep(_POLL_S)
 
     def _due_s(self, block: SharedBlock) -> float:
-        """Clock's time at which the loop should publish the next state, s."""
+        """Return the clock's time at which the loop should publish the next state, s."""
         return block.peek(*PUBLISHED) + self._period_s
 
     def newest(self) -> ArmState:
@@ -136,7 +136,7 @@ class StateReader:
             )
 
     def check_failed(self, state: ArmState) -> None:
-        """Refuse the state of a failed arm. Raises MotorError: says what has failed."""
+        """Refuse the state of a failed arm. Raises MotorError: the arm has failed; the message says how."""
         if state.mode in _FAILED and state.message:
             raise MotorError(f"{self._config.name} ({self._config.channel}): {state.message}")
 
@@ -144,10 +144,10 @@ class StateReader:
 class CommandWriter:
     """Writer of one arm's command block. Thread-safe: often one thread streams targets while another re-arms.
 
-    A forked child must not write: it would repeat commands that its parent has withdrawn.
+    A forked child must not write, since that would repeat commands that its parent has withdrawn.
 
     Args:
-        name: the arm's, for messages.
+        name: name of the arm, for messages.
         motors: number of motors, the gripper's included.
         written: called after each record.
     """
@@ -212,7 +212,7 @@ class CommandWriter:
         Args:
             stamp_s: the clock's time of the request.
             request: what the loop shall do.
-            own_gains: with GAINS: kp of all motors, then kd.
+            own_gains: gains for GAINS: kp of all motors, then kd.
             number: the request's number, greater than the last one; None: the next.
 
         Raises:

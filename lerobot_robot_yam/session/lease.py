@@ -7,7 +7,7 @@ from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
 
 class Lease:
-    """Right to drive some arms. It never ends by itself: the lease's owner decides about a silent holder's arms.
+    """Right to drive some arms. A lease never ends by itself: its owner decides about a silent holder's arms.
 
     Args:
         what: name of the arms, for refusals.
@@ -25,7 +25,7 @@ class Lease:
         self._heard_s = 0.0
 
     def check(self, holder: Hashable) -> None:
-        """Refuse everybody but the holder. Raises ChannelInUseError: another one holds the lease; names it."""
+        """Refuse everybody but the holder. Raises ChannelInUseError: another one does; the message names it."""
         if self.holder is not None and self.holder != holder:
             raise ChannelInUseError(f"{self._what} is driven by {self.who}; end that first")
 
@@ -35,7 +35,7 @@ class Lease:
         self.holder, self.who, self._heard_s = holder, who, self._clock.now()
 
     def renew(self, holder: Hashable) -> bool:
-        """Note a sign of life from `holder`; returns whether `holder` has the lease."""
+        """Note a sign of life from `holder`; return whether `holder` has the lease."""
         if holder is None or self.holder != holder:
             return False
         self._heard_s = self._clock.now()

@@ -14,15 +14,15 @@ from lerobot_robot_yam.state.records import Limited
 APPROACH_RAD_S = 0.5  # peak speed to the first pose, rad/s: slow, a hand may still be near the arm
 _SPEED_SHARE = 0.9  # share of the speed limits that a replay uses, so that the set-point does not fall behind
 _REACHED = 1e-3  # distance of a set-point from its goal that counts as reached, rad or strokes
-_LEAST_S = 0.2  # duration of the shortest way, s
+_LEAST_S = 0.2  # least duration of the approach, however short its way, s
 
 
 class Playback:
-    """One motion along a trajectory that begins at the arms' present pose.
+    """Motion along a trajectory that begins at the arms' present pose.
 
     Args:
-        clients: the arms; they hold.
-        trajectory: with a column for each motor of these arms.
+        clients: clients of the arms, which hold.
+        trajectory: the trajectory, with a column for each motor of these arms.
     """
 
     def __init__(self, clients: Sequence[ArmClient], trajectory: Trajectory):
@@ -36,7 +36,7 @@ class Playback:
         """Write the targets for time `now`; return whether the motion has ended. Repeat at 30 Hz or faster.
 
         Raises:
-            LifeCycleError: an arm takes no targets any more; names it.
+            LifeCycleError: an arm takes no targets any more; the message names the arm.
             YamError: an arm has failed or is silent, see `ArmClient.observe`.
         """
         for client in self._clients:
@@ -79,7 +79,7 @@ def ready(clients: Sequence[ArmClient]) -> np.ndarray:
 
 
 def replay(clients: Sequence[ArmClient], trajectory: Trajectory) -> Playback:
-    """Make the playback of a trajectory: soft approach to its first pose, then its way, slowed to the speed limits.
+    """Make the playback of a trajectory: soft approach to the first pose, then the way itself, slowed to the limits.
 
     Raises:
         ActionError: the trajectory does not fit these arms, see `Trajectory.check`; nothing moves.
@@ -94,5 +94,5 @@ def replay(clients: Sequence[ArmClient], trajectory: Trajectory) -> Playback:
 
 
 def approach_s(way: np.ndarray, speed: np.ndarray) -> float:
-    """Duration of a soft way (n,) at the chosen peak speed (n,), s; 0.2 s at least."""
+    """Return the duration of a soft way (n,) at the chosen peak speed (n,), s; 0.2 s at least."""
     return max(soft_way_s(way, speed), _LEAST_S)

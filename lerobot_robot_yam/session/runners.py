@@ -54,17 +54,17 @@ class Runner(Protocol):
             blocks: descriptors of each arm's blocks, in the order of the arms.
 
         Raises:
-            YamError: says what failed; nothing is energised.
+            YamError: bring-up failed; nothing is energised.
         """
 
     def land(self) -> None:
         """Make the loop begin to land, without waiting; a call of `stop` has to follow."""
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Land, end the loop, and wait. Returns whether nothing drives the arms any more.
+        """Land, end the loop, and wait. Return whether nothing drives the arms any more.
 
         Args:
-            off: tells whether torque is off, for arms that the stand-by has taken over.
+            off: function that returns whether torque is off, for arms that the stand-by has taken over.
         """
 
 
@@ -115,7 +115,7 @@ class ProcessRunner:
             raise getattr(errors, reply["kind"], YamError)(reply["error"])
 
     def _job(self) -> dict[str, Any]:
-        """Arms of the job description, as plain values; `start` adds the connections to the caller."""
+        """Describe the arms for the job, as plain values; `start` adds the connections to the caller."""
         return {"arms": [dataclasses.asdict(arm.config) for arm in self._arms]}
 
     def land(self) -> None:
@@ -128,7 +128,7 @@ class ProcessRunner:
         lifeline = self._lifeline
         if child is None or lifeline is None:
             return True
-        ended = wait_patiently(lambda: child.poll() is not None, outlives_us=os.getpid() != 1)  # 1: the container's
+        ended = wait_patiently(lambda: child.poll() is not None, outlives_us=os.getpid() != 1)  # 1: ends the container
         if child.stdout is not None:
             child.stdout.close()
         if ended:  # a stand-by may have taken over
@@ -190,7 +190,7 @@ class ThreadRunner:
 class StepRunner:
     """Runner that ticks while the caller sleeps; the runner is the caller's clock.
 
-    It owns the simulated world: nothing falls when that is thrown away with arms in the air.
+    The runner owns the simulated world: nothing falls when this world is thrown away with arms in the air.
     """
 
     def __init__(self, arms: list[ResolvedArm], keys: list[str]):
@@ -207,7 +207,7 @@ class StepRunner:
         return self
 
     def now(self) -> float:
-        """Time of the world, s."""
+        """Return the time of the world, s."""
         return self._world.now()
 
     def sleep(self, seconds: float) -> None:
@@ -246,7 +246,7 @@ class StepRunner:
         self._landing = True
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Land in simulated time; returns whether the arms are down. Throws their world away in any case."""
+        """Land in simulated time; return whether the arms are down. Throw their world away in any case."""
         self.land()
         landed = True
         give_up_s = self._world.now() + LAND_TIMEOUT_S
@@ -275,7 +275,7 @@ def wait_patiently(done: Callable[[], bool], outlives_us: bool) -> bool:
     """Wait for a landing, and return whether the arms are down. Ctrl-C is only logged: hurrying would drop an arm.
 
     Args:
-        done: tells whether the arms are down.
+        done: function that returns whether the arms are down.
         outlives_us: whether the control loop outlives this process; then a latched emergency stop ends the wait.
     """
     begin, told = time.monotonic(), False

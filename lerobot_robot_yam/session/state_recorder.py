@@ -27,7 +27,7 @@ class StateRecorder:
         self._stamps_s = [0.0 for _ in clients]
 
     def poll(self) -> None:
-        """Append the newest states. Raises LifeCycleError: not connected."""
+        """Append the newest states. Raises LifeCycleError: an arm is not connected."""
         for index, client in enumerate(self._clients):
             state = client.published()
             if state.stamp_s > self._stamps_s[index]:
@@ -35,16 +35,16 @@ class StateRecorder:
                 self._rows[index].extend(_row(state))
 
     def states(self) -> list[dict[str, np.ndarray]]:
-        """States of each arm, k rows; its n motors are the joints and then the gripper, if that has a motor.
+        """Return the states of each arm, k rows; n motors are the joints and then the gripper, if that has a motor.
 
         Returns:
-            stamp_s (k,) monotonic; q (k, n) rad and dq (k, n) rad/s, the gripper 0 … 1 and 1/s; tau_nm (k, n), the
-            gripper's at its motor; temp_mos_c, temp_rotor_c (k, n).
+            Per arm, name -> array: stamp_s (k,) monotonic time; q (k, n) rad and dq (k, n) rad/s, the gripper 0 … 1 and
+            1/s; tau_nm (k, n), the gripper's at its motor; temp_mos_c, temp_rotor_c (k, n).
         """
         return [_unpacked(rows, client.hardware.n) for rows, client in zip(self._rows, self._clients, strict=True)]
 
     def trajectory(self) -> Trajectory:
-        """Positions of all arms at the times of the first arm's states.
+        """Return the positions of all arms at the times of the first arm's states.
 
         Raises:
             ActionError: there are fewer than two states.

@@ -22,7 +22,7 @@ def validate_action(device: str, action: Mapping[str, object], keys: Sequence[st
     """Read the values (n,) of a LeRobot action in the order of `keys`. 0-d tensors and arrays count as numbers.
 
     Raises:
-        ActionError: missing or unknown keys, values that are not finite numbers.
+        ActionError: keys are missing or unknown, or values are not finite numbers.
     """
     if not isinstance(action, Mapping):
         raise ActionError(f"{device}: an action maps names to numbers; this is a {type(action).__name__}")

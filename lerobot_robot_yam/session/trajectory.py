@@ -21,8 +21,8 @@ class Trajectory:
     """Positions of n joints and grippers at k times.
 
     Args:
-        times_s: (k,) s, rising; shifted so that the first is 0.
-        positions: (k, n) rad, of grippers 0 closed … 1 open; per arm the joints, then its gripper if that has a motor.
+        times_s: (k,) rising times, s; shifted so that the first is 0.
+        positions: (k, n) joints, rad, and grippers, 0 closed … 1 open; per arm its joints, then a gripper with motor.
         columns: names of the n columns, see `columns_of`; empty: unknown.
         source: name for messages.
 
@@ -89,7 +89,7 @@ class Trajectory:
         """Refuse a trajectory that these arms cannot follow, with a tolerance for measured poses.
 
         Raises:
-            ActionError: the trajectory has other joints, or goes beyond a limit; names the column.
+            ActionError: the trajectory has other joints, or goes beyond a limit; the message names the column.
         """
         names = columns_of(arms)
         have, want = self.positions.shape[1], len(names)
@@ -113,7 +113,7 @@ class Trajectory:
 
 
 def columns_of(arms: Sequence[ResolvedArm]) -> tuple[str, ...]:
-    """Names of the columns of these arms' positions: per arm its joints, then `gripper` if that has a motor."""
+    """Return the names of the columns of these arms' positions: per arm its joints, then `gripper` with a motor."""
     return tuple(name for arm in arms for name in (*arm.joint_names, *(["gripper"] * arm.has_gripper)))
 
 
@@ -131,14 +131,14 @@ def soft_way(start: np.ndarray, goal: np.ndarray, seconds: float) -> Trajectory:
 
 
 def soft_way_s(way: np.ndarray, speed: np.ndarray, acceleration: np.ndarray | float = math.inf) -> float:
-    """Shortest duration of a soft way over the distances `way` (n,), s.
+    """Return the shortest duration of a soft way over the distances `way` (n,), s.
 
     T = max(π/2 · |way| / speed, π · sqrt(|way| / (2 · acceleration))).
 
     Args:
-        way: (n,) rad, grippers in strokes.
-        speed: (n,) peak, unit/s.
-        acceleration: (n,) peak, at both ends, unit/s².
+        way: (n,) distances, rad, grippers in strokes.
+        speed: (n,) peak speed, unit/s.
+        acceleration: (n,) peak acceleration, at both ends, unit/s².
     """
     far = np.abs(way)
     times = np.maximum(math.pi / 2 * far / speed, math.pi * np.sqrt(far / (2.0 * np.asarray(acceleration))))

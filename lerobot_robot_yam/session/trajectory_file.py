@@ -47,7 +47,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
 
     Raises:
         ConfigError: the file cannot be read, or holds no trajectory.
-        ActionError: its numbers form no trajectory, see `Trajectory`.
+        ActionError: the numbers form no trajectory, see `Trajectory`.
     """
     path = user_path(path)
     try:
@@ -142,7 +142,7 @@ def _scalar(dtype: _Dtype, data: bytes) -> float:
 
 _STAND_INS: dict[tuple[str, str], Any] = {("numpy", "ndarray"): _Array, ("numpy", "dtype"): _Dtype} | {
     (f"numpy.{core}.multiarray", name): stand_in
-    for core in ("core", "_core")  # before and after numpy 2
+    for core in ("core", "_core")  # numpy's names before and after version 2
     for name, stand_in in (("_reconstruct", _Array), ("scalar", _scalar))
 }
 
@@ -158,5 +158,5 @@ class _NumbersOnly(pickle.Unpickler):
         return _STAND_INS[module, name]
 
     def persistent_load(self, pid: object) -> Any:
-        """Refuse objects outside of the file. Raises ConfigError."""
+        """Refuse objects outside of the file. Raises ConfigError: the file refers to one."""
         raise ConfigError("it refers to something outside of the file")

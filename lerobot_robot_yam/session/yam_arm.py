@@ -35,18 +35,18 @@ from lerobot_robot_yam.system.uncopyable import Uncopied
 
 _STREAM_S = 0.02  # period of the targets of a motion, s
 _SETTLE_TIMEOUT_S = 2.0  # wait for joints to reach the end of a motion, s
-_LIES_RAD = 0.15  # distance from the rest pose at which an arm counts as lying, rad: from there it falls by a finger
+_LIES_RAD = 0.15  # distance from the rest pose within which an arm lies, rad: its fall is a finger's width
 
 
 class YamArm(Uncopied):
     """YAM arm on one CAN channel. SI units; gripper 0 closed … 1 open.
 
     Args:
-        config: the arm; or give its fields as keywords.
+        config: configuration of the arm; or give its fields as keywords.
         isolation: where the control loop runs, see `ArmSession`.
 
     Raises:
-        ConfigError: unknown field, arm, gripper or impossible value.
+        ConfigError: a field, the arm or the gripper is unknown, or a value impossible.
     """
 
     def __init__(self, config: ArmConfig | None = None, *, isolation: Isolation = "process", **fields: Any):
@@ -57,10 +57,10 @@ class YamArm(Uncopied):
         self._session = ArmSession([self.config], isolation)
 
     def connect(self) -> "YamArm":
-        """Bring the arm up, to hold its pose (or to float, with `start="float"`). Returns itself.
+        """Bring the arm up, to hold its pose (or to float, with `start="float"`). Return this object.
 
         Raises:
-            YamError: says what failed; nothing is energised.
+            YamError: bring-up failed; nothing is energised.
         """
         self._session.start()
         return self
@@ -90,7 +90,7 @@ class YamArm(Uncopied):
         return self._session[self.config.name]
 
     def info(self) -> ArmInfo:
-        """Describe the arm and its settings. Raises LifeCycleError: not connected."""
+        """Describe the arm and its settings. Raises LifeCycleError: the arm is not connected."""
         return ArmInfo.of(self._client)
 
     def observe(self) -> ArmState:
@@ -105,7 +105,7 @@ class YamArm(Uncopied):
             path: .npz file to write at the end, see `StateRecorder.save`; None: write none.
 
         Raises:
-            LifeCycleError: not connected.
+            LifeCycleError: the arm is not connected.
             ConfigError: the file cannot be written.
         """
         with recording([self._client]) as recorder:
@@ -124,16 +124,16 @@ class YamArm(Uncopied):
         """Write one target; repeat it at 10 Hz or faster, or the arm comes to rest.
 
         Args:
-            q: (n,) rad. kp, kd: (n,) gains for this target.
-            dq: (n,) speed of the target itself, rad/s. Targets that agree with it (to 0.01 rad) are tracked without
+            q: (n,) target of the joints, rad. kp, kd: (n,) gains for this target.
+            dq: (n,) speed of the target itself, rad/s. Targets that agree with `dq` (to 0.01 rad) are tracked without
                 lag, and the last one moves on until the next is due; other targets are reached one period late.
-            gripper: 0 closed … 1 open, None keeps it.
+            gripper: target, 0 closed … 1 open; None keeps the present one.
 
         Returns:
-            (n,) the target after the limits.
+            Target (n,) after the limits, rad.
 
         Raises:
-            ActionError: wrong shape, not finite, or more than a motor takes; nothing was sent.
+            ActionError: a value has a wrong shape, is not finite, or is more than a motor takes; nothing was sent.
             YamError: the arm floats, has failed or is silent; nothing was sent.
         """
         return self._client.write_target(q, gripper, dq, kp, kd)[0]
@@ -142,12 +142,12 @@ class YamArm(Uncopied):
         """Move to a pose along a straight joint line with half-cosine speed, and wait until the arm is there.
 
         Args:
-            q: (n,) rad.
-            gripper: 0 closed … 1 open, None keeps it.
+            q: (n,) goal of the joints, rad.
+            gripper: goal, 0 closed … 1 open; None keeps the present set-point.
             speed_rad_s: peak speed of the quickest joint.
 
         Raises:
-            ActionError: wrong shape, not finite, or beyond a joint's range; nothing moves.
+            ActionError: a value has a wrong shape, is not finite, or is beyond a joint's range; nothing moves.
             LifeCycleError: the pose was not reached (obstructed, stopped, or limits hold the arm back).
         """
         goal = self._goal(q, gripper)
@@ -161,14 +161,14 @@ class YamArm(Uncopied):
         """Move to a pose in `time_s` seconds along a straight joint line with half-cosine speed, and wait for the end.
 
         Args:
-            q: (n,) rad.
-            time_s: s.
-            gripper: 0 closed … 1 open, None keeps it.
+            q: (n,) goal of the joints, rad.
+            time_s: duration of the motion, s.
+            gripper: goal, 0 closed … 1 open; None keeps the present set-point.
 
         Raises:
-            ActionError: as `move_to`, or the time is too short for the limits of speed and acceleration; says the
-                shortest time. Nothing moves.
-            LifeCycleError: as `move_to`.
+            ActionError: see `move_to`; or the time is too short for the limits of speed and acceleration, and the
+                message has the shortest time. Nothing moves.
+            LifeCycleError: see `move_to`.
         """
         name, hw = self.config.name, self._client.hardware
         goal, seconds = self._goal(q, gripper), finite_number(name, "time_s", time_s)
@@ -190,7 +190,7 @@ class YamArm(Uncopied):
 
         Raises:
             ActionError: the trajectory has other joints, or goes beyond a joint's range; nothing moves.
-            LifeCycleError: as `move_to`.
+            LifeCycleError: see `move_to`.
         """
         return self._play(replay([self._client], trajectory))
 
@@ -235,7 +235,7 @@ class YamArm(Uncopied):
         """Change the gains of the joints, within half a second; the arm lands with the configured gains.
 
         Args:
-            kp, kd: (n,) Nm/rad and Nm s/rad.
+            kp, kd: (n,) gains, Nm/rad and Nm s/rad.
 
         Raises:
             ActionError, ConfigError: a configuration with these gains would be refused; nothing changes.

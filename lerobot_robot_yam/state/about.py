@@ -18,7 +18,7 @@ _MOST_BYTES = 1 << 20  # largest part of a file that is read
 
 
 def about_path(key: str) -> Path:
-    """Path of the file for the arm with this channel key."""
+    """Return the path of the file for the arm with this channel key."""
     return runtime_dir() / f"{ABOUT}{key}"
 
 

@@ -1,4 +1,4 @@
-"""Channel between a LeRobot command and a page beside it: a file with the command's status, a socket for requests.
+"""Channel between a LeRobot command and a page that shows it: a file with the command's status, a socket for requests.
 
     desk-PID.json   the status; replaced as a whole
     desk-PID.sock   receives requests, one datagram each: {"meaning": "next", "by": "yam-view", "turn": 12.3}
@@ -22,7 +22,7 @@ from lerobot_robot_yam.system.runtime_files import DESK
 
 _STATUS, _SOCKET = ".json", ".sock"
 _LONGEST = 512  # longest request, bytes
-_MOST = 16  # most requests read at once; more wait in the kernel, which refuses their sender when full
+_MOST = 16  # requests read at once, at most; more wait in the kernel, which refuses their sender when full
 _STATUS_BYTES = 1 << 16  # largest part of a status that is read
 
 
@@ -41,7 +41,7 @@ class Asked(NamedTuple):
 
 
 class DeskPost:
-    """Command's end of the channel, one per process.
+    """Command's end of the channel; a process has one.
 
     Args:
         directory: the runtime directory.
@@ -62,16 +62,16 @@ class DeskPost:
             self._socket.close()
             raise
         self._owner = os.getpid()
-        atexit.register(self.close)  # for a second Ctrl-C, which ends LeRobot's commands anywhere
+        atexit.register(self.close)  # after a second Ctrl-C, which ends LeRobot's commands anywhere
 
     def tell(self, status: Mapping[str, Any]) -> None:
-        """Replace the status. Raises OSError: it cannot be written."""
+        """Replace the status. Raises OSError: the file cannot be written."""
         aside = self._status.with_name(f".{self._status.name}")
         aside.write_text(json.dumps(status))
         aside.replace(self._status)
 
     def asked(self, within_s: float) -> tuple[list[Asked], int]:
-        """Wait for requests. Returns up to `_MOST` of them, and the number of malformed datagrams."""
+        """Wait for requests. Return up to `_MOST` of them, and the number of malformed datagrams."""
         found, malformed = [], 0
         self._socket.settimeout(within_s)
         with contextlib.suppress(TimeoutError, BlockingIOError):
@@ -109,7 +109,7 @@ def _parsed(data: bytes) -> Asked | None:
 
 
 def running_desks(directory: Path) -> dict[int, dict[str, Any]]:
-    """Read the status of every running command, by process number; `age_s` is added, the age of the status."""
+    """Read process number -> status of every running command; `age_s` is added, the age of the status."""
     found = {}
     for path in sorted(directory.glob(f"{DESK}*{_STATUS}")):
         number = path.name.removeprefix(DESK).removesuffix(_STATUS)
@@ -131,7 +131,7 @@ def _read(path: Path) -> dict[str, Any] | None:
 
 
 def ask(directory: Path, number: int, asked: Asked) -> bool:
-    """Send a request to the command with this process number, without waiting; returns whether it was sent."""
+    """Send a request to the command with this process number, without waiting; return whether it was sent."""
     return _send(directory / f"{DESK}{number}{_SOCKET}", json.dumps(asked._asdict()).encode())
 
 
@@ -153,7 +153,7 @@ def forget_the_dead(directory: Path) -> None:
 
 
 def _answers(path: Path) -> bool:
-    """Whether a process has this socket open."""
+    """Return whether a process has this socket open."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ours:
         try:
             ours.connect(str(path))

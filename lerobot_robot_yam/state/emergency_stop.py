@@ -56,7 +56,7 @@ class EmergencyStop:
             return True
         seen_in, self._seen_in = self._seen_in, None
         if seen_in is not None and seen_in != self._directory_number():
-            with contextlib.suppress(OSError):  # then only this object stays latched
+            with contextlib.suppress(OSError):  # on failure only this object stays latched
                 self.latch(f"{self.directory} was removed with the stop in it, by a log-out perhaps")
             return True
         return self._unwritten
@@ -76,7 +76,7 @@ class EmergencyStop:
             return 0
 
     def reason(self) -> str:
-        """Reason, process and time of the stop; empty when it is not set."""
+        """Return reason, process and time of the stop; empty when it is not set."""
         try:
             with self._inside() as directory:
                 file = os.open(_FILE, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=directory)
@@ -99,7 +99,7 @@ class EmergencyStop:
         self._unwritten = True
         if self._own:
             with contextlib.suppress(ConfigError):
-                runtime_dir()  # makes it again if a log-out has removed it
+                runtime_dir()  # makes the directory again if a log-out has removed it
         try:
             self._write(why)
         except OSError as error:
@@ -127,7 +127,7 @@ class EmergencyStop:
                     text.write(json.dumps(data) + "\n")
 
     def release(self) -> None:
-        """Release the stop: each arm moves on from its present pose with its next target. Raises OSError: it stays."""
+        """Release the stop: arms move on from their present pose with the next target. Raises OSError: this fails."""
         with contextlib.suppress(FileNotFoundError), self._inside() as directory:
             mode = stat.S_IMODE(os.fstat(directory).st_mode)
             if mode & stat.S_ISVTX:

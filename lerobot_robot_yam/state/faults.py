@@ -103,7 +103,7 @@ class Rule:
 _REARM = "`rearm()` once the cause is gone, or connect again"
 _RECONNECT = "connect again"
 _MOTOR_ERROR = "MotorError that names motor and cause"
-PARENT_S = 0.03  # time to notice a dead caller, s; it is checked every 20 ms
+PARENT_S = 0.03  # time to notice a dead caller, s: callers are checked every 20 ms
 TICK_S = 0.01  # time for one tick of the loop and one read of its caller, rounded up, s
 SILENT_S = 0.1  # silence after which a motor is lost, s: a quarter of its own watchdog
 HEAT_S = 0.6  # time to notice heat, s: a temperature counts once it has been steady for half a second
@@ -113,7 +113,7 @@ STALE_OVERSHOOT_RAD_S = 1.6  # excess speed of a joint that keeps obeying an acc
 
 
 def stale_overshoot_rad_s(late_s: float) -> float:
-    """Excess speed of a joint, rad/s, after it has obeyed an accelerating command `late_s` too long."""
+    """Return the excess speed of a joint, rad/s, that has obeyed an accelerating command `late_s` too long."""
     return min(MOST_RAD_S2 * max(late_s, 0.0), STALE_OVERSHOOT_RAD_S)
 
 

@@ -1,6 +1,6 @@
 """Faults of the link between a workstation and the arms' computer, in addition to the table in `faults`.
 
-The host cannot tell these faults apart: it hears its client or not, and applies the rules of `faults` for a caller
+The host cannot distinguish these faults: it hears its client or not, and applies the rules of `faults` for a caller
 that stalls or dies. This table is for people, and for the tests, which try each row.
 """
 

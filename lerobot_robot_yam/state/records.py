@@ -55,7 +55,7 @@ class Request(IntEnum):
     CUT_TORQUE = 8  # cut torque at once, also in the air; refused while the arm lands or is stopped
 
 
-ACTION_SLOTS = MAX_MOTORS + 1  # slots of a follower's target: it may have one motor more than its leader
+ACTION_SLOTS = MAX_MOTORS + 1  # slots of a follower's target: followers may have one motor more than their leader
 
 STATE_DTYPE = np.dtype(
     [
@@ -82,7 +82,7 @@ STATE_DTYPE = np.dtype(
         ("temp_mos_c", "f4", MAX_MOTORS),
         ("temp_rotor_c", "f4", MAX_MOTORS),
         ("fault", "u1", MAX_MOTORS),
-        ("distrusted", "u1", MAX_MOTORS),  # whether readings are ignored; q is then the last plausible one
+        ("distrusted", "u1", MAX_MOTORS),  # whether readings are ignored; then q is the last plausible reading
         ("lost", "u8", MAX_MOTORS),
         ("offset_rad", "f8", MAX_MOTORS),  # motor angle at joint zero, for a process that takes the arm over
         ("gripper_stops_rad", "f8", 2),  # closed, open; NaN until they are known
@@ -299,7 +299,7 @@ class ArmState:
 
 
 class Descriptors(NamedTuple):
-    """File descriptors of both blocks' memory, which the caller has allocated."""
+    """File descriptors of both blocks' memory, allocated by the caller."""
 
     states: int
     commands: int
@@ -310,7 +310,7 @@ class Descriptors(NamedTuple):
 
 
 class BlockPair(NamedTuple):
-    """Loop's ends of both blocks: it writes states and reads commands."""
+    """Loop's ends of both blocks: the loop writes states and reads commands."""
 
     states: SharedBlock
     commands: SharedBlock
@@ -329,12 +329,12 @@ class BlockPair(NamedTuple):
 
 
 def channel_key(interface: str, channel: str, rig: str | None) -> str:
-    """Name for a channel's lock and blocks: `can_follower_l`, or `rig.follower_left` on a virtual rig."""
+    """Return the name for a channel's lock and blocks: `can_follower_l`, or `rig.follower_left` on a virtual rig."""
     return slug(f"{rig}.{channel}" if rig else channel if interface == "socketcan" else f"{interface}.{channel}")
 
 
 def coupling_number(key: str) -> int:
-    """Number that identifies an arm, by its channel key, in state records; never 0."""
+    """Return the number that identifies an arm, by its channel key, in state records; never 0."""
     return zlib.crc32(key.encode()) + 1
 
 

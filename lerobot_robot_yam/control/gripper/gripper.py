@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 
 
 class Gripper:
-    """One gripper motor, joint-space motor angles in, MIT command out.
+    """Axis of a gripper motor: takes motor angles in joint space, gives MIT commands.
 
     Args:
         config, profile: the arm's configuration and its gripper.

@@ -59,7 +59,7 @@ def check_span(arm: str, calibration: Calibration, closed_rad: float, open_rad: 
     """Refuse stops that cannot be the gripper's two ends.
 
     Raises:
-        GripperError: they are too close (an object, a blocked finger), too far apart, or inverted (wrong mapping).
+        GripperError: the stops are too close (an object, a blocked finger), too far apart, or inverted (wrong mapping).
     """
     span = abs(open_rad - closed_rad)
     if not calibration.min_span_rad <= span <= calibration.max_span_rad:
@@ -190,7 +190,7 @@ def load_stops(arm: str, path: Path, gripper: str) -> GripperStops | None:
 
 
 def save_stops(arm: str, path: Path, gripper: str, stops: GripperStops) -> None:
-    """Write the stops; a crash in the middle leaves the old file. Raises GripperError: it cannot be written."""
+    """Write the stops; a crash in the middle leaves the old file. Raises GripperError: the file cannot be written."""
     data = {"version": _FILE_VERSION, "gripper": gripper, "closed_rad": stops.closed_rad, "open_rad": stops.open_rad}
     try:
         write_whole(path, json.dumps(data, indent=1) + "\n")

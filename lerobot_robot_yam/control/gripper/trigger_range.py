@@ -65,7 +65,7 @@ def load_range(arm: str, path: Path, gripper: str) -> TriggerRange:
 
 
 def save_range(arm: str, path: Path, gripper: str, travel: TriggerRange) -> None:
-    """Write the range; a crash in the middle leaves the old file. Raises GripperError: it cannot be written."""
+    """Write the range; a crash in the middle leaves the old file. Raises GripperError: the file cannot be written."""
     data = {"version": _FILE_VERSION, "gripper": gripper, **travel._asdict()}
     try:
         write_whole(path, json.dumps(data, indent=1) + "\n")

@@ -67,7 +67,7 @@ class ArmSetPoint(SetPoint):
         before = record["setpoint"][slots]
         holds_it = np.abs(before - q) < (_HOLDS_RAD if record["own_gains"] else LEFT_BEHIND_RAD)
         holds_it &= ~record["sunk"][slots].astype(bool)  # a sunk joint starts where it is measured
-        unheard = record["stamp_s"] - record["motor_stamp_s"][slots] > SILENT_S  # but a joint may obey
+        unheard = record["stamp_s"] - record["motor_stamp_s"][slots] > SILENT_S  # a silent joint may obey
         holds_it |= unheard & (record["fault"][slots] == Fault.NORMAL) & ~self._estimate.heard()
         holds_it[j:] = np.isfinite(before[j:])  # the gripper's set-point is its grip
         self.seed(np.where(holds_it, before, q))

@@ -32,7 +32,7 @@ class JointInterface:
 
     Args:
         hardware: the arm.
-        bus: an open bus; not closed here.
+        bus: an open bus, which the caller closes.
 
     Attributes:
         estimate: measured state of the joints.

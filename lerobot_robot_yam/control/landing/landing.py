@@ -109,7 +109,7 @@ class Sink:
 
 
 class Landing:
-    """One landing of the arm joints (n,).
+    """Landing of the arm joints (n,).
 
     Args:
         hardware: the arm. If it does not lie at its resting pose, it sinks from there to where it hangs or lies.

@@ -24,7 +24,7 @@ _LEAK_RAD_S = 0.005
 _CREDIT_S = 2.0  # time constant with which unused credit is forgotten
 _BOUND_SHARE = 0.25  # bound of the force, as a share of the torque limit
 _FADE_S = 0.5
-_GENTLE_NM = 1.0  # by how much the bound grows in `_FADE_S`
+_GENTLE_NM = 1.0  # growth of the bound in `_FADE_S`
 
 
 class BilateralForce:

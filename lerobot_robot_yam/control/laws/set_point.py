@@ -1,13 +1,13 @@
-"""The set-point: where the arm is asked to be at this tick, and how fast it is asked to move there.
+"""The set-point: position and speed that the arm is asked for at this tick.
 
 Callers send targets at 30–60 Hz; the loop runs at 250 Hz. Each new target is reached after about one caller period,
-in a straight line per joint, so that the arm sees ramps and not steps. The motors get the ramp's slope as dq*: without
-it, kd alone makes these gains lag by 60–150 ms. Speed and acceleration are always limited, the ends of the range are
-approached slowly, and nothing jumps.
+in a straight line per joint, so that the arm sees ramps and not steps. The motors get the ramp's slope as dq*: with
+dq* = 0 the damping kd would make the arm lag by 60–150 ms. Speed and acceleration are always limited, the ends of the
+range are approached slowly, and nothing jumps.
 
 Each tick plans one step. The motors are asked for the weighted mean of the last three plans, and for the acceleration
-across them. So position, speed and acceleration belong to one smooth motion. An acceleration that comes later than its
-speed makes an arm start late, hurry after its set-point and exceed the speed limit. The mean lies one tick behind the
+across them. So position, speed and acceleration belong to one smooth motion. If the acceleration came later than its
+speed, the arm would start late, hurry after its set-point and exceed the speed limit. The mean lies one tick behind the
 plan; a moving target is planned for one tick ahead, so that nothing lags.
 """
 
@@ -15,12 +15,12 @@ import math
 
 import numpy as np
 
-_PERIOD_RANGE_S = (1 / 400, 0.1)  # caller periods outside are not a stream; ticks of 250 Hz are no exact 4 ms
+_PERIOD_RANGE_S = (1 / 400, 0.1)  # periods of a caller that streams; 1/400, since ticks of 250 Hz vary
 _PERIOD_GAIN = 0.2  # smoothing of the measured caller period
 _STREAM_GAP = 1.5  # caller periods without a target after which the stream counts as ended
-_BORNE_OUT_RAD = 0.01  # a target this near to where it was going, or of a gripper's stroke
-_TRACK_S = 0.02  # in which a set-point that tracks closes a gap: five ticks, or it would answer the noise of a target
-_WEIGHTS = np.array([0.25, 0.5, 0.25])  # of the last three plans
+_BORNE_OUT_RAD = 0.01  # distance within which a target is where its predecessor was going, rad or strokes
+_TRACK_S = 0.02  # time in which a tracking set-point closes a gap: five ticks, or target noise would get through
+_WEIGHTS = np.array([0.25, 0.5, 0.25])  # weights of the last three plans
 
 
 class SetPoint:
@@ -30,11 +30,11 @@ class SetPoint:
         speed_limit: (n,) largest |dq*|, unit/s.
         acceleration_limit: (n,) largest |d dq*/dt|, unit/s².
         lower, upper: (n,) range that the set-point never leaves; seeded outside, it only moves inwards.
-        end_deceleration: (n,) with which it comes to rest at an end of the range, unit/s².
+        end_deceleration: (n,) deceleration at the ends of the range, unit/s².
 
     Attributes:
         q, dq: (n,) position and speed as planned last.
-        target: (n,) where it goes.
+        target: (n,) position to which the set-point goes.
     """
 
     def __init__(
@@ -49,19 +49,19 @@ class SetPoint:
         self._limits = np.array((speed_limit, acceleration_limit, end_deceleration, lower, upper), dtype=float)
         self.speed_limit, self.acceleration_limit = self._limits[0], self._limits[1]
         self._lower, self._upper = self._limits[3], self._limits[4]
-        self._plans = np.zeros((3, 2, n))  # q and dq: of this tick, of the one before, and of the one before that
+        self._plans = np.zeros((3, 2, n))  # q and dq of this tick and of the two before
         self.q: np.ndarray = self._plans[0, 0]
         self.dq: np.ndarray = self._plans[0, 1]
-        self._asked: np.ndarray | None = None  # see `asked`; None: not known for these plans
-        self._rests = False  # at its target, until somebody else moves it
-        self._took_s = (math.inf, math.inf)  # this tick and the one before
+        self._asked: np.ndarray | None = None  # see `asked`; None: not computed for these plans
+        self._rests = False  # whether the set-point rests at its target
+        self._took_s = (math.inf, math.inf)  # lengths of this tick and the one before
         self.target: np.ndarray = np.zeros(n)
         self._target_velocity: np.ndarray = np.zeros(n)
         self._target_at = -math.inf
         self._arrive_at = -math.inf
-        self._tracks = False  # a target whose speed is told: it moves on by itself, and is followed without lag
-        self._streams = False  # targets come from a caller, in periods of his
-        self._told: tuple[np.ndarray, np.ndarray, float] | None = None  # target, speed and time that he told last
+        self._tracks = False  # a target with known speed moves on by itself, and is followed without lag
+        self._streams = False  # whether targets come from a caller, at a rate of its own
+        self._told: tuple[np.ndarray, np.ndarray, float] | None = None  # the last target, its speed and time
         self._period = 1 / 30
 
     def seed(self, q: np.ndarray) -> None:
@@ -88,7 +88,7 @@ class SetPoint:
         self.target[index], self._target_velocity[index] = value, 0.0
 
     def fall_back(self, index: int, value: float) -> None:
-        """As `reseed`, but its target stays: it goes there from its measured value."""
+        """Start one coordinate again, at rest, from its measured value; its target stays."""
         self._change()
         self._plans[:, 0, index], self._plans[:, 1, index] = value, 0.0
 
@@ -114,11 +114,11 @@ class SetPoint:
     def set_target(
         self, target: np.ndarray, now: float, velocity: np.ndarray | None = None, age_s: float = 0.0
     ) -> None:
-        """Take a new target (n,), to be reached within about one caller period if the limits allow it.
+        """Set a new target (n,), to be reached within about one caller period if the limits allow it.
 
         `velocity` (n,) is the speed with which the target itself moves, when the caller knows it; otherwise it is the
-        difference to the previous target. Where the targets bear out what was told of the one before, the target was
-        there `age_s` ago, moves on until the next one is due, and is followed without lag.
+        difference to the previous target. If the target is where the previous one was going, it is assumed
+        to have been there `age_s` ago and to move on until the next is due, and is followed without lag.
         """
         gap = now - self._target_at
         low, high = _PERIOD_RANGE_S
@@ -137,20 +137,20 @@ class SetPoint:
             self._arrive_at = now + self._period
 
     def _borne_out(self, target: np.ndarray, at_s: float) -> bool:
-        """Whether a target is where the one before, and the speed that was told with it, have led."""
+        """Return whether a target is where the previous target was going with its speed."""
         if self._told is None:
             return False
         before, velocity, before_s = self._told
         return bool(np.abs(target - before - velocity * (at_s - before_s)).max() <= _BORNE_OUT_RAD)
 
     def track(self, target: np.ndarray, velocity: np.ndarray, now: float) -> None:
-        """Take a target (n,) that is told anew at every tick, with its speed (n,): follow it without lag."""
+        """Set a target (n,) that comes anew at every tick, with its speed (n,), and is followed without lag."""
         self._follow(target, velocity, now)
         self._tracks, self._streams, self._told = True, False, None
 
     def _follow(self, target: np.ndarray, velocity: np.ndarray, now: float) -> None:
         self._rests = False
-        # A target that is quicker than the set-point may be would take it along, away from where the target is.
+        # A target quicker than the speed limit would extrapolate the set-point to where the target is not.
         most = self.speed_limit
         self._target_velocity = np.minimum(np.maximum(velocity, -most), most)
         self.target = np.minimum(np.maximum(target, self._lower), self._upper)
@@ -170,7 +170,7 @@ class SetPoint:
         self._tracks = False
 
     def step(self, now: float, dt: float) -> None:
-        """Plan the next step, of one tick of `dt` seconds, if any.
+        """Plan the step of the next tick of `dt` seconds.
 
         Each coordinate moves as `_next` says.
         """
@@ -184,7 +184,7 @@ class SetPoint:
         if self._tracks and self._streams and now > self._target_at:
             self._move_on(dt)
         left = max(self._arrive_at - now, dt)
-        ahead = dt  # where the target is when the motors are asked for this plan
+        ahead = dt  # time until the motors are asked for this plan
         if self._tracks:
             left = ahead = max(_TRACK_S, dt)  # so that a gap of 0 asks for the target's own speed
         gap = self.target + self._target_velocity * ahead - self.q
@@ -195,7 +195,7 @@ class SetPoint:
         self._asked = None
 
     def hold_back(self, share: np.ndarray) -> None:
-        """Plan this tick anew, such that `asked_ddq` is only these shares (n,) of what it is."""
+        """Plan this tick anew, with `asked_ddq` reduced to these shares (n,)."""
         before = self._plans[2, 1]
         dq = before + share * (self.dq - before)
         self.replan(self._plans[1, 0] + dq * self._took_s[0], dq)
@@ -209,19 +209,19 @@ class SetPoint:
         self.q[:m], self.dq[:m] = inside, np.where(inside == q, dq, 0.0)
 
     def _change(self) -> None:
-        """The plans become others."""
+        """Mark the plans as changed."""
         self._asked, self._rests = None, False
 
     @property
     def asked(self) -> np.ndarray:
-        """(2, n) position and speed that the motors are asked for."""
+        """Position and speed (2, n) that the motors are asked for."""
         if self._asked is None:
             self._asked = (_WEIGHTS @ self._plans.reshape(3, -1)).reshape(2, -1)
         return self._asked
 
     @property
     def asked_ddq(self) -> np.ndarray:
-        """(n,) acceleration of the motion that the motors are asked for, unit/s²."""
+        """Acceleration (n,) of the motion that the motors are asked for, unit/s²."""
         return (self._plans[0, 1] - self._plans[2, 1]) / sum(self._took_s)
 
     @property
@@ -243,20 +243,20 @@ def _next(
     lower: float,
     upper: float,
 ) -> tuple[float, float]:
-    """Position and speed of one coordinate after a tick of `dt` s. Plain floats: numpy takes twice as long for seven.
+    """Return position and speed of one coordinate after a tick of `dt` s. Numpy would take twice as long for seven.
 
         v = gap / left,  |v − v_target| ≤ sqrt(2 a |gap|),  |v| ≤ speed limit
         |v| ≤ sqrt(2 a_end way to the end of the range),  |v − dq| ≤ a dt
 
     Args:
         left: time in which the gap is to be closed, s.
-        gap: to where the target will be.
+        gap: distance to where the target will be.
     """
     room = _brakes_within(-gap if gap < 0.0 else gap, acceleration, dt)
     least, most = target_velocity - room, target_velocity + room
     wanted = gap / left
     wanted = least if wanted < least else most if wanted > most else wanted
-    # A moving target takes the set-point to the end of the range at full speed; the joint's stop is there.
+    # A moving target may lead the set-point to the end of the range, onto the joint's stop, at full speed.
     most = _brakes_within(q - lower if wanted < 0.0 else upper - q, end_deceleration, dt)
     most = speed_limit if speed_limit < most else most
     wanted = -most if wanted < -most else most if wanted > most else wanted
@@ -271,7 +271,7 @@ def _next(
 
 
 def _brakes_within(way: float, deceleration: float, dt: float) -> float:
-    """The speed from which `way` suffices to come to rest, sqrt(2 a way); 0 where no way is left."""
+    """Return the speed from which `way` suffices to come to rest, sqrt(2 a way); 0 where no way is left."""
     if way <= 0.0:
         return 0.0
     # One tick is the resolution: without the floor the last steps would shrink for ever.

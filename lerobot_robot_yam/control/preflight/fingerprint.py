@@ -125,7 +125,7 @@ def read_fingerprint(bus: can.BusABC, channel: str, interface: str, ids: Iterabl
 
     Args:
         bus: open bus; no other program may be driving it.
-        channel, interface: as given to python-can.
+        channel, interface: names that python-can gets.
         ids: CAN ids of the motors that may be there, see `mounting.arm_ids`.
 
     Raises:

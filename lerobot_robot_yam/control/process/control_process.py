@@ -49,7 +49,7 @@ def control(
     """
     configs = [arm.config for arm in arms]
     buses: list[can.BusABC] = []
-    with contextlib.ExitStack() as ends:  # in reverse order
+    with contextlib.ExitStack() as ends:  # closes in reverse order
         for pair in pairs:
             ends.callback(pair.close)
         refuse_stopped(configs[0].name, EmergencyStop())  # before a locked channel is reported
@@ -107,7 +107,7 @@ def main() -> int:
         try:
             control(arms, keys, pairs, tell, must_land, realtime=True)
         finally:
-            forget_the_dead(runtime_dir())  # of killed callers remove what they left
+            forget_the_dead(runtime_dir())  # removes files of killed callers
     return 0
 
 

@@ -149,7 +149,7 @@ class StandBy:
             for bus in buses:
                 bus.shutdown()
             self._poll.poll(_CLEARED_MS)
-            _take(self._locks)  # to remove their files
+            _take(self._locks)  # so that their files are removed
             for lock in self._locks:
                 lock.release()
 

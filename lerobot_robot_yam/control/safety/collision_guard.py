@@ -26,8 +26,8 @@ from lerobot_robot_yam.arm.collision.parts import GuardedArm
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 
 _RESERVE = 0.02  # share of the way to the limit that a slowed step leaves, so that rounding cannot make it fail
-_MOST_SLOWED = 4  # most pairs that are slowed at a time, which bounds the time of a tick
-_ROUNDS = 3  # most passes of slowing joints: a joint slowed for one pair may have been moving another pair apart
+_MOST_SLOWED = 4  # pairs that are slowed at a time, at most, which bounds the time of a tick
+_ROUNDS = 3  # passes of slowing joints, at most: one slowed for a pair may have been moving another pair apart
 _GAIN_M = 1e-7  # least effect on a distance, m, that counts for a joint
 _STANDS = 1e-3  # share of a step below which it counts as 0: an arm that leans on a limit stands still
 
@@ -66,7 +66,7 @@ class Verdict(NamedTuple):
 
 
 class _Step(NamedTuple):
-    """One tick of dt seconds of all joints (N,): as wanted (q, dq), and with all joints braking by `decel`."""
+    """Tick of dt seconds of all joints (N,): as wanted (q, dq), and with all joints braking by `decel`."""
 
     start: np.ndarray
     q: np.ndarray

@@ -24,12 +24,12 @@ import numpy as np
 logger = logging.getLogger(__name__)
 
 MOS_TRIP_C = 120.0  # trip of the power stage, see above
-COIL_TRIP_C = 100.0
+COIL_TRIP_C = 100.0  # trip of the coil, see above
 _OT_RANGE_C = (80.0, 200.0)  # range of OT_VALUE; any other value was never written
 WARM_C = 15.0  # margin below the trip from which a motor is warm
 HOT_C = 5.0
 _HYSTERESIS_C = 3.0
-_STEADY_C = 10.0  # most that a true temperature changes in _STEADY_S
+_STEADY_C = 10.0  # largest change of a true temperature in _STEADY_S
 _STEADY_S = 0.5
 _WARM_SPEED = 0.5
 

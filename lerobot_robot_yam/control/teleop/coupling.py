@@ -58,7 +58,7 @@ class Coupling:
         self.velocity: np.ndarray = np.zeros(hardware.n)
 
     def permit(self, leader: str, until_s: float) -> None:
-        """Allow to follow the leader with this channel key until `until_s`."""
+        """Allow coupling to the leader with this channel key until `until_s`."""
         if self._leader is None or self._leader.key != leader:
             self.end()
             if self._leader is not None:

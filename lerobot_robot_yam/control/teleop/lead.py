@@ -118,7 +118,7 @@ class Lead:
         self._down = [False, False]
         self._before_s = self._agreed_s = -math.inf
         self.state = gate.machine.state
-        self._entered: Gate | None = None  # the state that the ramp has been told of
+        self._entered: Gate | None = None  # the state that the ramp has entered
         self.action: np.ndarray | None = None
         self.action_dq: np.ndarray | None = None
         self.stamp_s = math.nan

@@ -1,6 +1,6 @@
-"""A teaching handle on a bus that nobody drives: what it says, and its settings, verified.
+"""Access to a teaching handle on a bus that nobody drives: its reports, and its settings, verified.
 
-The device acknowledges no setting, so each is read back.
+The device acknowledges no setting, so each setting is read back.
 """
 
 import math
@@ -30,21 +30,21 @@ from lerobot_robot_yam.damiao.handle_encoder import (
 from lerobot_robot_yam.errors import ConfigError, MotorError
 
 _ANSWER_S = 0.1
-_SETTING_S = 0.1  # what it writes to its EEPROM takes it a moment
+_SETTING_S = 0.1  # time in which the device writes its EEPROM
 _STILL_S, _STILL_RAD = 0.3, 0.02
 ZERO_RAD = 0.01
 """A released trigger that was zeroed reads within this of 0; half a degree."""
 
 
 class HandleAccess:
-    """The only handle of a channel.
+    """Access to the only handle of a channel.
 
     Raises (every method):
         BusError: the channel is gone.
 
     Args:
-        bus: open bus; nobody else drives it.
-        channel: its name, for messages.
+        bus: open bus that nobody else drives.
+        channel: the channel's name, for messages.
     """
 
     def __init__(self, bus: can.BusABC, channel: str):
@@ -53,10 +53,10 @@ class HandleAccess:
         self.clock = self._port.clock
 
     def firmware(self) -> tuple[int, int, int]:
-        """Version of the only handle.
+        """Read the firmware version of the only handle.
 
         Raises:
-            MotorError: none answers, or several devices do, as on a leader without motors.
+            MotorError: no handle answers, or several devices do, as on a leader without motors.
         """
         version = ask_handle(self._port, encode_version_request(), decode_version, _ANSWER_S)
         if version is None:
@@ -73,12 +73,12 @@ class HandleAccess:
         return version
 
     def devices(self) -> list[int]:
-        """Numbers of the encoders that answer: one of a handle; of a leader without motors, one per joint and more."""
+        """Return the numbers of encoders that answer: one for a handle, more for a leader without motors."""
         self._send(encode_version_request())
         return sorted({data[0] for data in self._frames(REQUEST_ID, _ANSWER_S) if decode_version(data)})
 
     def report(self) -> HandleReport:
-        """Trigger and buttons as they are. Raises MotorError: it does not say."""
+        """Read trigger and buttons. Raises MotorError: the handle does not report them."""
         request = encode_report_request()
         report = ask_handle(self._port, request, _report, _ANSWER_S, REPORT_ID)
         if report is None:
@@ -86,21 +86,21 @@ class HandleAccess:
         return report
 
     def eeprom(self, offset: int) -> int:
-        """One byte of its EEPROM. Raises MotorError: it does not say."""
+        """Read one byte of the handle's EEPROM. Raises MotorError: the handle does not report it."""
         value = ask_handle(self._port, encode_eeprom_read(offset), decode_eeprom_byte, _ANSWER_S)
         if value is None:
             raise MotorError(f"{self.channel}: the teaching handle does not tell EEPROM byte {offset}")
         return value
 
     def report_frequency(self) -> int:
-        """Reports per second without being asked, in Hz; 0: only on request."""
+        """Read how often the handle reports by itself, Hz; 0: only on request."""
         return decode_frequency(self.eeprom(EEPROM_REPORT_FREQUENCY_LOW), self.eeprom(EEPROM_REPORT_FREQUENCY_HIGH))
 
     def set_report_frequency(self, hz: int) -> None:
-        """Set it, unless it is so already, and read it back.
+        """Set the report frequency, unless it is set already, and read it back.
 
         Raises:
-            ConfigError: not 0 to 600 Hz.
+            ConfigError: the frequency is not 0 to 600 Hz.
             MotorError: the handle did not take it.
         """
         if not 0 <= hz <= REPORT_FREQUENCY_MAX_HZ:
@@ -117,10 +117,10 @@ class HandleAccess:
             )
 
     def set_zero(self) -> None:
-        """Take the trigger's position as zero; it must be released and still.
+        """Make the trigger's position zero; the trigger must be released and still.
 
         Raises:
-            MotorError: it moves, or does not read 0 afterwards.
+            MotorError: the trigger moves, or does not read 0 afterwards.
         """
         deadline, seen = self.clock.now() + _STILL_S, [self.report().position_rad]
         while self.clock.now() < deadline:

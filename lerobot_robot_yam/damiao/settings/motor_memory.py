@@ -1,4 +1,4 @@
-"""All registers of one motor: read, compared, changed in RAM, and stored so that nothing else changes with them."""
+"""All registers of one motor: reads, compares and changes them in RAM, and stores them so that no others change."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -14,7 +14,7 @@ Contents = dict[Register, float | int]
 
 MEASURED = frozenset({Register.VBUS, Register.TPCB, Register.TMTR, Register.P_M, Register.XOUT})
 """Registers that show a measurement: they change by themselves."""
-_UNUSED_GAINS = (500.0, 5.0)  # feedback has none
+_UNUSED_GAINS = (500.0, 5.0)  # gain ranges, which feedback does not use
 
 
 class MotorState(NamedTuple):
@@ -29,10 +29,10 @@ class MotorState(NamedTuple):
 
 
 def read_contents(access: RegisterAccess, motor_id: int) -> Contents:
-    """All registers that the motor tells. Empty: it does not answer.
+    """Read all registers that the motor reports; empty when it does not answer.
 
     Raises:
-        MotorError: two have this id, and nobody knows which of them says what.
+        MotorError: two motors have this id, so that their answers cannot be distinguished.
     """
     found = access.replies(motor_id, Register.ESC_ID)
     _require_one(access, motor_id, len(found))
@@ -43,7 +43,7 @@ def read_contents(access: RegisterAccess, motor_id: int) -> Contents:
 
 
 def read_state(access: RegisterAccess, motor_id: int) -> MotorState | None:
-    """Its feedback, decoded with the ranges that it is set to; None when it does not give any."""
+    """Read a motor's feedback, decoded with the ranges in its registers; None when it gives none."""
     told = [access.read(motor_id, r) for r in (Register.MST_ID, Register.PMAX, Register.VMAX, Register.TMAX)]
     if None in told:
         return None
@@ -56,10 +56,10 @@ def read_state(access: RegisterAccess, motor_id: int) -> MotorState | None:
 
 
 def require_alone(access: RegisterAccess, motor_id: int, name: str) -> None:
-    """Refuse unless exactly one motor has this id, and answers as its registers say.
+    """Refuse unless exactly one motor has this id, and it answers with the identifier in its registers.
 
     Raises:
-        MotorError: none or two have it, or the answers come under another identifier.
+        MotorError: no motor or two have the id, or answers have another identifier.
     """
     found = access.find(motor_id)
     if not found:
@@ -85,7 +85,7 @@ def _require_one(access: RegisterAccess, motor_id: int, answered: int) -> None:
 
 
 def require_limp(access: RegisterAccess, motor_id: int, name: str) -> None:
-    """Refuse to change a motor that holds something up. Raises MotorError: it is energised, or does not say."""
+    """Refuse to change a motor that holds something up. Raises MotorError: the motor has torque or is silent."""
     state = read_state(access, motor_id)
     if state is None:
         raise MotorError(f"{access.channel}: {name} (id {motor_id}) gives no feedback; nothing was changed")
@@ -103,14 +103,14 @@ def require_limp(access: RegisterAccess, motor_id: int, name: str) -> None:
 
 
 def equal(register: Register, one: float | int, other: float | int) -> bool:
-    """Whether the register's four bytes would be the same."""
+    """Return whether both values have the same four bytes in the register."""
     return encode_value(register, one) == encode_value(register, other)
 
 
 def changes(
     before: Mapping[Register, float | int], after: Mapping[Register, float | int]
 ) -> dict[Register, tuple[float | int, float | int | None]]:
-    """What differs, but for measurements: value before and after, None where it is not told any more."""
+    """Compare contents without measurements: register -> value before and after, None where not reported any more."""
     found: dict[Register, tuple[float | int, float | int | None]] = {}
     for register, old in before.items():
         new = after.get(register)
@@ -123,13 +123,13 @@ def put(access: RegisterAccess, wanted: Mapping[int, Contents]) -> dict[int, Con
     """Set registers of motors in RAM; a register that holds its value already is not written.
 
     Args:
-        wanted: the values, by motor id.
+        wanted: motor id -> values of registers.
 
     Returns:
-        What the registers that were written held before, by motor id.
+        Motor id -> previous values of the registers that were written.
 
     Raises:
-        MotorError, BusError: a motor did not take a value. What was written is put back, or the message names it.
+        MotorError, BusError: a motor did not take a value. Written values are put back, or the message names them.
     """
     written: dict[int, Contents] = {motor_id: {} for motor_id in wanted}
     try:
@@ -147,7 +147,7 @@ def put(access: RegisterAccess, wanted: Mapping[int, Contents]) -> dict[int, Con
 
 
 def put_back(access: RegisterAccess, written: Mapping[int, Contents]) -> str:
-    """Undo `put` as far as the motors answer; return what a message says of what is left, or nothing."""
+    """Undo `put` as far as the motors answer; return a message about registers that are not put back, or ""."""
     left = []
     for motor_id, contents in written.items():
         for register, value in contents.items():
@@ -159,10 +159,10 @@ def put_back(access: RegisterAccess, written: Mapping[int, Contents]) -> str:
 
 
 def store(access: RegisterAccess, motor_id: int) -> list[str]:
-    """Store RAM to flash, and see to it that every register is afterwards what it was before.
+    """Store RAM to flash, and restore registers that this changes.
 
-    Some firmware puts other registers back to what flash held when it stores one. Those are written and stored again,
-    as long as fewer of them are lost each time.
+    Some firmware resets other registers to their flash values when it stores one. Such registers are written and stored
+    again, as long as their number shrinks each time.
 
     Returns:
         Names of the registers that had to be stored again.

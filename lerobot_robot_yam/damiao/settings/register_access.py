@@ -1,7 +1,7 @@
-"""Registers of any motor on a bus, whatever identifier it answers with. Not for use while somebody drives the bus.
+"""Registers of any motor on a bus, whatever its answers' identifier. Not for use while somebody drives the bus.
 
-Unlike `MotorChain` it knows no profile: an answer is recognised by motor id, opcode and register inside it, and every
-answer counts, since two motors with one id answer twice.
+Unlike a `MotorChain` this access needs no profile: answers are recognised by motor id, opcode and register inside, and
+every answer counts, since two motors with one id answer twice.
 """
 
 import math
@@ -26,28 +26,28 @@ from lerobot_robot_yam.damiao.registers import (
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
 from lerobot_robot_yam.errors import MotorError
 
-_ANSWER_S = 0.05  # the slowest adapters take 16 ms each way
-_SECOND_S = 0.02  # a second motor with the same id answers right after the first one
+_ANSWER_S = 0.05  # time to wait for an answer: the slowest adapters take 16 ms each way
+_SECOND_S = 0.02  # time to wait for a second motor with the same id, which answers right after the first
 _ATTEMPTS = 3
-_STORE_S = 0.5  # a motor that writes its flash may be silent for a moment
+_STORE_S = 0.5  # time to wait for a motor that writes its flash
 
 
 class Reply(NamedTuple):
-    """A value, and the identifier under which it came."""
+    """Value of a register, and the CAN identifier of the answer."""
 
     identifier: int
     value: float | int
 
 
 class RegisterAccess:
-    """Asks and sets motors one after the other.
+    """Access to registers of motors, one after the other.
 
     Raises (every method):
         BusError: the channel is gone or takes no frames.
 
     Args:
-        bus: open bus; nobody else drives it.
-        channel: its name, for messages.
+        bus: open bus that nobody else drives.
+        channel: the channel's name, for messages.
     """
 
     def __init__(self, bus: can.BusABC, channel: str):
@@ -55,18 +55,18 @@ class RegisterAccess:
         self.port = BusPort(bus, channel)
 
     def replies(self, motor_id: int, register: Register, attempts: int = _ATTEMPTS) -> list[Reply]:
-        """All answers to one question. More than one: two motors have this id. None: nobody has."""
+        """Return all answers to one question: several if two motors have this id, none if no motor has."""
         return self._registers(encode_read(motor_id, register), attempts)
 
     def find(self, motor_id: int) -> list[Reply]:
-        """The MST_ID of each motor that has this id, and the identifier under which it says so.
+        """Return the MST_ID of each motor that has this id, and the identifier of its answer.
 
-        It asks three times, since the answers of two motors may also meet on the wire and be lost.
+        The question is sent three times, since answers of two motors may collide on the wire and be lost.
         """
         return max((self.replies(motor_id, Register.MST_ID, attempts=1) for _ in range(_ATTEMPTS)), key=len)
 
     def read(self, motor_id: int, register: Register) -> float | int | None:
-        """Value of a register; None when the motor, or its firmware, does not tell, or tells no number."""
+        """Read a register; None when the motor or its firmware reports nothing, or no number."""
         for _ in range(_ATTEMPTS):
             reply = next(self._answers(encode_read(motor_id, register), _ANSWER_S), None)
             if reply is not None:
@@ -74,10 +74,10 @@ class RegisterAccess:
         return None
 
     def write(self, motor_id: int, register: Register, value: float) -> None:
-        """Set a register in RAM. Read it back: a motor whose ids change may answer from either, or not at all.
+        """Set a register in RAM. Read it back later: a motor whose ids change may answer with either, or not at all.
 
         Raises:
-            ConfigError: a read-only register, or a value that it cannot hold.
+            ConfigError: the register is read-only, or cannot hold the value.
         """
         next(self._answers(encode_write(motor_id, register, value), _ANSWER_S), None)
 
@@ -85,8 +85,8 @@ class RegisterAccess:
         """Set a register in RAM, at a motor whose id stays.
 
         Raises:
-            MotorError: it holds something else afterwards, or does not answer any more.
-            ConfigError: a read-only register, or a value that it cannot hold.
+            MotorError: the register holds another value afterwards, or the motor is silent.
+            ConfigError: the register is read-only, or cannot hold the value.
         """
         held = None
         for _ in range(_ATTEMPTS):
@@ -98,16 +98,16 @@ class RegisterAccess:
         raise MotorError(f"{self.channel}: motor {motor_id} did not take {register.name} {value:g}: it {what}")
 
     def store(self, motor_id: int) -> bool:
-        """Tell a limp motor to store its registers to flash; returns whether it has answered.
+        """Make a limp motor store its registers to flash; return whether it has answered.
 
-        The content of the answer is not documented, so any frame that carries its number confirms.
+        The content of the answer is not documented, so any frame with the motor's number confirms.
         """
         self._drain()
         self._send(REGISTER_ID, encode_store(motor_id))
         return any(data[0] & 0xF == motor_id & 0xF for _, data in self._frames(_STORE_S))
 
     def feedback(self, motor_id: int, master_id: int) -> bytes | None:
-        """A feedback frame (8 bytes); commands no motion. None when none comes."""
+        """Request a feedback frame (8 bytes), without commanding motion. None when none comes."""
         for _ in range(_ATTEMPTS):
             data = self.exchange(motor_id, master_id, REGISTER_ID, encode_refresh(motor_id), _ANSWER_S)
             if data is not None:
@@ -115,7 +115,7 @@ class RegisterAccess:
         return None
 
     def exchange(self, motor_id: int, master_id: int, identifier: int, data: bytes, timeout_s: float) -> bytes | None:
-        """Send a frame that a motor answers with feedback, and return that; None when none comes in time."""
+        """Send a frame that a motor answers with feedback; return the feedback, None when none comes in time."""
         self._drain()
         self._send(identifier, data)
         for found, answer in self._frames(timeout_s):
@@ -124,11 +124,11 @@ class RegisterAccess:
         return None
 
     def special(self, motor_id: int, command: SpecialCommand) -> None:
-        """Send a special command."""
+        """Send a special command to a motor."""
         self._send(motor_id, command.value)
 
     def _registers(self, payload: bytes, attempts: int) -> list[Reply]:
-        """Every answer: after the first one it waits for a second."""
+        """Return every answer; wait for a second one after the first."""
         for _ in range(attempts):
             first = next(self._answers(payload, _ANSWER_S), None)
             if first is not None:
@@ -148,7 +148,7 @@ class RegisterAccess:
                 yield Reply(identifier, reply.value)
 
     def _frames(self, timeout_s: float) -> Iterator[tuple[int, bytes]]:
-        """Frames of motors within a time: nothing of a handle, and no questions of other programs."""
+        """Yield frames of motors for `timeout_s`, without those of a handle and questions of other programs."""
         deadline = self.port.clock.now() + timeout_s
         while (remaining := deadline - self.port.clock.now()) > 0.0:
             message = self.port.recv(remaining)

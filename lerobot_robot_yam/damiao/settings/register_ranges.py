@@ -1,4 +1,4 @@
-"""Which values a register may be given. Source: the register tables of DM_Control_Python and python-damiao-driver."""
+"""Allowed values of registers. Source: the register tables of DM_Control_Python and python-damiao-driver."""
 
 import math
 from typing import NamedTuple
@@ -7,7 +7,7 @@ from lerobot_robot_yam.damiao.registers import REGISTERS, Register, encode_value
 from lerobot_robot_yam.errors import ConfigError
 
 _MOST_ID = 0x7FF
-_SMALLEST = 1e-6  # stands for "above zero"
+_SMALLEST = 1e-6  # least value that counts as above zero
 
 
 class _Range(NamedTuple):
@@ -45,7 +45,7 @@ RANGES: dict[Register, _Range] = {
 
 
 def register_named(name: str) -> Register:
-    """The register of this name, in any case, or number. Raises ConfigError: there is none."""
+    """Return the register with this name (in any case) or number. Raises ConfigError: there is no such register."""
     try:
         return REGISTERS[int(name)] if name.isdecimal() else Register[name.upper()]
     except KeyError:
@@ -53,7 +53,7 @@ def register_named(name: str) -> Register:
 
 
 def check_value(register: Register, value: float) -> None:
-    """Refuse what a motor must not be given.
+    """Refuse values that a motor must not get.
 
     Raises:
         ConfigError: the register is read-only, cannot hold the value, or must not have it.
