@@ -218,7 +218,7 @@ class ArmController:
             arm.hold_here()
         if status.mode is Mode.TRACK:
             if now - arm.estimate.oldest_s() > _UNHEARD_S + arm.chain.round_trip.one_way_s:
-                arm.setpoint.stop()  # else it would run ahead of an arm that hears nothing and hurries after it later
+                arm.setpoint.stop()  # else it runs ahead of an arm that hears nothing, and the arm hurries later
         if arm.landing is not None:
             self.landing.advance(now)
         elif status.mode in (Mode.HOLD, Mode.TRACK):
@@ -235,7 +235,7 @@ class ArmController:
         kd: np.ndarray | None = None,
         age_s: float = 0.0,
     ) -> bool:
-        """Accept a target (n,), gripper 0 … 1, given `age_s` ago, while holding or tracking; return whether it was.
+        """Accept a target (n,), gripper 0 … 1, given `age_s` ago, if the arm holds or tracks; return whether it does.
 
         An arm that is guided by hand floats on; only its gripper goes to the target.
         """
@@ -287,7 +287,7 @@ class ArmController:
             self.status.limited |= Limited.WORKSPACE
 
     def request(self, request: Request, now: float) -> None:
-        """Change the mode as requested. While `status.busy` that goes on; then `status.refusal` says how it ended.
+        """Change the mode as requested. This may go on while `status.busy`; then `status.refusal` has the result.
 
         Raises:
             YamError: the present mode forbids the request, or it cannot be done.

@@ -5,8 +5,8 @@ An arm may float if it would stay where it is, because the torque r that holds i
     r = tau − w,  w = gravity model · gravity factor
 
 While floating, the motors give w and nothing holds the arm against r any more, but friction. An arm that lies needs
-less than its model says, but nothing presses it down either: its motors give w, r is 0, and it may float. Where w is
-too much, motors that hold the arm must pull it down, and r shows that.
+less torque than w, but its motors give w all the same: r is 0, and the arm may float. Where w is too much, motors that
+hold the arm must pull it down, and r shows that.
 """
 
 import math
@@ -121,7 +121,7 @@ class FloatMonitor:
         else:
             self._balance.reset()
         joint = self._impedance.float_speed.runs_away if afloat else None
-        if joint is None or not self._impedance.carries(self._estimate.q[self._j], joint):  # a shove moves it
+        if joint is None or not self._impedance.carries(self._estimate.q[self._j], joint):  # moved by a shove
             return ""
         return (
             f"{self._names[joint]} goes on at {dq[joint]:.1f} rad/s though it is damped, and is held now; {CHECK}. "

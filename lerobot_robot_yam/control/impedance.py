@@ -126,7 +126,7 @@ class Impedance:
 
     Attributes:
         live: the arm's own gains, which a caller may change.
-        weight_nm: (joints,) what the model says that the arm weighs, as of the last commands.
+        weight_nm: (joints,) torque of the arm's weight by the model, as of the last commands.
         coupled: whether the arm follows a leader at loop rate. Then the profile's friction of soft joints is fed
             forward, unless the configuration sets friction.
     """
@@ -177,7 +177,7 @@ class Impedance:
         return bool(self._may_weigh_nm(q)[joint] > _RUBS * self._hardware.torque_limit_nm[joint])
 
     def _may_weigh_nm(self, q: np.ndarray) -> np.ndarray:
-        """Return the torque (joints,), Nm, by which a model may be wrong: all that it says plus the heaviest load."""
+        """Return the torque (joints,), Nm, by which a model may be wrong: its whole torque plus the heaviest load."""
         if self._gravity is None:
             return np.zeros(self._hardware.joints)
         load_nm: np.ndarray = PAYLOAD_MOST_KG * np.abs(self._gravity.torque_per_kg(q))

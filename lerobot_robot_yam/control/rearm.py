@@ -45,7 +45,7 @@ class Rearm:
 
         Raises:
             MotorError: a motor reports an impossible position, contradicts itself or moves too fast, or two answer:
-                nothing has changed. Or a motor still does not obey: then those that do hold.
+                nothing has changed. Or a motor still does not obey: the others hold.
         """
         arm, chain, trial = self._actuation, self._chain, self._chain.listen()
         failed = np.flatnonzero(~arm.estimate.usable).tolist()
@@ -95,7 +95,7 @@ class Rearm:
             news = trial.stamp_s > stamp_s
             answers, stamp_s = answers + news, trial.stamp_s
             fastest_rad_s = np.where(news, np.maximum(fastest_rad_s, np.abs(trial.velocity_rad_s)), fastest_rad_s)
-        if (chain.duplicates - chain.lost - doubled_before >= _DOUBLED).any():  # nobody knows which is ours
+        if (chain.duplicates - chain.lost - doubled_before >= _DOUBLED).any():  # nobody knows whose answers are right
             raise MotorError(f"{self._where}: motors answer twice; look for a second arm on the channel")
         too_fast = fastest_rad_s > _TOO_FAST_RAD_S
         too_fast[self._hardware.joints :] = False  # a gripper weighs next to nothing

@@ -46,7 +46,7 @@ class MotorChain:
     """All motors (and optionally the handle encoder) on one CAN bus. One thread touches it.
 
     Attributes:
-        feedback: the newest state of the motors. Its arrays have the same names on the chain.
+        feedback: the newest state of the motors; the chain has its arrays, too, under the same names.
         round_trip: delays of the adapter.
         expected_wire_s: time that one exchange occupies the wire, two frames per motor and for the handle.
         missed: (n,) number of questions in a row without an answer.
@@ -97,7 +97,7 @@ class MotorChain:
 
     @property
     def duplicates(self) -> np.ndarray:
-        """Answers to no question (n,), the mark of two motors with one id. They are not used: their age is unknown."""
+        """Answers to no question (n,), the mark of two motors with one id; not used, since their age is unknown."""
         return np.array(self._requests.duplicates)
 
     @property
@@ -119,7 +119,7 @@ class MotorChain:
         return trial
 
     def stop_listening(self) -> None:
-        """Update the store of `listen` no more."""
+        """Stop updating the store of `listen`."""
         self._receiver.trial = None
 
     def send(self, commands: np.ndarray, instead: Mapping[int, SpecialCommand] = MappingProxyType({})) -> None:
@@ -144,7 +144,7 @@ class MotorChain:
             for spec, row in zip(self.motors, rows, strict=True):
                 encode_mit(spec.type, *row)  # names what is not finite
         encoded = [pack_mit(ranges, *row) for ranges, row in zip(self._ranges, rows, strict=True)]
-        for message, data in zip(self._messages, encoded, strict=False):  # the last one may be the handle's
+        for message, data in zip(self._messages, encoded, strict=False):  # the last message may be the handle's
             message.data = data
         for index, command in instead.items():
             self._messages[index].data = command.value
@@ -248,7 +248,7 @@ class MotorChain:
         return request
 
     def _settle(self) -> None:
-        """Wait as long as answers to earlier questions can take: they must not be taken for answers to the next one.
+        """Wait as long as answers to earlier questions can take, so that none counts for the next question.
 
         Nothing is given up before the first answer, since it is unknown how long answers take.
         """

@@ -88,7 +88,7 @@ def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str =
 
 
 def verify(chain: MotorChain) -> None:
-    """Check that every motor is there, alone with its id, and set up as the profile says. Energises nothing.
+    """Check that every motor is there, alone with its id, and set up as in the profile. Energises nothing.
 
     Compares PMAX, VMAX, TMAX and GR with the type, MST_ID with the receive mode, CTRL_MODE with MIT, TIMEOUT with
     `WATCHDOG_S`.

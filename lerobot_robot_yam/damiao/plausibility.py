@@ -51,7 +51,7 @@ _NOTHING: _Sample = (math.nan,) * 6  # a sample after which every answer is poss
 
 
 class Plausibility:
-    """Judge of the answers of the motors of a chain. Lists and plain floats: each frame is judged.
+    """Judge of the answers of the motors of a chain. Lists and plain floats are used, since each frame is judged.
 
     Args:
         types: types of the motors.

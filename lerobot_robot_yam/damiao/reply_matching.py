@@ -84,7 +84,7 @@ class Requests:
         # While the first motor rests (rule 3): what it owed a tick ago, the question that was answered then, for how
         # many ticks its answers have ended, and for how many it has not been asked.
         self._rest: tuple[int, int, int, int] | None = None
-        self._losses_of_first = 0  # before its rest
+        self._losses_of_first = 0  # losses of the first motor before its rest
 
     def absent(self) -> Sequence[int]:
         """Return motors to leave out of the next tick, to learn whose answers come (rule 3)."""

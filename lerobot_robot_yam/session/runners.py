@@ -300,5 +300,5 @@ def wait_patiently(done: Callable[[], bool], outlives_us: bool) -> bool:
 def _stopped() -> bool:
     try:
         return EmergencyStop().latched
-    except errors.ConfigError:  # runtime directory removed: the loop latches on its own
+    except errors.ConfigError:  # the runtime directory was removed: the loop latches on its own
         return False

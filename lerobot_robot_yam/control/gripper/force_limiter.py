@@ -9,7 +9,7 @@ traces (`tests/golden/gripper_limiter.json`):
     raw        = zero-effort + s |T| / kp
     filtered   = 0.9 filtered + 0.1 raw
 The maker's limiter takes 1 rad for the command before its first, wherever the motor is. A gripper that presses when the
-limiter begins gets one tick of wrong torque. Ours takes the command that explains the measured torque.
+limiter begins gets one tick of wrong torque. This limiter takes the command that explains the measured torque.
 
 The allowance: a gripper that keeps squeezing an object turns all its power into heat. The DM3507's rated torque,
 0.8 Nm, is below the 1.03 Nm of a 50 N squeeze. Holding an object takes much less than gripping it.
@@ -143,7 +143,7 @@ class ForceLimiter:
         """Return the motor angle to command instead of `target`.
 
         Args:
-            now: s.
+            now: time, s.
             target, position: motor rad.
             rate: normalised gripper velocity, strokes/s (the threshold is compared with this).
             effort: measured motor torque, Nm.

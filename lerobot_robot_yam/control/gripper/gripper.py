@@ -64,7 +64,7 @@ class Gripper:
         return self._grip.stalled
 
     def derate(self, level: float) -> None:
-        """Reduce the force as the motor's heat level, 0 cool … 1 at its trip, asks for."""
+        """Reduce the force as the motor's heat level, 0 cool … 1 at its trip, demands."""
         self._grip.derate(level)
 
     def begin(self, calibrate: bool = False) -> None:

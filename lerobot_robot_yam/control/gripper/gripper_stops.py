@@ -202,7 +202,7 @@ def save_stops(arm: str, path: Path, gripper: str, stops: GripperStops) -> None:
 
 
 def await_stored(arm: str, path: Path, gripper: str, closed_rad: float, open_rad: float) -> None:
-    """Wait until the control loop has stored the stops that it has found. The loop goes on when it cannot store them.
+    """Wait until the control loop has stored the stops that it has found. The loop goes on when that fails.
 
     Raises:
         GripperError: the file is not there after 2 s.

@@ -20,7 +20,7 @@ LEFT_BEHIND_RAD = 0.05
 """More than an arm lags with its own gains."""
 _HOLDS_RAD = 0.3  # largest distance of a set-point that still holds the arm
 _END_DECELERATION_RAD_S2 = 5.0  # gentle, since an arm overshoots a harder stop by centimetres, and joints end on stops
-_GRIPPER_ACCELERATION = 60.0  # strokes/s²
+_GRIPPER_ACCELERATION = 60.0  # acceleration limit of the gripper, strokes/s²
 _FREE_RAD = 0.1  # way behind its set-point of a joint that comes free
 _FREE_SPEED = 1.1  # share of the speed limit that a joint that comes free exceeds
 _TOLD_S = 0.1  # how long a joint that came free is reported, s: a caller that looks 30 times a second sees it

@@ -4,9 +4,9 @@
     lower   lower the wrist to its resting place, stopping at contact
     fade    or sink: reduce stiffness and feed-forward to nothing; what is still unsupported sinks slowly (`Sink`)
 
-An arm without one of the motors that carry it may never get there, since a limp wrist stands in its way. It sinks onto
-what it has met on its way down. It also sinks, and does not fade, if such a motor is out at the end of `lower`:
-nobody knows where its joint is then.
+An arm without one of the motors that carry it may never get there, since a limp wrist stands in its way. Such an arm
+sinks onto what it has met on its way down. It also sinks, and does not fade, if such a motor is out at the end
+of `lower`: nobody knows where its joint is then.
 
 An arm whose base is tilted, or whose resting pose is configured, does not lie there. From there it sinks to where it
 hangs or lies, and torque is cut when nothing moves any more.

@@ -3,7 +3,7 @@
     tau = s · clip(k e, ±bound),   e = q_follower − q_leader,   k = gain · kp
     added damping: c = k T,  T = 12 ms: more than the spring loses to samples, frames and ticks
 
-The share s gates the force by what the operator does. It is full for a hand that moves against it, pushes or holds
+The share s gates the force by what the operator does. s is 1 for a hand that moves against it, pushes or holds
 still, and fades as the leader gives way:
 
     ẏ = dq · sat(e / 5 mrad) − leak,   −credit ≤ y ≤ Y,   s = clip(2 (Y − y) / Y, 0, 1)
@@ -18,7 +18,7 @@ import numpy as np
 LAG_S = 0.012  # T
 _GIVES_WAY_RAD = 0.1  # Y
 _CREDIT_RAD = 0.3
-_WORTH_RAD = 0.03  # e beyond the lag of a follower that moves freely
+_WORTH_RAD = 0.03  # e from which a force is considerable: beyond the lag of a follower that moves freely
 _SIGN_RAD = 0.005
 _LEAK_RAD_S = 0.005
 _CREDIT_S = 2.0  # time constant with which unused credit is forgotten

@@ -41,7 +41,7 @@ def inspect(hardware: ResolvedArm, chain: MotorChain, bus: can.BusABC) -> None:
         listen(bus, LISTEN_S, [m.can_id for m in chain.motors], config.channel)
     if config.identity_path is not None:
         found = read_fingerprint(bus, config.channel, config.interface, arm_ids(hardware.arm))
-        if found.motors:  # else `verify` says it better
+        if found.motors:  # else `verify` has the better message
             check_identity(config.identity_path, found, config.channel, config.name, config.on_command_line)
     role = bus, config.channel, config.name, hardware.gripper, gripper_id(hardware.arm)
     try:

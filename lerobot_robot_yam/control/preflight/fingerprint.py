@@ -1,6 +1,6 @@
 """The fingerprint of an arm: the motors and the handle that answer on its channel, and the adapter.
 
-Reading asks for registers and for the handle's version only: nothing is written, zeroed or energised.
+Only registers and the handle's version are read: nothing is written, zeroed or energised.
 """
 
 from collections.abc import Iterable
@@ -176,7 +176,7 @@ def _read_motor(chain: MotorChain, index: int) -> MotorPrint:
 
 
 def _register(chain: MotorChain, index: int, register: Register) -> float | None:
-    """Return the value of a register; None when the motor, or its firmware, does not tell."""
+    """Return the value of a register; None when the motor, or its firmware, does not report it."""
     try:
         return chain.read_register(index, register, timeout_s=_MOTOR_WAIT_S, attempts=_ATTEMPTS)
     except MotorError:

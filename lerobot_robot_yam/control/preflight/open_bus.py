@@ -15,7 +15,7 @@ from lerobot_robot_yam.errors import BusError, YamError
 
 logger = logging.getLogger(__name__)
 
-# LeRobot's commands open the root logger to every level, and python-can would make a record of each frame it receives.
+# LeRobot's commands set the root logger to every level, at which python-can would log each frame that arrives.
 logging.getLogger("can.bus").setLevel(logging.INFO)
 
 _ID_MASK = 0x7FF

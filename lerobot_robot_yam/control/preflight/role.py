@@ -42,7 +42,7 @@ def mistaken_role(bus: can.BusABC, channel: str, name: str, gripper: GripperProf
 
 
 def answering_gripper(bus: can.BusABC, channel: str, gripper_id: int) -> str:
-    """Return the name of a gripper profile that fits what answers; as `likely_gripper`.
+    """Return the name of a gripper profile that fits what answers, see `likely_gripper`.
 
     Raises:
         BusError: the channel is gone.

@@ -1,7 +1,7 @@
 """The control process: `python -m lerobot_robot_yam.control.process.control_process`, started by `ArmSession`.
 
-It imports neither lerobot nor torch, lives in a separate session so that Ctrl-C does not reach it, and lands its arms
-when it is asked to (SIGTERM) or when its parent is gone.
+The process imports neither lerobot nor torch, lives in a separate session so that Ctrl-C does not reach it, and lands
+its arms when it is asked to (SIGTERM) or when its parent is gone.
 """
 
 import contextlib

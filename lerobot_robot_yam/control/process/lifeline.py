@@ -78,7 +78,7 @@ class ProcessEnd:
     """Watch on one process of this machine, by its pid, that notices its end before the kernel reports it.
 
     The kernel reports an end after it has cleared the memory, which takes 0.1 s for a locked or large one. Arms need
-    not wait for that: from the first step of its exit on a process executes nothing any more.
+    not wait for that: a process executes nothing from the first step of its exit on.
 
     Raises:
         FileNotFoundError: the process has ended.

@@ -1,6 +1,6 @@
 """The stand-by: a process that holds everything needed to land the arms should the control process die.
 
-It is forked off before the control process opens anything, builds its own models, and then only waits on that
+The stand-by is forked off before the control process opens anything, builds its own models, and then only waits on that
 process's pid, and reads the state blocks 50 times a second. If that is gone (kill -9, out of memory) or has not
 ticked for a third of the motors' watchdog (stopped, stuck in the kernel: it is killed first), the stand-by opens the
 channels, lands what is energised, and takes the channel locks as the kernel frees them with their owner.

@@ -23,7 +23,7 @@ _BUS_TROUBLE = {
     errno.ENETDOWN: Trouble.LINK_DOWN,
     errno.ENOBUFS: Trouble.BUS_OFF,
 }
-_FULL_S = 0.05  # time after which a transmit queue stays full; after a late tick it empties sooner
+_FULL_S = 0.05  # time after which a full transmit queue counts as stuck, s; after a late tick it empties sooner
 
 
 @dataclass(frozen=True)

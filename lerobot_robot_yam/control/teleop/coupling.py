@@ -28,7 +28,7 @@ _AHEAD_S = 0.0033  # time from the decision to the middle of the tick in which t
 _JOIN_PER_S = 6.0  # ω, at which a gap closes to a fiftieth within 1 s
 _JOIN_SPEED = 1.0  # speed, 1/s, at which a wide gap closes; up to e/2 times as fast, since ω grows meanwhile
 _REST_S = 0.15  # τ
-_AT_REST = 1e-3  # 1/s
+_AT_REST = 1e-3  # speed below which the target is at rest, 1/s
 _JOINED = 1e-6
 
 
@@ -46,7 +46,7 @@ class Coupling:
         self._relative = hardware.config.max_relative_target
         self._leader: PeerBlock | None = None
         self._until_s = -math.inf
-        self._moves = False  # whether it follows, or comes to rest
+        self._moves = False  # whether the follower follows, or comes to rest
         self._gap: np.ndarray = np.zeros(hardware.n)
         self._gap_rate: np.ndarray = np.zeros(hardware.n)
         self._apart = False  # whether the gap is still open

@@ -250,7 +250,7 @@ class Lead:
         if mode is not Mode.FLOAT or not self._follower.coupled:
             return None
         if mirrored:
-            self.assist = None  # the last pull was another one
+            self.assist = None  # the last pull was the mirror's
         if self.assist is None:  # no force at the last tick, or a new state: begin without a jolt
             self._led.begin(self._motion.q)
             self._force.engage()
