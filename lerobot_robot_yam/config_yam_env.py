@@ -92,7 +92,7 @@ class YamEnvConfig(EnvConfig):
         """Make {"yam": {0: vector environment}}; each robot is connected by its environment's first reset.
 
         Raises:
-            ConfigError: there is no robot, its config is impossible, or several environments have one real robot.
+            ConfigError: no robot is chosen, its config is impossible, or several environments have one real robot.
         """
         from lerobot_robot_yam.yam_env import YamEnv
 

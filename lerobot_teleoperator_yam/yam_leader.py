@@ -118,7 +118,7 @@ class LeaderBase(ArmDevice, Teleoperator):
 
     @cached_property
     def feedback_features(self) -> dict[str, Any]:
-        """Types of feedback values: joints, or tool poses if the actions are poses. Feedback moves the leader there."""
+        """Types of feedback values: joints, or tool poses if the actions are poses. Feedback moves the leader."""
         return dict.fromkeys(self._space.keys, float)
 
     @check_if_already_connected

@@ -1,4 +1,4 @@
-"""Search for a camera by its serial number. It is opened with librealsense if that sees the camera, else as UVC."""
+"""Search for a camera by its serial number. A camera that librealsense sees is opened by it, any other as UVC."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Plugged:
 
     @property
     def serial(self) -> str | None:
-        """Serial number: the one on a RealSense's label if librealsense reads it, else that of the USB device."""
+        """Serial number on a RealSense's label if librealsense reads it, else the serial number of the USB device."""
         label = serials(self.device)[0] if self.device is not None else None
         return label or (self.seen.serial if self.seen else None)
 

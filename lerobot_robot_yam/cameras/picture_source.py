@@ -65,7 +65,7 @@ class PictureSource(Protocol):
         """Wait for the next picture. Raises CameraError: the camera is gone, or gives no picture; close it then."""
 
     def exposure_range(self) -> tuple[int, int]:
-        """Return least and greatest exposure, in `Wanted.exposure`'s unit. Raises CameraError: it cannot be set."""
+        """Return least and greatest exposure, in `Wanted.exposure`'s unit. Raises CameraError: there is none."""
 
     def set_control(self, name: str, value: int) -> None:
         """Set exposure, gain or white_balance, each in the unit of `Wanted`, by hand.

@@ -3,8 +3,8 @@
 - LeRobot is newer than tested.
 - The command's config file is no YAML. LeRobot's reader would end with a traceback that names neither line nor cause.
 - FFmpeg is not installed. One line replaces LeRobot's page about this: torchcodec tries FFmpeg 4 to 8, and LeRobot logs
-  all attempts before it reads videos with PyAV, which has an FFmpeg of its own. The page stays if there was any other
-  reason than missing libraries.
+  all attempts before it reads videos with PyAV, which has an FFmpeg of its own. The page stays if anything but missing
+  libraries was the reason.
 """
 
 import functools

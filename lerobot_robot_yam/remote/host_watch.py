@@ -1,7 +1,7 @@
 """Watching a host: programs of this computer see the host's arms like local arms, but cannot command them.
 
 A watched arm has a key of its own, with a lock and a state. So a program that drives the arm over a link finds its
-channel free, and has its own lock and state. While the arm is driven from here, the watched copy is hidden.
+channel free, and has its own lock and state. While this computer drives the arm, the watched copy is hidden.
 """
 
 import contextlib
@@ -63,7 +63,7 @@ def watched(host: Host) -> Iterator[None]:
 
 
 def _show(host: Host, groups: dict[str, Any], ended: threading.Event) -> None:
-    """Show the arms that nobody drives from here and no other program shows, until `ended`."""
+    """Show the arms that no program of this computer drives or shows already, until `ended` is set."""
     keys = keys_of(host, groups)
     configs = {}
     for arm in (arm for group in groups.values() for arm in group["arms"].values()):
@@ -86,7 +86,7 @@ def _show(host: Host, groups: dict[str, Any], ended: threading.Event) -> None:
 
 
 def _look(shown: dict[int, MirroredArm], number: int, key: str, config: ArmConfig, keys: dict[str, str]) -> None:
-    """Show an arm, or hide it while it is driven from here."""
+    """Show an arm, or hide it while this computer drives it."""
     if state_path(key).exists():  # testing the lock could disturb a program that acquires it now
         if number in shown:
             shown.pop(number).close()

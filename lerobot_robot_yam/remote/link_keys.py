@@ -1,7 +1,7 @@
 """Keys of host and clients (CURVE, Curve25519), in files that only their user can read.
 
 A host keeps its own key, and a folder with the public key of each client that may use it, as pyzmq's authenticator
-reads it. A client has one file: its pair, and the host's public key. `yam-host pair` makes both.
+reads it. A client has one file: its pair, and the host's public key. `yam-host pair` makes all files.
 """
 
 import os

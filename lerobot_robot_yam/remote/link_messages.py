@@ -105,7 +105,7 @@ def encode(message: Message) -> bytes:
 
 
 def decode(data: bytes) -> Message:
-    """Decode a message. Raises LinkError: it is malformed, or of another version."""
+    """Decode a message. Raises LinkError: the message is malformed, or of another version."""
     if not data.startswith(_MAGIC):
         raise LinkError("a message is not of this protocol")
     if not data.startswith(HEAD):

@@ -69,7 +69,7 @@ class _ArmStep(ProcessorStep):
         return asdict(self)
 
     def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
-        """Compute the values of the written keys from those of the read keys."""
+        """Compute the values of the keys that the step writes from the values that it reads."""
         if self.reads == "joints":
             pose = self._kinematics.fk(values * self._unit)
         else:

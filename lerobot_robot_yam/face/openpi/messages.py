@@ -48,7 +48,7 @@ def observation_name(key: str) -> str:
 
 
 def encode_message(message: Any) -> bytes:
-    """Encode a message of dictionaries, lists, text, numbers and arrays. Raises TypeError: it has something else."""
+    """Encode a message of dictionaries, lists, text, numbers and arrays. Raises TypeError: it has other values."""
     return msgpack.packb(message, default=_pack)
 
 

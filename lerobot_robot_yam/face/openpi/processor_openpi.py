@@ -1,4 +1,4 @@
-"""LeRobot's processors around a yam_openpi policy. They do not normalise, since the server does."""
+"""LeRobot's processors around a yam_openpi policy, which do not normalise, since the server does."""
 
 from typing import Any
 

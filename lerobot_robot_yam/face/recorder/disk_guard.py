@@ -59,7 +59,7 @@ class DiskGuard:
         """Compare the need of so many `episodes` with the free space, at the start, and warn if they do not fit.
 
         Raises:
-            ConfigError: there is no room for some seconds.
+            ConfigError: there is no room for 10 s of recording.
         """
         free = self.free_bytes() - LEFT_FREE
         if free < _AT_LEAST_S * self._fps * (self._kept + self._stills):

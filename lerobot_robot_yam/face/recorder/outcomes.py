@@ -125,7 +125,7 @@ class OutcomeBook:
             by: name of the button.
 
         Returns:
-            Whether there is such an episode.
+            Whether there is an episode to label.
         """
         if self._dataset is None:
             return False
