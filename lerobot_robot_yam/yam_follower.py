@@ -263,7 +263,7 @@ class FollowerBase(ArmDevice, Robot):
         return self._space.action(sent)
 
     def _is_last(self, action: Mapping[str, Any]) -> bool:
-        """Return whether `action` repeats LeRobot's last action. Targets would not do: inverse kinematics varies."""
+        """Return whether `action` repeats the last one. Compares actions, as inverse kinematics is not repeatable."""
         last = self._last_action
         return last.keys() == action.keys() and all(np.array_equal(action[key], last[key]) for key in last)
 

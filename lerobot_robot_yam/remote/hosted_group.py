@@ -171,7 +171,7 @@ class HostedGroup:
         return self.lease.renew(session)
 
     def take(self, command: Command) -> None:
-        """Pass a client's command on to its arm. Raises LinkError: it is not the holder's, or is not newer."""
+        """Pass a client's command on to its arm. Raises LinkError: the command is old, or not the holder's."""
         if self.phase is not Phase.RUNNING or self.lease.holder != command.session:
             self.dropped += 1
             raise LinkError(f"a command for the {self.role} is not of the client that has it")
