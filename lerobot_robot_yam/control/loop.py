@@ -25,7 +25,7 @@ from lerobot_robot_yam.state.records import BlockPair
 
 logger = logging.getLogger(__name__)
 
-_STRAGGLER_S, _STRAGGLER_MOST_S = 0.0008, 0.002  # usual and longest wait for late replies, s
+_STRAGGLER_S, _STRAGGLER_MOST_S = 0.0008, 0.002  # least and longest wait for late replies, s
 _MOMENT_S = 0.0004  # least wait for the replies, s, where this process woke up too late
 _EARLY_S = 0.0002  # time before the wire is idle, s, when decoding begins while the last frames travel
 _WAKE_UP_S = 0.00006  # typical delay of waking up from a sleep, s

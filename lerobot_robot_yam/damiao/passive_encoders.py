@@ -50,7 +50,7 @@ class PassiveEncoders:
         self.buttons = (False, False)
 
     def accept(self, message: can.Message, stamp_s: float) -> bool:
-        """Process a frame; return False when it is no report of these devices."""
+        """Process a frame; return False when the frame is no report of these devices."""
         if message.arbitration_id not in (REPORT_ID, EVENT_ID) or not is_classic_data(message):
             return False
         data = bytes(message.data)

@@ -13,7 +13,7 @@ import math
 
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
 
-_WINDOW_S = 0.15  # window, longer than adapters hold frames back; the quickest answer of one to two counts
+_WINDOW_S = 0.15  # window, longer than adapters hold frames back; the quickest answer of the last two counts
 SLOW_S = 0.002  # time each way above which an adapter is slow: half a tick at 250 Hz
 HELD_S = 0.02  # round trip above which an adapter holds frames back: five ticks
 

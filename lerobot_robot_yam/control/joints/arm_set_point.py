@@ -19,7 +19,7 @@ ACCELERATION_LIMIT_RAD_S2 = 30.0
 LEFT_BEHIND_RAD = 0.05
 """More than an arm lags with its own gains."""
 _HOLDS_RAD = 0.3  # largest distance of a set-point that still holds the arm
-_END_DECELERATION_RAD_S2 = 5.0  # gentle, since an arm overshoots a harder stop by centimetres, and joints end on stops
+_END_DECELERATION_RAD_S2 = 5.0  # at range ends: an arm overshoots a harder stop by centimetres, into its stops
 _GRIPPER_ACCELERATION = 60.0  # acceleration limit of the gripper, strokes/s²
 _FREE_RAD = 0.1  # way behind its set-point of a joint that comes free
 _FREE_SPEED = 1.1  # share of the speed limit that a joint that comes free exceeds

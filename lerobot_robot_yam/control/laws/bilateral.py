@@ -3,7 +3,7 @@
     tau = s · clip(k e, ±bound),   e = q_follower − q_leader,   k = gain · kp
     added damping: c = k T,  T = 12 ms: more than the spring loses to samples, frames and ticks
 
-The share s gates the force by what the operator does. s is 1 for a hand that moves against it, pushes or holds
+The share s gates the force by what the operator does. s is 1 for a hand that moves against the force, pushes or holds
 still, and fades as the leader gives way:
 
     ẏ = dq · sat(e / 5 mrad) − leak,   −credit ≤ y ≤ Y,   s = clip(2 (Y − y) / Y, 0, 1)
@@ -15,8 +15,8 @@ speed. With the gate they stop after Y.
 
 import numpy as np
 
-LAG_S = 0.012  # T
-_GIVES_WAY_RAD = 0.1  # Y
+LAG_S = 0.012  # T, the delay for which the added damping compensates, s
+_GIVES_WAY_RAD = 0.1  # Y, the way after which the force has ended
 _CREDIT_RAD = 0.3
 _WORTH_RAD = 0.03  # e from which a force is considerable: beyond the lag of a follower that moves freely
 _SIGN_RAD = 0.005

@@ -144,7 +144,7 @@ class SetPoint:
         return bool(np.abs(target - before - velocity * (at_s - before_s)).max() <= _BORNE_OUT_RAD)
 
     def track(self, target: np.ndarray, velocity: np.ndarray, now: float) -> None:
-        """Set a target (n,) that comes anew at every tick, with its speed (n,), and is followed without lag."""
+        """Set a target (n,) that is given at every tick with its speed (n,), and is followed without lag."""
         self._follow(target, velocity, now)
         self._tracks, self._streams, self._told = True, False, None
 

@@ -12,7 +12,7 @@ import socket
 import weakref
 
 _FLAGS_AT = 6  # index of the flags among the fields after the name, see proc_pid_stat(5)
-_PF_EXITING = 0x4  # include/linux/sched.h
+_PF_EXITING = 0x4  # flag of an exiting process, include/linux/sched.h
 
 
 class Lifeline:

@@ -27,7 +27,7 @@ _AGE_MOST_S = 0.03  # largest age of a leader's sample: seven ticks
 _AHEAD_S = 0.0033  # time from the decision to the middle of the tick in which the motors obey it
 _JOIN_PER_S = 6.0  # ω, at which a gap closes to a fiftieth within 1 s
 _JOIN_SPEED = 1.0  # speed, 1/s, at which a wide gap closes; up to e/2 times as fast, since ω grows meanwhile
-_REST_S = 0.15  # τ
+_REST_S = 0.15  # τ, time constant of coming to rest
 _AT_REST = 1e-3  # speed below which the target is at rest, 1/s
 _JOINED = 1e-6
 

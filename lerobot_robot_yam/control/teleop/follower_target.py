@@ -20,8 +20,8 @@ from lerobot_robot_yam.control.laws.glide import Glide
 from lerobot_robot_yam.control.teleop.follower_view import FollowerView
 from lerobot_robot_yam.state.modes import Gate
 
-_ACCELERATION = 3.0  # rad/s²
-_GRIPPER_ACCELERATION, _GRIPPER_SPEED = 10.0, 1.0  # strokes/s², strokes/s
+_ACCELERATION = 3.0  # acceleration of the joints on the way home, rad/s²
+_GRIPPER_ACCELERATION, _GRIPPER_SPEED = 10.0, 1.0  # limits of the gripper on the way home, strokes/s², strokes/s
 NEAR = 0.05  # share of the stroke: distance from the gripper's opening at which the trigger takes over
 
 Target = tuple[np.ndarray, np.ndarray]
