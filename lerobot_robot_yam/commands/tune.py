@@ -134,7 +134,7 @@ class Tuner:
 
     Args:
         config: the arm, without a tuning.
-        isolation: where its control loop runs.
+        isolation: where the arm's control loop runs, see `ArmSession`.
         workspace: obstacles that the arm's motions keep clear of.
         bare: the arm's tuning without a payload, if a payload is to be found.
         legs: number of legs of an automatic run; each is travelled in both directions.

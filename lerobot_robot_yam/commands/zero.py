@@ -140,7 +140,7 @@ class Zeroing:
     """
 
     def __init__(self, config: ArmConfig, bus: can.BusABC, joints: Sequence[str]):
-        self._where = f"{config.name} ({config.channel})"  # for messages
+        self._where = f"{config.name} ({config.channel})"  # name and channel in messages
         self._arm = arm = ResolvedArm(config)
         self.names = [motor.name for motor in arm.motors]
         known = self.names[: arm.joints]

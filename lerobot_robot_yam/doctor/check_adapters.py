@@ -25,7 +25,7 @@ def read_rules(directories: Sequence[Path]) -> list[str]:
 def check_adapters(
     adapters: Sequence[CanAdapter], wanted: Sequence[str], rules: Sequence[str], section: Section
 ) -> None:
-    """Add rows for all adapters, findings for the wanted ones: names that may shuffle, serial numbers that repeat."""
+    """Add rows for all adapters, and findings for wanted adapters: names that may change, repeated serial numbers."""
     for adapter in adapters:
         usb = adapter.usb
         section.rows.append(

@@ -165,7 +165,7 @@ def check_free(root: Path, named: NamedAdapter, interface: str, ours: Collection
         ours: names that our rules give already.
 
     Raises:
-        SetupError: something else does; the message says where, and what to do.
+        SetupError: the name is given, or the adapter is named, elsewhere; the message says where and what to do.
     """
     for path, number, line in _lines_in(root, _RULES_FOLDERS, "*.rules"):
         given = re.search(r'\bNAME:?="([^"]*)"', line)

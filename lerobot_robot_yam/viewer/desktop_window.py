@@ -246,7 +246,7 @@ class Desktop:
             self._control.update(self.scene)
 
     def texts(self) -> tuple[str, str]:
-        """Return the two columns of the corner's text."""
+        """Return the two columns of the text in the window's corner."""
         left = "watching" if self._control is None or not self._control.on else "CONTROL"
         lines = [f"{arm.name}: {line}" for arm in self._watched.arms.values() for line in warnings_of(arm)]
         if not self._watched.arms:

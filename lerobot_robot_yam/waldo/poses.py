@@ -19,12 +19,12 @@ AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
 
 Numbers = Sequence[float] | np.ndarray
 
-_UNITS = np.array([1e-3] * 3 + [np.pi / 180.0] * 3)  # units of poses in commands, mm and degrees, in m and rad
+_UNITS = np.array([1e-3] * 3 + [np.pi / 180.0] * 3)  # units of poses in commands (mm, degrees), expressed in m and rad
 _LOCKED = 1e-7  # cos(ry) below which rx and rz turn about the same axis
 
 
 def numbers(what: str, values: object, count: int) -> np.ndarray:
-    """Return `values` as (count,) finite floats. Raises PlanError: they are something else."""
+    """Return `values` as (count,) finite floats. Raises PlanError: the values are something else."""
     try:
         given = np.array(values, dtype=float)
     except (TypeError, ValueError):
@@ -35,7 +35,7 @@ def numbers(what: str, values: object, count: int) -> np.ndarray:
 
 
 def number(what: str, value: object, low: float, high: float) -> float:
-    """Return `value` as a float from `low` to `high`. Raises PlanError: it is something else."""
+    """Return `value` as a float from `low` to `high`. Raises PlanError: the value is something else."""
     if not (isinstance(value, Real) and low <= float(value) <= high):
         raise PlanError(f"{what} has to be a number from {low:g} to {high:g}, not {value!r}")
     return float(value)

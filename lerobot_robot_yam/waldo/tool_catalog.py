@@ -41,7 +41,7 @@ def palette(category: str, example: str) -> Callable[[Call], Call]:
 
 
 class NoTool(ToolSpec):
-    """The bare flange."""
+    """Tool "none": the bare flange."""
 
 
 class YamGripper(ElectricGripperTool):

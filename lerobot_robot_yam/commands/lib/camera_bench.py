@@ -49,7 +49,7 @@ class Bench:
     """Collector of pictures from cameras, which are opened one at a time, in one size and rate.
 
     Args:
-        width, height: pixels.
+        width, height: size of the pictures, pixels.
         fps: pictures per second.
     """
 
@@ -91,7 +91,7 @@ class Bench:
             return before, exposure, self._take(source, _TAKES, f"after, exposure {exposure}")
 
     def write(self, path: Path) -> None:
-        """Write the sheet.
+        """Write the sheet of pictures as a PNG file.
 
         Raises:
             SetupError: the file cannot be written.

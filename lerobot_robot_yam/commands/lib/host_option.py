@@ -23,7 +23,7 @@ def ask_host(args: argparse.Namespace, op: str, within_s: float = 2.0, **fields:
         YamError: the host does not answer, or refuses.
     """
     from lerobot_robot_yam.remote.host_address import HostAddress
-    from lerobot_robot_yam.remote.host_question import Host  # needs pyzmq
+    from lerobot_robot_yam.remote.host_question import Host  # late: needs pyzmq
 
     return Host(HostAddress.of(args.arms_host), args.key).ask(op, within_s, **fields)
 

@@ -49,7 +49,7 @@ class KeyTerminal:
         with contextlib.suppress(OSError):
             if typed := os.read(self._descriptor, _CHUNK):
                 return typed
-        self.gone = True  # from now on, every read of a terminal that has hung up is empty or fails
+        self.gone = True  # no more reads: each read of a terminal that has hung up is empty, or fails
         return b""
 
 

@@ -84,7 +84,7 @@ def _serve(args: argparse.Namespace, fields: Sequence[str]) -> int:
 
 
 def _names(text: str) -> dict[str, str]:
-    """Parse a dictionary of names on the command line. Raises argparse.ArgumentTypeError: `text` is not one."""
+    """Parse a dictionary of names on the command line. Raises argparse.ArgumentTypeError: it is something else."""
     found = yaml.safe_load(text)
     if not isinstance(found, dict) or not all(isinstance(name, str) for pair in found.items() for name in pair):
         raise argparse.ArgumentTypeError(f"give a dictionary of names, such as {{observation.image: …}}, not {text}")

@@ -60,7 +60,7 @@ class Target:
 
     @property
     def key(self) -> str:
-        """Channel key of the lock and the blocks."""
+        """Key of the channel in the names of its lock and blocks."""
         rig = self.config.can_options.get("rig") if self.config.interface == VIRTUAL else None
         return channel_key(self.config.interface, self.channel, rig)
 
@@ -245,7 +245,7 @@ def _target(values: Mapping[str, Any], name: str, rig: str | None) -> Target:
     known = {key: value for key, value in values.items() if key in _ARM_FIELDS}
     options = dict(known.pop("can_options", None) or {})
     if known.get("interface") == VIRTUAL:
-        options.pop("operator", None)  # no leader may move meanwhile
+        options.pop("operator", None)  # without the scripted operator, so that no leader moves during the check
         options["rig"], _ = rig_name(rig or options.get("rig"))
     try:
         target = Target(ArmConfig(**{"name": name, **known, "can_options": options}))

@@ -150,7 +150,7 @@ class EpisodePlot:
         self._shown_s = -_SHOWN_S
 
     def update(self, now_s: float, frame: int, episode: RecordedEpisode, other: RecordedEpisode | None) -> None:
-        """Show this frame; at most a few times a second."""
+        """Draw the plot with the playhead at this frame; at most a few times a second."""
         wanted = (self._choice.value, frame, episode.number, None if other is None else other.number)
         if wanted == self._shown or now_s - self._shown_s < _SHOWN_S or episode.length < 2:
             return

@@ -166,7 +166,7 @@ class Live:
         self._rigs = WatchedRigs(server.scene)
         self._shown: dict[str, _Shown] = {}
         self._leaving: list[tuple[float, ArmPanel]] = []  # hidden panels, with the time of removal
-        server.scene.configure_default_lights(cast_shadow=False)  # for browsers without a graphics card
+        server.scene.configure_default_lights(cast_shadow=False)  # shadows are slow in browsers without a graphics card
         server.initial_camera.position, server.initial_camera.look_at = _EYE_M, _LOOKS_AT_M
         self._grid = server.scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.1, section_size=0.5)
         self._banner = Banner(server)

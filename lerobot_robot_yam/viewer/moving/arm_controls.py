@@ -87,7 +87,7 @@ class JointSliders:
             return
         shown = np.clip(arm.shown, self._hardware.lower, self._hardware.upper)
         for slider, value, touched_s in zip(self._sliders, shown.tolist(), self._touched_s, strict=True):
-            if now - touched_s > _TOUCHED_S and not abs(slider.value - value) <= _SHOWN_RAD:  # also replaces NaN
+            if now - touched_s > _TOUCHED_S and not abs(slider.value - value) <= _SHOWN_RAD:  # replaces NaN, too
                 put(slider, value=value)
 
 
@@ -132,7 +132,7 @@ class ToolHandle:
     @staticmethod
     def _show(node: viser.FrameHandle | viser.TransformControlsHandle, position: np.ndarray, quat: np.ndarray) -> None:
         apart = max(np.abs(node.position - position).max(), np.abs(node.wxyz - quat).max())
-        if not apart <= _SHOWN_M:  # also replaces a browser's NaN
+        if not apart <= _SHOWN_M:  # True for a NaN from a browser, which is replaced, too
             node.position, node.wxyz = position, quat
 
 

@@ -115,9 +115,9 @@ class Driver:
     # requests
 
     def connect(self) -> None:
-        """Energise the arms, which hold their poses. A person must have confirmed. Raises YamError: it failed."""
+        """Energise the arms, which hold their poses. A person must have confirmed. Raises YamError: an arm fails."""
         self.desk.begin()
-        self._said = {}  # notices of the last session may repeat
+        self._said = {}  # forget notices of the last session, so that they may be shown again
         try:
             self.session.start()
             self.arms = {config.name: DrivenArm(self.session[config.name]) for config in self.plan.configs}
@@ -174,7 +174,7 @@ class Driver:
         self._each(ArmClient.land)
 
     def _each(self, work: Callable[[ArmClient], None]) -> None:
-        """Call `work` for each arm, even after a failure. Raises YamError: it failed; the first error is raised."""
+        """Call `work` for each arm, even after a failure. Raises YamError: the first error of `work`."""
         failures: list[YamError] = []
         for arm in self.arms.values():
             try:

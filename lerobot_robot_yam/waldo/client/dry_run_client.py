@@ -168,7 +168,7 @@ class DryRunClient:
 
 
 def _pace(given: dict[str, Any]) -> dict[str, Any]:
-    """Return the arguments of a motion without those for waiting, as planned motions count as done."""
+    """Return the arguments of a motion without arguments for waiting, as planned motions count as done."""
     return {name: value for name, value in given.items() if name in _PACE}
 
 

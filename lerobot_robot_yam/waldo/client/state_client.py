@@ -57,7 +57,7 @@ class StateClient:
     # the status
 
     def stream_status_shared(self) -> AsyncIterator[StatusBuffer]:
-        """Return statuses in one object that is rewritten for each, until the client is closed."""
+        """Return an iterator over statuses until the client is closed; one object is rewritten for each status."""
         return self._stream.statuses()
 
     async def stream_status(self) -> AsyncIterator[StatusBuffer]:

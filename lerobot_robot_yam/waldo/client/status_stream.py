@@ -24,7 +24,7 @@ class ControllerMode(IntEnum):
 
 
 class StatusBuffer:
-    """One status. Lengths in mm, angles in deg; `speeds` in rad/s, torques in Nm, `tcp_speed` in mm/s.
+    """Status of the controller. Lengths in mm, angles in deg; `speeds` in rad/s, torques in Nm, `tcp_speed` in mm/s.
 
     The fields are defined by Commander's contract. `tool_status` is new in each status, as Commander writes into it.
     """
@@ -72,7 +72,7 @@ class StatusStream:
         self._closed = False
 
     async def statuses(self) -> AsyncIterator[StatusBuffer]:
-        """Yield statuses in one object that is rewritten for each, until the stream is closed."""
+        """Yield statuses until the stream is closed; one object is rewritten for each status."""
         status = StatusBuffer()
         while not self._closed:
             try:

@@ -35,7 +35,7 @@ class MotionRequests:
 
     def __init__(self, controller: Controller):
         self._controller, self._motion = controller, controller.motion
-        self._planner = Planner(controller.hardware)  # for the planning thread
+        self._planner = Planner(controller.hardware)  # planner for use in the planning thread
         self._worker = ThreadPoolExecutor(1, "planning")
         self._in_turn = asyncio.Lock()
 

@@ -150,7 +150,7 @@ class CommandServer:
             message = decode(await reader.readline())
             if requests is self._requests and message.get("do") == STREAM:
                 self._subscribers.add(writer)
-                await reader.read(1)  # until the client disconnects
+                await reader.read(1)  # returns when the client disconnects
             else:
                 writer.write(encode(await self._answer(requests, message)))
                 await writer.drain()

@@ -112,7 +112,7 @@ class Controller:
             self.fail(str(error))
 
     def _float_on(self) -> None:
-        """Set the set-point to the arm's pose once the arm no longer floats. Raises ControllerError: it has failed."""
+        """Set the set-point to the arm's pose once it no longer floats. Raises ControllerError: the arm has failed."""
         assert self.real is not None
         if why := self.real.trouble():
             raise ControllerError(why)
@@ -233,7 +233,7 @@ class Controller:
         self.tool_key, self.offset_m, self.tip = key, offset_m, frame
         self.planner.kinematics.tool = frame
 
-    # what only an operator at this computer may do
+    # requests that only an operator at this computer may send
 
     async def arm(self) -> None:
         """ENERGISE the real arm, which then holds its pose; commands still move the same plant as before.

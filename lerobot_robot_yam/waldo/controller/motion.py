@@ -29,7 +29,7 @@ _JAW_BEGINS_S = 0.15  # time after a command in which a jaw may not move yet, s
 
 
 class End(Enum):
-    """How a command ended."""
+    """Ways in which a command can end."""
 
     DONE = "done"
     CANCELLED = "cancelled"

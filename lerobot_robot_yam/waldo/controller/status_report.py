@@ -20,7 +20,7 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.poses import FRAMES, check_frame, commanded, to_command
 from lerobot_robot_yam.waldo.program import swapped
 
-STATUS_HZ = 100  # rate of statuses, Hz: the contract's maximum, so that one late status leaves no gap of 30 ms
+STATUS_HZ = 100  # rate of statuses, Hz: the contract's maximum, so that one late status makes no gap of 30 ms
 _PROBE_S = 0.2  # wait between two probes of the tool's directions, s
 _MOVED_RAD = 1e-3  # joint motion since the last probe that requires a new probe, rad
 _AHEAD_S = 1e-3  # step of the finite difference for the tool's speed, s

@@ -39,7 +39,7 @@ _HEAD = [
 
 @dataclass(frozen=True)
 class Found:
-    """Replies to one CAN id. Contents and state are known only if exactly one motor replies."""
+    """Motors found under one CAN id. Contents and state are known only if exactly one motor replies."""
 
     replies: list[Reply]
     contents: Contents

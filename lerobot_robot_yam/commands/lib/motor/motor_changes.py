@@ -46,7 +46,7 @@ def _confirm(args: argparse.Namespace, bench: MotorBench, ids: Sequence[int], wo
 
 
 def write_registers(args: argparse.Namespace, bench: MotorBench, settings: Contents) -> int:
-    """Do `yam-motors write`: the same settings for each of the chosen motors."""
+    """Do `yam-motors write`: write the same settings to each of the chosen motors."""
     if not args.motor:
         raise ConfigError("name the motors to write to (--motor joint_3)")
     for register, value in settings.items():

@@ -46,7 +46,7 @@ def monitor_session(args: argparse.Namespace) -> int:
             f"nothing was heard on channel {config.channel} within {args.seconds:g} s: no session drives it, or its "
             "link is down"
         )
-    load = round(heard.frames * FRAME_TIME_S / args.seconds, 3)  # as if all frames were of the longest kind
+    load = round(heard.frames * FRAME_TIME_S / args.seconds, 3)  # upper bound, for frames of the longest kind
     if args.json:
         others = {f"0x{identifier:X}": count for identifier, count in heard.others.items()}
         facts = {"channel": config.channel, "load": load, "error_frames": heard.error_frames, "others": others}

@@ -155,7 +155,7 @@ def sweep(arm: YamArm, poses: np.ndarray, tell: Callable[[float], None]) -> tupl
     """Move through poses (k, n) rad and back to the first one, where the arm stays.
 
     Args:
-        arm: connected, and at the first pose.
+        arm: connected arm, at the first pose.
         tell: called with the share of the way that is done.
 
     Returns:
