@@ -14,7 +14,7 @@ from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
 
 _ROUNDS = 3
 _TIMEOUT_S, _SETTLE_S = 0.25, 0.03
-# Hint after a change of the time-out. The maker requires a power cycle; some motors apply the new value at once.
+# Hint after a change of the time-out. The maker requires a power cycle; others have seen a value apply at once.
 _POWER_CYCLE = " (then switch the arm's power off and on: until then the motor may go by the old value)"
 _WARM_C = 15.0  # distance to a motor's temperature limit below which the motor counts as warm, °C
 _SUPPLY_MARGIN = 1.05  # ratio of the supply to a motor's limit below which it counts as near

@@ -20,7 +20,7 @@ from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.state.modes import Mode
 
-SPEED_RAD_S = 0.55  # greatest speed of a joint, rad/s: slow enough that inertia hardly counts
+SPEED_RAD_S = 0.55  # greatest speed of a joint, rad/s: inertia hardly counts, and friction exceeds the noise
 MARGIN_M = 0.03  # distance kept from table and arm, m: as much as the tool sags while the weight is unknown
 RAMP_S = 0.3  # time from rest to full speed, s
 WAIT_S = 0.5  # rest at each pose, s
