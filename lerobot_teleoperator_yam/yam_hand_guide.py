@@ -128,7 +128,8 @@ class HandGuideBase(Uncopied, Teleoperator):
     def get_action(self) -> dict[str, float]:
         """Return the action at the pose to which the hand has led the follower, which floats from the first call on.
 
-        The value of a gripper is the opening that its key has set last, or the present opening if none was typed yet.
+        A gripper's value is the opening that was last set by key, or the gripper's set-point if its key has not been
+        typed yet.
 
         Raises:
             LifeCycleError: there is no follower yet, or the follower would run away if it floated.

@@ -126,8 +126,8 @@ class LeaderBase(ArmDevice, Teleoperator):
         """Energise all arms, which float, supported against gravity; after an error, none is energised.
 
         Raises:
-            YamError: an arm cannot be driven, this process's follower has other actions, or the option `follower` names
-                an arm that cannot be led from here.
+            YamError: an arm cannot be driven, actions of this leader do not fit the follower in this process, or the
+                option `follower` names an arm that this leader cannot lead.
         """
         self._restart()
         self._arms.check_followers()
@@ -158,7 +158,7 @@ class LeaderBase(ArmDevice, Teleoperator):
     @check_if_not_connected
     @saves_finished_episode
     def get_action(self) -> dict[str, float]:
-        """Return the action at the leaders' pose, within the follower's limits, so that recorded and sent ones agree.
+        """Return the action at the leaders' pose, clipped to the follower's limits: what is recorded is what is sent.
 
         With `action_space: ee` the action is the pose of the follower's tool at the leader's joints.
 

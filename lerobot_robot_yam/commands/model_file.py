@@ -1,6 +1,6 @@
 """Write a model of an arm with its end effector, for other software.
 
-yam-model --format mjcf yam.xml                       for MuJoCo: an arm yam with the gripper linear_4310
+yam-model --format mjcf yam.xml                       for MuJoCo: a yam arm with the linear_4310 gripper
 yam-model --format urdf yam.urdf                      for everything else, such as LeRobot's kinematics
 yam-model --format urdf --arm yam_pro --gripper crank_4310
 

@@ -142,7 +142,7 @@ class Naming:
         """Ask for the adapter of each name, one after another, and name each adapter before the next question.
 
         Args:
-            names: names to give.
+            names: names for the adapters, in the order of the questions.
             place: where the arms are, to find each arm by a turn of its wrist; None: by plugging its adapter in.
 
         Raises:

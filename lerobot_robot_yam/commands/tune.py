@@ -176,7 +176,7 @@ class Tuner:
         return self._fit(samples, poses), holds, poses
 
     def hold(self, tuning: Tuning, poses: np.ndarray) -> np.ndarray:
-        """Return how far the arm with a tuning hangs off its set-point at some of the poses, (m, n) rad."""
+        """Hold the arm with a tuning at some of the poses; return its joints' distances from set-points, (m, n) rad."""
         few = poses[:_HOLD_POSES]
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "tuning.yaml"

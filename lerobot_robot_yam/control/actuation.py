@@ -117,8 +117,9 @@ class Actuation:
     def use_gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
         """Use the gains (n,) of a target, NaN or None as configured.
 
-        A soft arm may be far from its set-point. Stiffer gains then pull no harder than the soft ones did, or than the
-        arm's own gains do at its usual lag.
+        A soft arm may be far from its set-point. When gains grow stiffer, set-points are moved closer to the joints, so
+        that no joint is pulled harder than before, or than its configured gain pulls across a gap of
+        `arm_set_point.LEFT_BEHIND_RAD`, whichever is more.
         """
         before = self.impedance.kp
         self.impedance.gains(kp, kd)

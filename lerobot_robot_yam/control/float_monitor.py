@@ -121,7 +121,8 @@ class FloatMonitor:
         else:
             self._balance.reset()
         joint = self._impedance.float_speed.runs_away if afloat else None
-        if joint is None or not self._impedance.carries(self._estimate.q[self._j], joint):  # moved by a shove
+        # A joint that carries no weight can only have been moved by a shove.
+        if joint is None or not self._impedance.carries(self._estimate.q[self._j], joint):
             return ""
         return (
             f"{self._names[joint]} goes on at {dq[joint]:.1f} rad/s though it is damped, and is held now; {CHECK}. "

@@ -292,7 +292,11 @@ class Impedance:
         return tau, share
 
     def _clip(self, out: np.ndarray, inputs: Inputs, limited: Limited) -> tuple[np.ndarray, Limited]:
-        """Clip commands to torque limits and joint ranges; a reading beyond a range does not drag its command along."""
+        """Clip commands to torque limits and joint ranges.
+
+        For the torque limits, a measured position beyond its joint's range counts as the end of the range, so that the
+        command is not moved out there.
+        """
         q = np.minimum(np.maximum(inputs.q, self._lower), self._upper)
         self._clipped = mit_laws.clip_torque(out, q, inputs.dq, self._hardware.torque_limit_nm, inputs.before)
         out[:, mit_laws.Q] = np.minimum(np.maximum(out[:, mit_laws.Q], self._lower), self._upper)

@@ -160,7 +160,7 @@ class ControllerBlocks:
                 record["action_stamp_s"] = record["stamp_s"]
 
     def _note_seldom(self, stops: GripperStops | None, trouble: Trouble | None, message: str) -> None:
-        """Put rarely changing values into the record, if they differ; texts take longest."""
+        """Write rarely changing values into the record, only when one has changed: encoding texts takes longest."""
         seldom = (stops, trouble, message)
         if seldom != self._seldom:
             self._record["gripper_stops_rad"] = np.nan if stops is None else (stops.closed_rad, stops.open_rad)

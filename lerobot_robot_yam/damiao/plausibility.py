@@ -120,7 +120,7 @@ class Plausibility:
         faster = abs(dq) - abs(good[1])
         leaps = abs(q - good[0]) > _AWAY_RAD or faster > _BLOW_RAD_S
         if leaps and not self._light[motor]:
-            pass  # no later reading makes such a leap possible
+            pass  # rejected at once: no later reading could make such a leap possible
         elif _continues(good, sample, slack):
             gained = min(self._acceleration[motor] * (latest_s - good[2]), self._gained[motor])
             if not faster > gained + _NOISE_RAD_S:
@@ -149,7 +149,7 @@ class Plausibility:
 
 
 def _continues(before: _Sample, after: _Sample, slack: float) -> bool:
-    """Return whether a joint can have got from a sample, if any, to another while the adapter's delay is unchanged."""
+    """Return whether a joint can have moved from one sample to another, if the adapter's delay has not changed."""
     return _reaches(before, after, after[2] - before[3], after[3] - before[2], slack)
 
 

@@ -75,7 +75,7 @@ class Requests:
         self._open: list[deque[Request]] = [deque() for _ in range(count)]
         self._answered = 0  # number of the newest question that any motor has answered
         self._handle_silent = False
-        self._behind = [0] * count  # ticks in a row in which each owes more than the others
+        self._behind = [0] * count  # per motor: ticks in a row in which the motor owes more answers than others
         self._left_out = [0] * count  # number of the last question that left out this motor
         self._apart = [_APART_TICKS] * count
         self._usual = 0  # answers that every motor owes when asked again: more on a slow adapter

@@ -75,7 +75,7 @@ class ArmClient:
         return self._states.block.read_bytes()
 
     def close(self) -> None:
-        """Close both blocks; the arm goes on."""
+        """Close the state block and the command block; the arm keeps running."""
         self._commands.close()
         self._states.close()
 

@@ -81,7 +81,7 @@ class SharedBlock:
             raise StaleStateError(f"{self.path} leads to no block ({error.strerror})") from error
 
     def _checked(self, descriptor: int) -> mmap.mmap:
-        """Map the memory to read. Raises StaleStateError: the memory has another layout."""
+        """Map the memory for reading, and check its layout. Raises StaleStateError: the layout is another one."""
         try:
             mapped = sealed_memory.map_to_read(descriptor)
             if len(mapped) == _HEADER.size + self.dtype.itemsize:

@@ -103,7 +103,7 @@ class DeskFolder:
         self.press(meaning)
 
     def press(self, meaning: str) -> None:
-        """Send the request of a button for the phase that is shown, if the command offers this request."""
+        """Send the request that a button stands for, if the command offers this request in the phase now shown."""
         status = self.status
         if meaning in status["offers"]:
             self._send(Asked(meaning, BY, status.get("turn")))

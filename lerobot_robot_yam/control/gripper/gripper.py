@@ -64,7 +64,7 @@ class Gripper:
         return self._grip.stalled
 
     def derate(self, level: float) -> None:
-        """Reduce the force as the motor's heat level, 0 cool … 1 at its trip, demands."""
+        """Reduce the grip force by the motor's heat level: 0 cool … 1 where the motor switches itself off."""
         self._grip.derate(level)
 
     def begin(self, calibrate: bool = False) -> None:

@@ -174,7 +174,7 @@ def _trigger_range(hardware: ResolvedArm) -> TriggerRange:
     """Return the range of the handle's trigger; the nominal one where a calibration may follow.
 
     Raises:
-        GripperError: the file that keeps it is damaged.
+        GripperError: the calibration file with the trigger's range is damaged, or belongs to something else.
     """
     config = hardware.config
     if config.calibration_path is None or not config.gripper_search:

@@ -5,8 +5,8 @@
     fade    or sink: reduce stiffness and feed-forward to nothing; what is still unsupported sinks slowly (`Sink`)
 
 An arm without one of the motors that carry it may never get there, since a limp wrist stands in its way. Such an arm
-sinks onto what it has met on its way down. It also sinks, and does not fade, if such a motor is out at the end
-of `lower`: nobody knows where its joint is then.
+sinks onto what it has met on its way down. The arm also sinks instead of fading if a motor that carries it is limp or
+silent at the end of `lower`, since the position of that motor's joint is then unknown.
 
 An arm whose base is tilted, or whose resting pose is configured, does not lie there. From there it sinks to where it
 hangs or lies, and torque is cut when nothing moves any more.

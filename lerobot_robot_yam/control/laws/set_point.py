@@ -246,7 +246,7 @@ def _next(
     """Return position and speed of one coordinate after a tick of `dt` s. Numpy would take twice as long for seven.
 
         v = gap / left,  |v − v_target| ≤ sqrt(2 a |gap|),  |v| ≤ speed limit
-        |v| ≤ sqrt(2 a_end way to the end of the range),  |v − dq| ≤ a dt
+        |v| ≤ sqrt(2 a_end d), with d the distance to the end of the range,  |v − dq| ≤ a dt
 
     Args:
         left: time in which the gap is to be closed, s.

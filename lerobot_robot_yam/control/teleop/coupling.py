@@ -4,8 +4,8 @@ While the caller passes the leader's action on, the caller permits coupling, see
 action, extrapolated with its speed to the present. A gap to the follower's set-point is closed smoothly, since neither
 begin nor end of coupling may move the arm at once:
 
-    target = action + e,  ë = −2 ω ė − ω² e          while it follows
-    target' = −target' / τ                           when permission or fresh data end: it comes to rest
+    target = action + e,  ë = −2 ω ė − ω² e     while the follower is coupled
+    v̇ = −v / τ, with v the target's speed        once permission or fresh data end: the target comes to rest
 """
 
 import logging

@@ -27,7 +27,9 @@ _LEADS = (Mode.FLOAT, Mode.HOLD, Mode.TRACK)
 _AGE_MOST_S = 0.03  # largest age of a motor's sample
 _HOME_RAD, _LEADER_HOME_RAD = 0.05, 0.1
 _RECENTRED_RAD, _RECENTRE_RAD_S = 0.02, 0.15
-_MIRROR_RAD_S, _MIRROR_RAD_S2 = 2.0, 15.0  # more than a policy asks of a follower, so that the leader keeps up
+# Speed and acceleration limits of a leader that mirrors its follower: above what a policy asks of the follower, so that
+# the leader keeps up.
+_MIRROR_RAD_S, _MIRROR_RAD_S2 = 2.0, 15.0
 _AGREES_S = 1.0  # time for a gripper to reach the trigger's opening, unless another moves the gripper
 _BUTTONS = {"top": 0, "bottom": 1}
 _ALPHA, _BETA = 0.2, 0.3  # gains of `MotionFilter`, per tick of 250 Hz

@@ -1,7 +1,7 @@
 """Registers of any motor on a bus, whatever its answers' identifier. Not for use while somebody drives the bus.
 
-Unlike a `MotorChain` this access needs no profile: answers are recognised by motor id, opcode and register inside, and
-every answer counts, since two motors with one id answer twice.
+Unlike a `MotorChain`, this access needs no profile: an answer is recognised by the motor id, opcode and register in its
+data. `RegisterAccess.replies` returns all answers, so that two motors with the same id show as two answers.
 """
 
 import math

@@ -201,7 +201,7 @@ class ArmGroup:
         return self._session.clock
 
     def discard(self) -> None:
-        """Leave a world in lock-step that is thrown away, without landing. Idempotent."""
+        """End the session without landing, when its lock-step world is thrown away. Idempotent."""
         self._leave()
         try:
             self._session.discard()

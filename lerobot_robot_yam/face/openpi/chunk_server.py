@@ -1,8 +1,8 @@
 """Server of openpi's protocol, for one request at a time; any other message gets an error.
 
 Like openpi's own server (`src/openpi/serving/websocket_policy_server.py`), this one greets with its metadata, sends one
-answer to each message, and after a failure sends a text and closes. RoboArena's `endpoint` is accepted, too: `infer` or
-`reset`.
+answer to each message, and after a failure sends a text and closes. A message may have RoboArena's field `endpoint`,
+with the value `infer` or `reset`.
 
 Messages are decoded without pickle. Their size, their queue and the number of clients are bounded. A message that the
 policy cannot answer does not reach the policy.

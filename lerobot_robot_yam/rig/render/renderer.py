@@ -63,8 +63,8 @@ def _obey(drawing: "Drawing", request: dict[str, Any], answers: socket.socket) -
 def _draw_for(rig: str) -> "Drawing":
     # mujoco reads this variable when it is imported, and its import fails if OpenGL's libraries are missing.
     os.environ["MUJOCO_GL"] = "egl"
-    # Software OpenGL draws in this thread, so as not to use both cores. A separate thread cost a fifth more, and two
-    # waits for a processor per picture on a busy machine.
+    # Software OpenGL draws in this thread: by default it would use all cores, and with a single thread of its own each
+    # picture cost a fifth more, and two waits for a processor on a busy machine.
     os.environ["LP_NUM_THREADS"] = "0"
     from lerobot_robot_yam.rig.render.drawing import Drawing
 

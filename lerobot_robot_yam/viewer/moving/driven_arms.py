@@ -186,7 +186,8 @@ class Replay:
         if not self._playback.step(self._place_s):
             return False
         self._ended_s = now if self._ended_s is None else self._ended_s
-        there, self._there = self._there, not self.late()  # required twice, since a set-point may only pass by
+        # The end must be reached in two steps in a row: in a single one the set-point may just be passing the end.
+        there, self._there = self._there, not self.late()
         return (there and self._there) or now - self._ended_s > _SETTLES_S
 
     def late(self) -> str:

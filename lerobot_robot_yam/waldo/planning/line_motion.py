@@ -38,7 +38,9 @@ _PIECE_M, _PIECE_RAD = 0.01, 0.05  # largest length and turn of a piece in the f
 _DIVISIONS = 3  # largest number of halvings
 _AHEAD_RAD = 0.5  # largest extrapolation of a joint from one share to the next, rad
 _AT_LIMIT_RAD = 1e-6
-_SLOWEST = 0.1  # share of the tool's full speed below which a joint shows that a singularity is near
+# Least share of the tool's full speed that the joints' limits must allow; a line that allows less is too near to a
+# singularity, and is refused.
+_SLOWEST = 0.1
 _TINY = 1e-9
 
 

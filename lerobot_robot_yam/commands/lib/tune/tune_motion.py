@@ -40,7 +40,7 @@ _BIN_S = 0.1  # duration of an averaged sample, s: single torques have steps, se
 
 
 class Samples(NamedTuple):
-    """Averages over `_BIN_S`, at k times, of n joints.
+    """Measurements of n joints at k times, each averaged over `_BIN_S`.
 
     Attributes:
         q, dq, ddq: (k, n) angles, speeds and accelerations, rad, rad/s, rad/s².
