@@ -23,16 +23,16 @@ from lerobot_robot_yam.system.rig_file import RIG_TYPE
 if TYPE_CHECKING:
     from lerobot_robot_yam.session.arm_session import Isolation
 
+_CAMERAS = (
+    "LeRobot cameras of any type (opencv, yam_realsense, yam_sim, …); those of one arm get left_ or right_ in front"
+)
+
 
 @dataclass(kw_only=True)
 class FollowerOptions(ABC):
     """Options of the robot as a whole, one arm or two, of this computer or another one."""
 
-    cameras: dict[str, CameraConfig] = option(
-        "LeRobot cameras of any type (opencv, yam_realsense, yam_sim, …); those of one arm get left_ or right_ "
-        "in front",
-        factory=dict,
-    )
+    cameras: dict[str, CameraConfig] = option(_CAMERAS, factory=dict)
     observe_velocity: bool = option("also observe joint_1.vel …, rad/s, and the gripper in strokes per second", False)
     observe_torque: bool = option(
         "also observe joint_1.torque …, Nm at the motor's output; LeRobot cannot roll out a policy that wants it", False
@@ -117,11 +117,7 @@ def refuse_follower(device: str, config: Any) -> None:
 class FollowerArmConfig(ArmConfig):
     """Config of one arm of two: every field of `ArmConfig`, and cameras whose names get the arm's prefix."""
 
-    cameras: dict[str, CameraConfig] = option(
-        "LeRobot cameras of any type (opencv, yam_realsense, yam_sim, …); those of one arm get left_ or right_ "
-        "in front",
-        factory=dict,
-    )
+    cameras: dict[str, CameraConfig] = option(_CAMERAS, factory=dict)
 
     def __post_init__(self) -> None:
         """Postpone the checks until both arms are known, with their sides."""

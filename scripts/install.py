@@ -27,7 +27,7 @@ _IMPORT_COMMANDS = """
 import contextlib, importlib.metadata
 for command in importlib.metadata.entry_points(group="console_scripts"):
     if command.dist.name in ("lerobot", "lerobot_robot_yam"):
-        with contextlib.suppress(Exception):  # one that needs an extra which is not installed
+        with contextlib.suppress(Exception, SystemExit):  # one that needs an extra which is not installed
             command.load()
 """
 _DRIVER = ("/proc/driver/nvidia/version", "/dev/nvidiactl", "/dev/nvmap", "/dev/dxg")  # the last two: Jetson, WSL

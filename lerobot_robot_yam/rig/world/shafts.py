@@ -83,7 +83,8 @@ class Drive:
 class LooseShaft(Drive):
     """A second arm's shaft, without gravity:  I ω̇ = clip(kp (u* − u) + kd (u̇* − ω) + tau) − b ω.
 
-    The world has no actuator for such a shaft: each call simulates the shaft up to now, from rest at `angle_rad`.
+    The world has no actuator for such a shaft: each call simulates the shaft up to now, from rest at `angle_rad`. It
+    cannot be loaded, jammed or rubbed: faults act on the first arm's motors.
     """
 
     def __init__(self, world: World, angle_rad: float, torque_max_nm: float):
