@@ -1,7 +1,7 @@
-"""MuJoCo's own viewer on the arms that run on this computer; it can drive arms of its own session.
+"""MuJoCo's own viewer window for the arms that run on this computer; it can drive the arms of its own session.
 
-All arms are in one MuJoCo model, which is posed from the arms' states and not simulated. While control is on, the
-driven arms follow the boxes that a person drags.
+All arms are in one MuJoCo model. Its joints are set from the measured states; nothing is simulated. While control is
+on, each driven arm follows the box that a person drags.
 """
 
 import queue
@@ -27,24 +27,24 @@ from lerobot_robot_yam.viewer.live.arm_panel import warnings as warnings_of
 from lerobot_robot_yam.viewer.live.placement import row_of
 from lerobot_robot_yam.viewer.live.watched_arms import WatchedArms
 
-_GRIP_M = 0.045  # half the edge of the dragged box, m: the box encloses a gripper's motor of 36 mm
+_GRIP_M = 0.045  # half the edge length of the drag box, m: the box encloses the 36 mm gripper motor
 _GRIP_RGBA = (0.95, 0.5, 0.1, 0.5)
-_REACH_RAD = 0.7  # largest turn of a joint for one pose, rad, so that the arm never swings round to its other side
+_REACH_RAD = 0.7  # maximum rotation of a joint per pose, rad: keeps the arm from swinging round to its other side
 _ATTEMPTS = 4
 _DRIVEN = (Mode.HOLD, Mode.TRACK)
 _PERIOD_S = 0.02
-_SPACE = 32  # GLFW's number of the space key
+_SPACE = 32  # GLFW's key code of the space bar
 HELP = (
     "SPACE: watch or control. To move a tool: double-click its orange box, then Ctrl and drag (right: move, left: turn)"
 )
 
 
 class DesktopScene:
-    """Model and data for MuJoCo's viewer.
+    """MuJoCo model and data of the scene in the window.
 
     Args:
         arms: channel key → arm.
-        grips: channel keys of the arms that get a box by which a person drags the tool.
+        grips: channel keys of the arms that get a drag box at the tool.
 
     Attributes:
         model, data: MuJoCo's model and data for the viewer.
@@ -73,7 +73,7 @@ class DesktopScene:
         mujoco.mj_forward(self.model, self.data)
 
     def show(self, key: str, q: np.ndarray, gripper: float | None = None) -> None:
-        """Pose an arm by its joints (n,) rad and its gripper 0 closed … 1 open; call `refresh` afterwards."""
+        """Set an arm's joint angles (n,), rad, and gripper opening, 0 closed … 1 open. Call `refresh` afterwards."""
         hardware, values = self._arms[key], self.data.qpos
         first = int(self.model.joint(f"{key}/joint1").qposadr[0]) if hardware.joints else 0
         values[first : first + hardware.joints] = np.nan_to_num(q)
@@ -85,23 +85,23 @@ class DesktopScene:
                 values[self.model.joint(f"{key}/{finger}").qposadr[0]] = closed + opening * (opened - closed)
 
     def refresh(self) -> None:
-        """Compute all poses that follow from the joints."""
+        """Compute the poses of all bodies from the joint angles."""
         mujoco.mj_forward(self.model, self.data)
 
     def tool(self, key: str) -> np.ndarray:
-        """Return the pose (4, 4) of tcp_site in the frame of the arm's base, as of the last `refresh`."""
+        """Return the pose (4, 4) of tcp_site in the arm's base frame, as of the last `refresh`."""
         site = self.data.site(f"{key}/tcp_site")
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = site.xmat.reshape(3, 3), site.xpos
         return np.linalg.inv(self._bases[key]) @ pose
 
     def grip(self, key: str) -> np.ndarray:
-        """Return the pose (4, 4) of the dragged box in the frame of the arm's base."""
+        """Return the pose (4, 4) of the drag box in the arm's base frame."""
         number = self._mocap(key)
         return np.linalg.inv(self._bases[key]) @ _pose(self.data.mocap_pos[number], self.data.mocap_quat[number])
 
     def put_grip(self, key: str, pose: np.ndarray) -> None:
-        """Set the pose (4, 4) of the box in the frame of the arm's base."""
+        """Set the pose (4, 4) of the drag box in the arm's base frame."""
         number, place, quat = self._mocap(key), self._bases[key] @ pose, np.empty(4)
         mujoco.mju_mat2Quat(quat, place[:3, :3].ravel())
         self.data.mocap_pos[number], self.data.mocap_quat[number] = place[:3, 3], quat
@@ -122,17 +122,17 @@ def _pose(position: np.ndarray, quat: np.ndarray) -> np.ndarray:
 
 
 class DragControl:
-    """Control of arms by dragged boxes, which is off until `toggle`.
+    """Control of arms by dragging boxes. Control is off until `toggle` is called.
 
-    The control loop applies its own limits, workspace and collision guard, and holds if targets cease.
+    The control loop applies its own limits, workspace and collision guard, and holds the arm when targets cease.
 
     Args:
-        session: started session, whose arms hold.
+        session: started session whose arms hold.
         names: names of the session's followers to drive.
 
     Attributes:
         on: whether the arms follow the boxes.
-        said: why control ended by itself; empty if a person ended it.
+        said: reason why control ended by itself; empty if a person ended it.
     """
 
     def __init__(self, session: ArmSession, names: Sequence[str]):
@@ -162,7 +162,7 @@ class DragControl:
             self.said = str(error)
 
     def watch(self, why: str = "") -> None:
-        """Stop driving, so that the arms hold."""
+        """Stop driving; the driven arms then hold. `why`: reason to show to the person."""
         self.said = why
         for client in self._clients.values() if self.on else ():
             try:
@@ -173,7 +173,7 @@ class DragControl:
         self.on = False
 
     def update(self, scene: DesktopScene) -> None:
-        """Send each arm its next target; while control is off, keep each box at the tool pose of the set-point."""
+        """Send a target to each arm. While control is off, move each box to the tool pose of the set-point instead."""
         try:
             for key, client in self._clients.items():
                 if not self.on:
@@ -186,7 +186,7 @@ class DragControl:
             self.watch(str(error))
 
     def _ready(self, client: ArmClient) -> ArmState:
-        """Return the state of an arm. Raises YamError: the arm accepts no targets."""
+        """Return the state of an arm. Raises YamError: the arm does not accept targets."""
         state = client.observe()
         if state.mode not in _DRIVEN:
             raise LifeCycleError(f"{client.config.name} is in {state.mode.name}: it takes no targets")
@@ -194,7 +194,7 @@ class DragControl:
 
 
 def need_display() -> None:
-    """Raise ConfigError if no window can be opened; MuJoCo's viewer would wait for ever."""
+    """Raise ConfigError if no window can be opened. Without this check, MuJoCo's viewer would wait forever."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         opened = glfw.init()
@@ -205,7 +205,7 @@ def need_display() -> None:
 
 
 class Desktop:
-    """Contents of the window, without the window itself. `control`: control of the driven arms, if any."""
+    """Contents of the window, independent of the window itself. `control`: control of the driven arms, or None."""
 
     def __init__(self, control: DragControl | None = None):
         self._control = control
@@ -216,7 +216,7 @@ class Desktop:
         self.look()
 
     def look(self) -> bool:
-        """Read the states of all arms; if other arms run now, make a new scene and return True."""
+        """Update the states of all arms. If other arms run than before, build a new scene and return True."""
         self._watched.update(time.monotonic())
         known = {key: arm.hardware for key, arm in self._watched.arms.items() if arm.hardware is not None}
         shown = {key: self._watched.arms[key].process for key in known}
@@ -229,11 +229,11 @@ class Desktop:
         return True
 
     def type(self, key: int) -> None:
-        """Queue a key of the window, given by GLFW's number. Any thread may call it."""
+        """Queue a key press, given by its GLFW key code. Any thread may call this."""
         self._typed.put(key)
 
     def update(self) -> None:
-        """Pose the arms by their last states, and send targets to the driven arms."""
+        """Show the newest state of each arm, and send targets to the driven arms."""
         for key in self._shown:
             arm = self._watched.arms.get(key)
             if arm is not None and arm.state is not None:
@@ -246,7 +246,7 @@ class Desktop:
             self._control.update(self.scene)
 
     def texts(self) -> tuple[str, str]:
-        """Return the two columns of the text in the window's corner."""
+        """Return the left and right text columns for the window's corner."""
         left = "watching" if self._control is None or not self._control.on else "CONTROL"
         lines = [f"{arm.name}: {line}" for arm in self._watched.arms.values() for line in warnings_of(arm)]
         if not self._watched.arms:
@@ -256,12 +256,12 @@ class Desktop:
         return left, "\n".join(lines)
 
     def close(self) -> None:
-        """Release the sessions. Idempotent."""
+        """Close the watched sessions. Idempotent."""
         self._watched.close()
 
 
 def run_desktop(control: DragControl | None = None) -> None:
-    """Show a window until a person closes it; when arms come or go, a new window replaces the old one."""
+    """Show a window until a person closes it. When arms appear or disappear, a new window replaces the old one."""
     desktop = Desktop(control)
     try:
         while _one_window(desktop):
@@ -271,7 +271,7 @@ def run_desktop(control: DragControl | None = None) -> None:
 
 
 def _one_window(desktop: Desktop) -> bool:
-    """Show the present scene in a window; return whether a new window is needed."""
+    """Show the current scene in a window; return whether a new window is needed."""
     scene = desktop.scene
     with mujoco.viewer.launch_passive(
         scene.model, scene.data, key_callback=desktop.type, show_left_ui=False, show_right_ui=False

@@ -1,7 +1,7 @@
-"""Drawing of a MuJoCo model's bodies in the scene, of a whole arm, and of the limits of the arm's workspace.
+"""3-D drawings of MuJoCo bodies, of whole arms, and of an arm's workspace limits.
 
-Each link is a frame with its shapes as meshes, below the frame of the link that carries it. So a turning joint takes
-one message to the browsers, and a still joint none.
+Each link is a frame that contains its meshes and is nested in its parent link's frame. So a rotating joint costs one
+message to the browsers, and a joint at rest costs none.
 """
 
 from collections.abc import Collection, Sequence
@@ -15,7 +15,7 @@ from lerobot_robot_yam.arm.export.primitives import box
 from lerobot_robot_yam.arm.model import VISUAL_GROUP, base_quat, build_spec
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 
-_UNCHANGED = 2e-4  # largest change that is not sent, m or parts of a quaternion: invisible, above a still arm's noise
+_UNCHANGED = 2e-4  # threshold for sending a change, m or quaternion component: invisible, but above a still arm's noise
 _GHOST = (70, 130, 255), 0.3
 _TOOL_AXES_M = 0.08
 _KEEP_OUT, _FLOOR, _LIMIT_OPACITY = (230, 60, 40), (230, 150, 40), 0.25
@@ -30,7 +30,7 @@ def add_body(
     groups: Collection[int],
     ghost: tuple[Colour, float] | None = None,
 ) -> viser.FrameHandle:
-    """Add the frame of a body, with its shapes of these groups. `ghost`: one colour and opacity for all shapes."""
+    """Add the frame of a body with its shapes in `groups`. `ghost`: one colour and opacity for all shapes."""
     frame = scene.add_frame(name, show_axes=False)
     for index, (mesh, colour) in enumerate(meshes(model, body, groups)):
         shade, opacity = ghost or (colour, None)
@@ -39,7 +39,7 @@ def add_body(
 
 
 def put(thing: viser.SceneNodeHandle, position_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
-    """Move a node of the scene to (3,), m, and (4,) in its parent frame; a change too small to see is not sent."""
+    """Move a scene node to (3,), m, and quaternion (4,) in its parent frame. Changes too small to see are not sent."""
     if np.abs(position_m - thing.position).max() > _UNCHANGED:
         thing.position = position_m
     if np.abs(quat_wxyz - thing.wxyz).max() > _UNCHANGED:
@@ -47,13 +47,13 @@ def put(thing: viser.SceneNodeHandle, position_m: np.ndarray, quat_wxyz: np.ndar
 
 
 class Figure:
-    """Drawing of one arm, or of an arm's ghost, below a frame of the scene.
+    """Drawing of one arm or of its ghost.
 
     Args:
         scene: the server's scene.
-        root: name of the frame of the arm's base.
+        root: name of the frame at the arm's base.
         hardware: the arm.
-        ghost: whether to draw in one pale colour, without a tool frame.
+        ghost: whether to draw the arm in one pale colour, without a tool frame.
     """
 
     def __init__(self, scene: viser.SceneApi, root: str, hardware: ResolvedArm, ghost: bool = False):
@@ -81,11 +81,11 @@ class Figure:
         self.pose(np.zeros(self._joints))
 
     def stand(self, position_m: Sequence[float] | np.ndarray, quat_wxyz: Sequence[float] | np.ndarray) -> None:
-        """Move the arm's base to (3,), m, and a quaternion (4,)."""
+        """Move the arm's base to a position (3,), m, and quaternion (4,)."""
         self._base.position, self._base.wxyz = np.asarray(position_m, float), np.asarray(quat_wxyz, float)
 
     def pose(self, q: np.ndarray, gripper: float | None = None) -> None:
-        """Show joint angles q, (joints,) rad, and the gripper 0 closed … 1 open."""
+        """Show joint angles q (joints,), rad, and the gripper opening, 0 closed … 1 open."""
         data = self._data
         data.qpos[: self._joints] = np.nan_to_num(q)
         if self._travel is not None:
@@ -111,12 +111,12 @@ class Figure:
             self._base.visible = shown
 
     def remove(self) -> None:
-        """Remove the figure from the scene, with everything below its base."""
+        """Remove the figure and all nodes below its base from the scene."""
         self._base.remove()
 
 
 def add_workspace(scene: viser.SceneApi, root: str, hardware: ResolvedArm) -> None:
-    """Add the floor and the keep-out boxes of an arm's workspace, below the frame of its base."""
+    """Draw the floor and keep-out boxes of an arm's workspace, relative to the arm's base frame."""
     workspace = hardware.config.workspace
     base = np.array(workspace.base_position_m, float)
     turned_back = np.empty(4)

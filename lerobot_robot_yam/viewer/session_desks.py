@@ -1,6 +1,6 @@
-"""Session desks of the page: one for each LeRobot command on this computer that drives our arms, found automatically.
+"""Session desks of the page: one for each LeRobot command that drives our arms on this computer, found automatically.
 
-Each desk has a folder with the command's progress, its successes, and buttons for the actions that it offers now.
+Each desk is a folder with the command's progress, its success count, and buttons for the actions offered at present.
 """
 
 import html
@@ -19,8 +19,8 @@ from lerobot_robot_yam.state.desk_post import Asked, ask, forget_the_dead, runni
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 
 BY = "yam-view"
-MODIFIER: KeyModifier = "shift"  # modifier of all keys: W, A, S, D, Q and E alone move the camera of viser's scene
-# Meaning of a button → its label, colour and key.
+MODIFIER: KeyModifier = "shift"  # modifier of all hotkeys: viser's camera uses W, A, S, D, Q and E without a modifier
+# Meaning of a button → label, colour and hotkey.
 BUTTONS: dict[str, tuple[str, tuple[int, int, int] | None, HotkeyKey]] = {
     "success": ("success", (30, 150, 60), "S"),
     "failure": ("failure", (200, 110, 0), "F"),
@@ -34,15 +34,15 @@ BUTTONS: dict[str, tuple[str, tuple[int, int, int] | None, HotkeyKey]] = {
     "save": ("save", None, "K"),
 }
 _BANNER = "background:#c00;color:#fff;padding:0.5em;font-weight:bold"
-_SILENT_S = 3.0  # least silence of a command that is reported, s: LeRobot may block Python while saving
+_SILENT_S = 3.0  # status age above which the page warns, s: LeRobot may block Python while saving
 _DAY_S = 86_400.0
 _LOOK_S = 0.25
 
 
 class SuccessRate:
-    """Successes among a data set's episodes, from their labels, which are read again when they have changed.
+    """Count of successful episodes in a data set, from its labels file, which is read again after each change.
 
-    `root`: folder of the data set; `first`: number of episodes from before this session, which do not count.
+    `root`: folder of the data set; `first`: number of episodes recorded before this session, which are not counted.
     """
 
     def __init__(self, root: Path, first: int):
@@ -51,7 +51,7 @@ class SuccessRate:
         self._labels: dict[int, str | None] = {}
 
     def words(self, saved: int) -> str:
-        """Return a line about successes. `saved`: number of all episodes of the data set, labelled or not."""
+        """Return a line about successes. `saved`: number of saved episodes in the data set, with and without labels."""
         self._read()
         labels = [label for episode, label in self._labels.items() if self._first <= episode < saved]
         count = {kind: labels.count(kind) for kind in outcomes.KINDS}
@@ -74,16 +74,16 @@ class SuccessRate:
         except FileNotFoundError:
             self._labels = {}
         except (OSError, ConfigError):
-            self._seen = None  # the file is half written: keep the last labels, and read again
+            self._seen = None  # the file is incomplete: keep the last labels and retry
 
 
 class DeskFolder:
-    """Folder of one command on the page.
+    """Folder of one LeRobot command on the page.
 
     Args:
         gui: the server's gui.
-        number: number of the command's process.
-        send: function that sends a request; viser's threads call it.
+        number: process id of the command.
+        send: callback that sends a request; viser's threads call it.
     """
 
     def __init__(self, gui: viser.GuiApi, number: int, send: Callable[[Asked], None]):
@@ -103,13 +103,13 @@ class DeskFolder:
         self.press(meaning)
 
     def press(self, meaning: str) -> None:
-        """Send the request that a button stands for, if the command offers this request in the phase now shown."""
+        """Send the request of a button, if the command offers that request in the phase shown on the page."""
         status = self.status
         if meaning in status["offers"]:
             self._send(Asked(meaning, BY, status.get("turn")))
 
     def show(self, status: dict[str, Any]) -> None:
-        """Show a new status, or a message if the status is of another version."""
+        """Show a new status, or an error message if the status has an unknown format."""
         try:
             if "root" in status and self._rate is None:
                 self._rate = SuccessRate(Path(status["root"]), status.get("first", 0))
@@ -124,17 +124,17 @@ class DeskFolder:
             self._text.content = content
 
     def close(self) -> None:
-        """Remove the folder."""
+        """Remove the folder from the page."""
         self._folder.remove()
 
 
 def key_name(key: HotkeyKey) -> str:
-    """Return the name of a key with its modifier, such as "Shift+S"."""
+    """Return the name of a hotkey including its modifier, such as "Shift+S"."""
     return f"{MODIFIER.capitalize()}+{key}"
 
 
 def describe(status: dict[str, Any], rate: SuccessRate | None) -> str:
-    """Return the folder's HTML. `rate`: successes in the data set, or None."""
+    """Return the folder's HTML. `rate`: success counter of the data set; None: show no line about successes."""
     red = [status["disk_warning"]] if "disk_warning" in status else []
     if status["age_s"] > _SILENT_S:
         red.append(f"has said nothing for {status['age_s']:.0f} s")
@@ -149,7 +149,7 @@ def describe(status: dict[str, Any], rate: SuccessRate | None) -> str:
 
 
 def _doing(status: dict[str, Any]) -> list[str]:
-    """Return lines about command and task, the episode and its phase, and the time."""
+    """Return lines about the command, its task, the episode with its phase, and the times."""
     what = " ".join(status[name] for name in ("command", "strategy") if name in status)
     lines = [what, status.get("task", "")]
     saved, first = status.get("saved"), status.get("first", 0)
@@ -164,7 +164,7 @@ def _doing(status: dict[str, Any]) -> list[str]:
 
 
 def _rates(status: dict[str, Any]) -> list[str]:
-    """Return lines about the loop, the encoder, the disk, and results that LeRobot itself has counted."""
+    """Return lines about the loop rate, the encoder, the disk, and the success count kept by LeRobot itself."""
     loop = [f"{status['fps']:.1f} of {status['fps_asked']:.0f} fps"] if "fps" in status else []
     loop += [f"{status['late']} late"] if status.get("late") else []
     waiting = status.get("encoder_waiting", {})
@@ -181,12 +181,12 @@ def _rates(status: dict[str, Any]) -> list[str]:
 
 
 class SessionDesks:
-    """Desks of all running commands."""
+    """Desks of all LeRobot commands that run."""
 
     def __init__(self, server: viser.ViserServer):
         self._gui = server.gui
         self._folders: dict[int, DeskFolder] = {}
-        self._wishes = deque[tuple[int, Asked]]()  # requests that viser's threads have queued: process, request
+        self._wishes = deque[tuple[int, Asked]]()  # requests queued by viser's threads: (process id, request)
         self._keys = deque[str]()
         self._looked_s = -_LOOK_S
         forget_the_dead(runtime_dir())
@@ -198,19 +198,19 @@ class SessionDesks:
         return command
 
     def press(self, meaning: str) -> None:
-        """Queue a pressed key, given by its meaning, for `update`. Any thread may call this."""
+        """Queue a pressed hotkey, given by its meaning, for the next `update`. Any thread may call this."""
         self._keys.append(meaning)
 
     def update(self, now_s: float) -> None:
-        """Send the queued requests, and show changes."""
+        """Send the queued requests, and show the newest status of each command."""
         while self._keys:
             meaning = self._keys.popleft()
-            if len(self._folders) == 1:  # with several commands a key is ambiguous, and is ignored
+            if len(self._folders) == 1:  # a hotkey is ambiguous with several commands, and is then ignored
                 next(iter(self._folders.values())).press(meaning)
         while self._wishes:
             number, asked = self._wishes[0]
             if number in self._folders and not ask(runtime_dir(), number, asked):
-                break  # the command's mailbox is full: try again in the next update
+                break  # the command's mailbox is full: retry in the next update
             self._wishes.popleft()
         if now_s - self._looked_s >= _LOOK_S:
             self._looked_s = now_s
@@ -229,7 +229,7 @@ class SessionDesks:
         self._wishes.append((number, asked))
 
     def close(self) -> None:
-        """Remove all folders. Idempotent."""
+        """Remove all folders and hotkeys. Idempotent."""
         for command in self._commands:
             command.remove()
         self._commands.clear()

@@ -1,4 +1,4 @@
-"""Data part of the page: plays a data set's episodes in 3-D with their pictures, and sends them to the arms."""
+"""Data part of the page: plays a data set's episodes in 3-D with their pictures, and sends episodes to the arms."""
 
 import contextlib
 import html
@@ -22,28 +22,28 @@ from lerobot_robot_yam.viewer.data.replay_desk import ReplayDesk
 from lerobot_robot_yam.viewer.data.scene_match import SceneMatch
 from lerobot_robot_yam.viewer.serving.handles import put
 
-if TYPE_CHECKING:  # the driver loads the inverse kinematics, which a page without arms does not need
+if TYPE_CHECKING:  # the driver loads the inverse kinematics, not needed by a page without arms
     from lerobot_robot_yam.viewer.moving.driver import Driver
 
 _WIDTH_PX = 380
-_SUCCESS_COLUMN = "success"  # column of the episodes' metadata, in copies of yam-label
+_SUCCESS_COLUMN = "success"  # column of the episode metadata in data sets copied by yam-label
 _CONTROL = "`connect …` and `take control` come first, in the panel `move`; `land` is there, too."
 _NO_DRIVER = "To send an episode to arms, start `yam-view` with `--config_path` of a run config that has them."
 
 
 class DataPart:
-    """Part of the page for one data set.
+    """Part of the page that shows one data set.
 
     Args:
         server: viser's server.
         root: directory of the data set.
-        known: prefix of the values → config of the arm, from a run config.
-        cameras: name → options of the run config's cameras.
+        known: value prefix → config of the arm, from a run config.
+        cameras: name → camera options from the run config.
         arm, gripper: profiles of arms that are not in `known`.
-        driver: driver of the known arms, in their order, to which episodes can be sent; or None.
+        driver: driver of the arms in `known`, in the same order, for sending episodes to them; or None.
 
     Raises:
-        ConfigError: `root` is no data set of format v3, has no episodes, or does not fit the profiles.
+        ConfigError: `root` is not a v3 data set, has no episodes, or does not match the profiles.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class DataPart:
         last = max(self._episodes)
         self._number = gui.add_number("episode", min(self._episodes), min=0, max=last, step=1)
         self._slider = gui.add_slider("frame", 0, 1, 1, 0)
-        self._slid = 0  # value of the slider that this part has set last
+        self._slid = 0  # slider value that was last set by this object
         self._play = gui.add_button("play", icon=viser.Icon.PLAYER_PLAY)
         self._speed = gui.add_slider("speed", 0.1, 2.0, 0.1, 1.0)
         self._next = gui.add_button("go to the next flag")
@@ -140,11 +140,11 @@ class DataPart:
             self._playhead.seek(next((start for start in starts if start > self._playhead.frame), starts[0]))
 
     def update(self, now_s: float) -> None:
-        """Process requests, and show the frame that is due."""
+        """Process button presses, and show the frame at the playhead."""
         while self._asked:
             self._asked.popleft()()
         self._choose()
-        if self._slider.value != self._slid:  # a person has moved the slider
+        if self._slider.value != self._slid:  # moved by a person
             self._playhead.pause()
             self._playhead.seek(self._slider.value)
         self._playhead.speed = self._speed.value
@@ -198,17 +198,17 @@ class DataPart:
         put(self._missing, content=missing)
 
     def close(self) -> None:
-        """Release cameras, and end the threads. Idempotent."""
+        """Release the cameras and end the threads. Idempotent."""
         with contextlib.ExitStack() as last_first:
             for part in (self._check, self._reader, self._match):
                 last_first.callback(part.close)
 
 
 def _labels(root: Path, episodes: Sequence[Any]) -> dict[int, str]:
-    """Return episode → outcome, from the outcomes' file, or else from the column of a labelled copy.
+    """Return episode → outcome, from the outcomes file, or else from the success column of a labelled copy.
 
     Raises:
-        ConfigError: a line of the outcomes' file is no outcome.
+        ConfigError: a line of the outcomes file is invalid.
     """
     found = {
         episode.number: outcomes.SUCCESS if episode.metadata[_SUCCESS_COLUMN] else outcomes.FAILURE

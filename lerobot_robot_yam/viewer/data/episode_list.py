@@ -1,4 +1,4 @@
-"""Table of the episodes, with length, outcome and flags of the check; and the check itself, in the background."""
+"""Episode table (length, outcome, check flags), and the background thread that runs the check."""
 
 import html
 import threading
@@ -21,13 +21,13 @@ _CHOSEN = "background:#f78b2e55"
 
 
 class BackgroundCheck:
-    """Check of a data set in a thread, with a growing report: one picture per second, as in `yam-dataset-check`.
+    """Background check of a data set, one picture per second of recording as in `yam-dataset-check`. The report grows.
 
     `arm`: profile with the joint limits; None: the widest limits of all arms.
 
     Attributes:
         report: findings so far.
-        trouble: why the check has ended early; empty if all is well.
+        trouble: error that ended the check early; empty if there was none.
     """
 
     def __init__(self, data: OpenedDataset, arm: str | None = None):
@@ -37,12 +37,12 @@ class BackgroundCheck:
         self._thread = threading.Thread(target=self._run, args=(data, arm), name="yam-view-check", daemon=True)
 
     def start(self) -> None:
-        """Start the check; call it once."""
+        """Start the check. Call this once."""
         self._thread.start()
 
     @property
     def share(self) -> float:
-        """Share of the check that is done, 0 … 1."""
+        """Fraction of the episodes checked, 0 … 1."""
         return self._looked / self._all if self._all else 1.0
 
     @property
@@ -51,13 +51,13 @@ class BackgroundCheck:
         return self._thread.ident is not None and not self._thread.is_alive()
 
     def found(self) -> dict[int, EpisodeReport]:
-        """Return episode number → report, for the episodes checked so far."""
+        """Return episode number → report for the episodes checked so far."""
         return {episode.number: episode for episode in self.report.episodes[: self._looked]}
 
     def _run(self, data: OpenedDataset, arm: str | None) -> None:
         try:
             check_into(self.report, data, arm=arm, progress=self._watched)
-        except Exception as error:  # a damaged data set may raise anything, and the page still shows the rest
+        except Exception as error:  # a damaged data set may raise any error; the page still shows the rest
             self.trouble = f"{type(error).__name__}: {error}"
 
     def _watched(self, episodes: Iterable[Any]) -> Iterator[Any]:
@@ -68,20 +68,20 @@ class BackgroundCheck:
             self._looked += 1
 
     def close(self) -> None:
-        """End the check after the present episode. Idempotent."""
+        """Stop the check after the current episode. Idempotent."""
         self._ending = True
         if self._thread.ident is not None:
             self._thread.join()
 
 
 class EpisodeList:
-    """Table that fills while the check goes on.
+    """Episode table that is filled while the check runs.
 
     Args:
         gui: the server's gui; the table is added to its open container.
         data: the data set.
         labels: episode number → outcome, for labelled episodes.
-        check: the running check.
+        check: the check whose findings are shown.
     """
 
     def __init__(self, gui: viser.GuiApi, data: OpenedDataset, labels: Mapping[int, str], check: BackgroundCheck):
@@ -99,7 +99,7 @@ class EpisodeList:
         self._done = False
 
     def update(self, now_s: float, chosen: int) -> None:
-        """Show the present findings. `chosen`: number of the episode that is shown."""
+        """Show the current findings. `chosen`: number of the episode on display."""
         if now_s - self._shown_s < _SHOWN_S:
             return
         self._shown_s = now_s
@@ -142,7 +142,7 @@ def _row(episode: RecordedEpisode, fps: float, label: str, report: EpisodeReport
 
 
 def describe(flags: Sequence[Flag] | None) -> str:
-    """Return HTML about the flags of one episode. `flags` is None for an episode that is not checked yet."""
+    """Return HTML about one episode's flags. `flags`: None if the episode has not been checked yet."""
     if flags is None:
         lines = ["not checked yet"]
     else:

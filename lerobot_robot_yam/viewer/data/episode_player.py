@@ -1,4 +1,4 @@
-"""Player of an episode: the playhead, the pictures at the playhead's frame, and a plot of one value."""
+"""Episode player: the playhead, the camera pictures at the current frame, and a plot of one value."""
 
 import contextlib
 import threading
@@ -14,44 +14,44 @@ from lerobot_robot_yam.face.datasets.dataset_pictures import DatasetPictures
 from lerobot_robot_yam.face.datasets.layout import value_names
 
 Wish = tuple[RecordedEpisode, int]
-"""An episode and a frame of it."""
+"""An episode and the number of one of its frames."""
 
 _SHOWN_S = 0.2
-_POINTS = 600  # largest number of points of a plot: its width shows no more
+_POINTS = 600  # maximum number of points per plot: more are not visible at the plot's width
 _HEIGHT = 180
 _STATE, _ACTION, _OTHER, _NOW = "#1f77b4", "#ff7f0e", "#4682ff88", "#d00"
 
 
 class Playhead:
-    """Place in an episode that plays or stands. Times are times of the caller's clock, s.
+    """Playback position in an episode. Times are in the caller's clock, s.
 
     Attributes:
         frames: number of frames of the episode, at least 1.
         fps: frames per second at speed 1.
-        speed: factor on the speed.
-        playing: whether the playhead moves; it stops at the last frame.
+        speed: playback speed factor.
+        playing: whether the playhead moves. It stops at the last frame.
     """
 
     def __init__(self, fps: float):
         self.fps, self.speed, self.frames, self.playing = fps, 1.0, 1, False
-        self._place = 0.0  # place in frames, with fractions
+        self._place = 0.0  # playback position, frames with fraction
         self._then_s: float | None = None
 
     @property
     def frame(self) -> int:
-        """Number of the frame to show."""
+        """Number of the frame at the playhead."""
         return min(int(self._place), self.frames - 1)
 
     def open(self, frames: int) -> None:
-        """Begin another episode."""
+        """Start another episode at its first frame, paused."""
         self.frames, self.playing, self._place = max(frames, 1), False, 0.0
 
     def seek(self, frame: int) -> None:
-        """Go to a frame, or the nearest one."""
+        """Move to a frame, clamped to the episode."""
         self._place = float(min(max(frame, 0), self.frames - 1))
 
     def play(self) -> None:
-        """Play; start again if the playhead is at the end."""
+        """Start playing. At the last frame, playback restarts from the first one."""
         if self.frame == self.frames - 1:
             self._place = 0.0
         self.playing, self._then_s = True, None
@@ -60,7 +60,7 @@ class Playhead:
         self.playing = False
 
     def advance(self, now_s: float) -> int:
-        """Advance to this time; return the frame to show."""
+        """Advance to the time `now_s`; return the number of the frame to show."""
         if self.playing:
             if self._then_s is not None:
                 self._place += (now_s - self._then_s) * self.fps * self.speed
@@ -72,7 +72,7 @@ class Playhead:
 
 
 class PictureReader:
-    """Thread that reads the pictures of all cameras, one frame at a time; a new request replaces a waiting one."""
+    """Thread that reads the pictures of all cameras for one frame at a time. A new request replaces a pending one."""
 
     def __init__(self, data: OpenedDataset):
         self._data = data
@@ -84,13 +84,13 @@ class PictureReader:
         self._thread.start()
 
     def ask(self, episode: RecordedEpisode, frame: int) -> None:
-        """Request this frame, instead of an earlier request that still waits."""
+        """Request the pictures of a frame, replacing a pending request."""
         with self._wanted:
             self._wish = episode, frame
             self._wanted.notify()
 
     def take(self) -> dict[str, np.ndarray | str] | None:
-        """Return camera → picture (height, width, 3) uint8, or why it is missing; None if there is nothing new."""
+        """Return camera → picture (height, width, 3) uint8, or its error message; None if nothing is new."""
         with self._wanted:
             read, self._read = self._read, None
         return read
@@ -122,7 +122,7 @@ class PictureReader:
 
 
 class EpisodePlot:
-    """Plot of one value, measured and commanded, with the playhead, and of the same value in another episode.
+    """Plot of one value: measured, commanded, and measured in a second episode, with the playhead.
 
     `gui`: the server's gui; the plot is added to its open container.
     """
@@ -150,7 +150,7 @@ class EpisodePlot:
         self._shown_s = -_SHOWN_S
 
     def update(self, now_s: float, frame: int, episode: RecordedEpisode, other: RecordedEpisode | None) -> None:
-        """Draw the plot with the playhead at this frame; at most a few times a second."""
+        """Redraw the plot with the playhead at `frame`, at most once per `_SHOWN_S`."""
         wanted = (self._choice.value, frame, episode.number, None if other is None else other.number)
         if wanted == self._shown or now_s - self._shown_s < _SHOWN_S or episode.length < 2:
             return
@@ -166,9 +166,9 @@ def curves(
     other: RecordedEpisode | None,
     fps: float,
 ) -> tuple[np.ndarray, ...]:
-    """Return time (s), state, action, state of the other episode, and the state at `frame` alone, (points,) each.
+    """Return five curves (points,): time (s), state, action, the other episode's state, and the value at `frame` only.
 
-    Missing values are NaN, which is not drawn. `names`: feature → names of its values.
+    Missing values are NaN, which the plot leaves out. `names`: feature → names of its values.
     """
     places = np.unique(np.linspace(0, episode.length - 1, min(episode.length, _POINTS)).astype(int))
     state, action = (_values(names[feature], name, episode, feature, places) for feature in (STATE, ACTION))

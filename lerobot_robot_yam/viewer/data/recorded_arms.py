@@ -1,4 +1,4 @@
-"""Arms of a data set: the columns of each arm in states and actions, and the figures of all arms at a frame."""
+"""Arms of a data set: each arm's columns in states and actions, and the figures that show all arms at one frame."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,11 +26,11 @@ class RecordedArm:
     """Arm of a data set.
 
     Attributes:
-        prefix: prefix of the names of the arm's values, such as `left_`; empty for a single arm.
+        prefix: prefix of the arm's value names, such as `left_`; empty for a single arm.
         hardware: profiles of the arm.
-        columns: feature (`action`, `observation.state`) → columns of the joints, then of a gripper with a motor; a
-            feature that does not name all of these is missing.
-        unit: rad per recorded number of a joint.
+        columns: feature (`action`, `observation.state`) → columns of the joints, then of a motorised gripper. Features
+            that lack any of these columns are not listed.
+        unit: rad per unit of a recorded joint value.
     """
 
     prefix: str
@@ -39,7 +39,7 @@ class RecordedArm:
     unit: float
 
     def positions(self, episode: RecordedEpisode, feature: str) -> np.ndarray | None:
-        """Return the positions (n, motors), rad, gripper 0 closed … 1 open; None if the feature lacks them."""
+        """Return positions (n, motors), rad, gripper 0 closed … 1 open, or None if the feature lacks them."""
         if feature not in self.columns or feature not in episode.rows:
             return None
         found = np.array(episode.rows[feature][:, self.columns[feature]], dtype=float)
@@ -47,7 +47,7 @@ class RecordedArm:
         return found
 
     def trajectory(self, episode: RecordedEpisode, fps: float, speed: float) -> Trajectory:
-        """Return the motion of the episode's actions for this arm, `speed` times as fast as recorded.
+        """Return the motion given by this arm's recorded actions, played `speed` times as fast as recorded.
 
         Raises:
             ConfigError: the actions are not joint positions.
@@ -64,10 +64,10 @@ class RecordedArm:
 def motion_of(
     arms: Sequence[RecordedArm], prefixes: Sequence[str], episode: RecordedEpisode, fps: float, speed: float
 ) -> Trajectory:
-    """Return the motion of an episode's actions for all arms, side by side in the order of `prefixes`.
+    """Return the motion given by the recorded actions of all arms, with columns in the order of `prefixes`.
 
     Raises:
-        ActionError: the episode is of other arms, not finite, or too short.
+        ActionError: the episode has other arms than `prefixes`, or its actions are not finite or too few.
         ConfigError: the episode's actions are not joint positions.
     """
     ways = {arm.prefix: arm.trajectory(episode, fps, speed) for arm in arms}
@@ -86,14 +86,14 @@ def _list(prefixes: Iterable[str]) -> str:
 
 
 def recorded_arms(data: OpenedDataset, known: Mapping[str, ArmConfig], arm: str, gripper: str) -> list[RecordedArm]:
-    """Return the arms of which action or state has joints with our names.
+    """Return the arms for which the actions or states contain joints with our names.
 
     Args:
         known: prefix → config of the arm, from a run config.
-        arm, gripper: profiles of other arms. An arm without a recorded opening gets no gripper.
+        arm, gripper: profiles of arms not in `known`. Such an arm gets no gripper unless its opening is recorded.
 
     Raises:
-        ConfigError: a profile is unknown, or has another number of joints than the recording.
+        ConfigError: a profile is unknown, or its joint count differs from the recording's.
     """
     named = {feature: list(value_names(data.features.get(feature, {}))) for feature in (STATE, ACTION)}
     matches = [match for names in named.values() for match in map(JOINT.fullmatch, names) if match]
@@ -104,7 +104,7 @@ def recorded_arms(data: OpenedDataset, known: Mapping[str, ArmConfig], arm: str,
 
 
 def followers(plan: Plan) -> dict[str, ArmConfig]:
-    """Return prefix of the values in data sets → config, for the followers of a run config."""
+    """Return value prefix (as in data sets) → config, for the followers of a run config."""
     configs = [target.driven for target in plan.followers]
     return dict(zip(("left_", "right_") if len(configs) > 1 else ("",), configs, strict=False))
 
@@ -131,13 +131,13 @@ def _arm(
 
 
 class RecordedFigures:
-    """Figures of all arms of a data set, in the measured pose, or in the commanded pose if no state was recorded.
+    """Figures of all arms of a data set. They show the measured pose, or the commanded pose if no state was recorded.
 
     Args:
         scene: the server's scene.
         root: name of the figures' parent frame.
         arms: arms of the data set.
-        ghost: whether to draw in one pale colour.
+        ghost: whether to draw the arms in one pale colour.
     """
 
     def __init__(self, scene: viser.SceneApi, root: str, arms: Sequence[RecordedArm], ghost: bool = False):
@@ -148,14 +148,14 @@ class RecordedFigures:
         self._ways: list[np.ndarray | None] = [None] * len(arms)
 
     def open(self, episode: RecordedEpisode) -> None:
-        """Set the episode to show."""
+        """Select the episode to show."""
         self._ways = []
         for arm in self._arms:
             measured = arm.positions(episode, STATE)
             self._ways.append(arm.positions(episode, ACTION) if measured is None else measured)
 
     def pose(self, frame: int) -> None:
-        """Show this frame, or the last one if the episode is shorter."""
+        """Show a frame, clamped to the end of the episode."""
         for arm, figure, way in zip(self._arms, self._figures, self._ways, strict=True):
             if way is not None and len(way):
                 row, joints = way[min(frame, len(way) - 1)], arm.hardware.joints

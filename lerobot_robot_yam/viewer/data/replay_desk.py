@@ -1,4 +1,4 @@
-"""Desk that sends an episode to the arms: requested, confirmed, watched, paused and ended on the page."""
+"""Controls to replay a recorded episode on the arms: request, confirm, watch, pause and end."""
 
 import html
 from collections.abc import Sequence
@@ -11,20 +11,19 @@ from lerobot_robot_yam.face.datasets.check.opened_dataset import RecordedEpisode
 from lerobot_robot_yam.viewer.data.recorded_arms import RecordedArm, motion_of
 from lerobot_robot_yam.viewer.serving.handles import pressed, put
 
-if TYPE_CHECKING:  # the driver loads the inverse kinematics, which a page without arms does not need
+if TYPE_CHECKING:  # the driver loads the inverse kinematics, not needed by a page without arms
     from lerobot_robot_yam.viewer.moving.driver import Driver
 
 LEAST_SPEED, MOST_SPEED = 0.1, 2.0
 
 
 class ReplayDesk:
-    """Buttons for the browser that controls the arms.
+    """Replay controls for the browser that controls the arms.
 
     Args:
         gui: the server's gui.
         driver: driver of the arms.
-        prefixes: prefix of each of the driver's arms in names of recorded values: "", or "left_" and "right_", in
-            the driver's order.
+        prefixes: prefix of each arm's recorded values, in the driver's order: "", or "left_" and "right_".
         arms: arms of the data set.
         fps: frames per second of the data set.
     """
@@ -45,11 +44,11 @@ class ReplayDesk:
         pressed(self._end, lambda browser: driver.ask(browser, driver.hold))
 
     def open(self, episode: RecordedEpisode) -> None:
-        """Set the episode to send."""
+        """Select the episode to replay."""
         self._episode = episode
 
     def update(self, flags: Sequence[Flag] | None) -> None:
-        """Show the progress. `flags`: flags of the episode, None if the episode has not been checked."""
+        """Show the replay's progress. `flags`: check flags of the episode; None if it has not been checked."""
         self._flags = flags
         replayed = self._driver.replayed
         put(self._send, visible=replayed is None)

@@ -1,6 +1,6 @@
-"""Overlay of a data set's picture on a camera's live picture, so that a person can restore the scene.
+"""Overlay of a recorded picture on a camera's live picture, so that a person can restore the recorded scene.
 
-The camera belongs to a run config, or to a virtual rig that runs on this computer.
+The live camera belongs to a run config or to a virtual rig that runs on this computer.
 """
 
 import html
@@ -24,21 +24,21 @@ logger = logging.getLogger(__name__)
 _NONE = "none"
 _LOOK_S = 2.0  # period of searching for rigs, s
 _SHOWN_S = 0.1
-_RIG, _SOCKET = "rig-", ".sock"  # parts of a socket's file name before and after the rig's name
-# Settings of a rig's camera: pictures of good quality at a low rate.
+_RIG, _SOCKET = "rig-", ".sock"  # parts of a rig's socket file name before and after the rig's name
+# Options for rendered cameras: good picture quality at a low rate.
 _PICTURES = {"width": 640, "height": 480, "fps": 10}
 _WAIT_MS = 1000.0
 
 
 def running_rigs() -> list[str]:
-    """Return the names of the rigs that run for this user."""
+    """Return the names of this user's running rigs."""
     return sorted(path.name[len(_RIG) : -len(_SOCKET)] for path in runtime_dir().glob(f"{_RIG}*{_SOCKET}"))
 
 
 def rig_cameras(rig: str) -> dict[str, dict[str, Any]]:
-    """Return camera → LeRobot's options; the camera's name has the rig's name in it. Empty once the rig has ended.
+    """Return camera name, prefixed with the rig's name → LeRobot camera options. Empty if the rig has ended.
 
-    Only the rig's file is read, since a connection would restart a rig that was killed.
+    Only the rig's scene file is read, since a connection would restart a rig that was killed.
     """
     try:
         names = [camera.name for camera in told_scene(rig).cameras]
@@ -49,16 +49,16 @@ def rig_cameras(rig: str) -> dict[str, dict[str, Any]]:
 
 
 class LiveCamera:
-    """Reader of one camera, in a thread.
+    """Reader thread of one camera.
 
     Args:
         name: name of the camera in messages.
-        options: options of the camera, as in a run config.
+        options: camera options as in a run config.
         arms: arms of the run config.
 
     Attributes:
-        picture: newest picture, (height, width, 3) uint8 RGB; None before the first picture.
-        trouble: why no more pictures come; empty if all is well.
+        picture: newest picture (height, width, 3), uint8 RGB; None before the first picture.
+        trouble: error that ended the reading; empty if there was none.
     """
 
     def __init__(self, name: str, options: Mapping[str, Any], arms: Sequence[ArmConfig]):
@@ -69,7 +69,7 @@ class LiveCamera:
         self._thread.start()
 
     def _run(self, name: str, options: Mapping[str, Any], arms: Sequence[ArmConfig]) -> None:
-        from lerobot_robot_yam.face.devices.images import open_camera  # late: loads LeRobot, takes seconds
+        from lerobot_robot_yam.face.devices.images import open_camera  # imported late: loading LeRobot takes seconds
 
         try:
             camera = open_camera(name, options, arms)
@@ -79,35 +79,35 @@ class LiveCamera:
         try:
             while not self._ending.is_set():
                 self.picture = camera.async_read(timeout_ms=_WAIT_MS)
-        except Exception as error:  # camera drivers may raise any error
+        except Exception as error:  # a camera driver may raise any error
             self.trouble = f"camera {name}: {error}"
         finally:
             camera.disconnect()
 
     def begin_close(self) -> None:
-        """Request the end of the thread, without waiting."""
+        """Signal the thread to end, without waiting for it."""
         self._ending.set()
 
     def close(self) -> None:
-        """Disconnect the camera. Idempotent."""
+        """Disconnect the camera and wait for the thread to end. Idempotent."""
         self.begin_close()
         self._thread.join()
 
 
 def overlaid(live: np.ndarray, recorded: np.ndarray, alpha: float) -> np.ndarray:
-    """Return the live picture (height, width, 3), blended with a share `alpha` of the recorded picture."""
+    """Return the live picture (height, width, 3) blended with the recorded picture, whose weight is `alpha`, 0 … 1."""
     height, width = live.shape[:2]
     fitted = cv2.resize(recorded, (width, height), interpolation=cv2.INTER_AREA)
     return cv2.addWeighted(live, 1.0 - alpha, fitted, alpha, 0.0)
 
 
 class SceneMatch:
-    """Controls to choose the cameras, a slider for the blend, and the blended picture.
+    """Menus to choose the live and the recorded camera, a blend slider, and the blended picture.
 
     Args:
         gui: the server's gui; the controls are added to its open container.
         recorded: cameras of the data set.
-        cameras: name → options of a run config's camera.
+        cameras: name → camera options from a run config.
         arms: arms of the run config.
     """
 
@@ -131,7 +131,7 @@ class SceneMatch:
         self._looked_s = self._shown_s = -_LOOK_S
 
     def update(self, now_s: float, pictures: Mapping[str, np.ndarray | str]) -> None:
-        """Show the newest live picture. `pictures`: camera → picture of the shown frame of the data set."""
+        """Show the newest live picture. `pictures`: camera → recorded picture at the playhead, or its error message."""
         if now_s - self._looked_s >= _LOOK_S:
             self._looked_s = now_s
             self._look()
@@ -173,7 +173,7 @@ class SceneMatch:
             self._live = LiveCamera(name, options, self._arms)
 
     def close(self) -> None:
-        """Release the cameras. Idempotent."""
+        """Disconnect all cameras opened here. Idempotent."""
         self._open(_NONE)
         for camera in self._ended:
             camera.close()

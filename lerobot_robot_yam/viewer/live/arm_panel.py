@@ -1,4 +1,4 @@
-"""Panel of one arm: mode, trouble and remedy, figures of each motor, and a plot of ten seconds."""
+"""Panel of one arm: mode, fault with remedy, a table of motor values, and a plot of the last ten seconds."""
 
 import html
 import math
@@ -15,7 +15,7 @@ from lerobot_robot_yam.state.records import ArmState, Limited
 from lerobot_robot_yam.viewer.live.watched_arms import WatchedArm
 
 _SPAN_S = 10.0
-_ROWS = 512  # number of rows of a ring: more samples than a page reads in `_SPAN_S`
+_ROWS = 512  # ring buffer size: more samples than a page reads in `_SPAN_S`
 _COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c")
 _POSITION, _TORQUE, _PERIOD, _AGE = "q, set-point, target", "torque, Nm", "loop period, ms", "sample age, ms"
 _CURVES = {
@@ -25,14 +25,14 @@ _CURVES = {
     _AGE: ("oldest sample",),
 }
 _SHOWN_S = 0.2
-_NEAR = 0.8  # share of a torque limit from which on a torque is marked
+_NEAR = 0.8  # fraction of the torque limit above which a torque is highlighted
 _STYLE = "font-family:monospace;font-size:11px;width:100%;border-collapse:collapse;text-align:right"
 
 
 class ArmHistory:
-    """Ring of samples of one arm with n motors: joints in rad, then the gripper, 0 … 1.
+    """Ring buffer of samples from one arm with n motors: joints in rad, then the gripper, 0 … 1.
 
-    Columns: n each of q, set-point, target and torque (Nm), then the loop's period and the age of its samples, ms.
+    Columns: n each of q, set-point, target and torque (Nm), then loop period and sample age, ms.
     """
 
     def __init__(self, motors: int):
@@ -43,13 +43,13 @@ class ArmHistory:
         self._last: ArmState | None = None
 
     def add(self, state: ArmState) -> None:
-        """Add a state, unless it was added before or lacks a reading."""
+        """Add a state, unless it is not newer than the last one or lacks a reading."""
         last, self._last = self._last, state
         if last is None or state.tick <= last.tick:
             return
         setpoint = state.setpoints
         action = state.action or ()
-        target = action if len(action) == self._n else setpoint  # a leader's action has its follower's gripper
+        target = action if len(action) == self._n else setpoint  # a leader's action includes its follower's gripper
         grip = state.gripper_tau_nm
         row = [*state.positions, *setpoint, *target, *state.tau_nm, *([] if grip is None else [grip])]
         row.append(1e3 * (state.published_s - last.published_s) / (state.tick - last.tick))
@@ -60,7 +60,7 @@ class ArmHistory:
             self._count += 1
 
     def columns(self, now_s: float, *numbers: int) -> tuple[np.ndarray, ...]:
-        """Return times relative to now, (k,) from -10 to 0 s, and values of some columns, (k,) each, oldest first."""
+        """Return times relative to now (k,), -10 to 0 s, and the values (k,) of each requested column, oldest first."""
         kept = min(self._count, _ROWS)
         rows = np.arange(self._count - kept, self._count) % _ROWS
         rows = rows[self._times[rows] > now_s - _SPAN_S]
@@ -68,12 +68,12 @@ class ArmHistory:
 
 
 class ArmPlot:
-    """Plot of one quantity of one motor, with a menu for each of both, in the open folder.
+    """Plot of one quantity for one motor, with a menu for each, in the open folder.
 
     `gui`: the server's gui; `names`: names of the motors.
 
     Attributes:
-        history: samples to plot, which the caller adds.
+        history: samples to plot, added by the caller.
     """
 
     def __init__(self, gui: viser.GuiApi, names: Sequence[str]):
@@ -87,7 +87,7 @@ class ArmPlot:
         self._plot: viser.GuiUplotHandle | None = None
 
     def update(self, now_s: float) -> None:
-        """Draw the plot."""
+        """Redraw the plot from the history."""
         quantity, motor = self._quantity.value, self._names.index(self._motor.value)
         data = self.history.columns(now_s, *self._columns(quantity, motor))
         if len(data[0]) < 2:
@@ -125,19 +125,19 @@ class ArmPlot:
 
 
 class ArmPanel:
-    """Folder of one arm in the page's panel."""
+    """Folder of one arm on the page."""
 
     def __init__(self, gui: viser.GuiApi, arm: WatchedArm):
         self._arm = arm
         self._folder = gui.add_folder(arm.name)
         with self._folder:
             self._text = gui.add_html("")
-        self._plot: ArmPlot | None = None  # made when the first state tells the number of motors
+        self._plot: ArmPlot | None = None  # created with the first state, which gives the number of motors
         self._gui = gui
         self._shown_s = -_SHOWN_S
 
     def update(self, now_s: float, looked_at: bool) -> None:
-        """Add the last state to the plot; draw a few times a second while a browser is open."""
+        """Add the newest state to the plot. While a browser is connected, also redraw a few times a second."""
         state = self._arm.state
         if state is None:
             return
@@ -151,7 +151,7 @@ class ArmPanel:
             self._plot.update(now_s)
 
     def hide(self) -> None:
-        """Hide the folder, and end its updates."""
+        """Hide the folder."""
         self._folder.visible = False
 
     def close(self) -> None:
@@ -185,7 +185,7 @@ def describe(arm: WatchedArm) -> str:
 
 
 def warnings(arm: WatchedArm) -> list[str]:
-    """Return one line for each urgent problem, with the remedy; empty when all is well."""
+    """Return one line with the remedy for each urgent problem of an arm."""
     state, lines = arm.state, []
     if state is None:
         return []
@@ -201,7 +201,7 @@ def warnings(arm: WatchedArm) -> list[str]:
 
 
 def motor_names(arm: WatchedArm, state: ArmState) -> list[str]:
-    """Return the names (n) of the motors: from the profiles if these fit, else by number."""
+    """Return the motor names (n), from the profiles if they match the state, else numbered."""
     if arm.hardware is not None and arm.hardware.n == len(state.positions):
         return [motor.name for motor in arm.hardware.motors]
     joints, motors = len(state.q), len(state.positions)

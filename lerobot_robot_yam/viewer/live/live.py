@@ -1,4 +1,4 @@
-"""Live part of the page: shows each arm and camera of this computer as other programs use them; only watches."""
+"""Live part of the page: shows the arms and cameras of this computer while other programs use them. Read-only."""
 
 import html
 import json
@@ -20,7 +20,7 @@ _BEAT_S = 1.0
 _SILENT_S = 4.0
 _SILENT = "NO WORD FROM yam-view: what this page shows is old. Stop the arms with their own emergency stop."
 
-# Preceded by the definition of `lines`. The browser's own timer reports when this page is no longer updated.
+# `Banner.show` prepends `lines`, `silent` and `silentMs`. The timer in the browser warns when updates cease.
 _SHOW = """
 let bar = document.getElementById("yam-banner");
 if (!bar) {
@@ -42,24 +42,24 @@ show(lines);
 clearTimeout(window.yamSilence);
 window.yamSilence = setTimeout(() => show([silent, ...lines]), silentMs);
 """
-_GHOST_RAD = 0.005  # least distance between set-point and arm at which the ghost is drawn, rad
-_EYE_M, _LOOKS_AT_M = (1.3, 1.5, 1.1), (-0.3, 0.0, 0.15)  # first view, m: two pairs of arms from the front
-_LEAVE_S = 3.0  # wait until a hidden panel is removed, s: a browser without a graphics card may draw once a second
+_GHOST_RAD = 0.005  # minimum distance between set-point and measured pose for drawing the ghost, rad
+_EYE_M, _LOOKS_AT_M = (1.3, 1.5, 1.1), (-0.3, 0.0, 0.15)  # initial camera pose, m: two pairs of arms from the front
+_LEAVE_S = 3.0  # delay before a hidden panel is removed, s: without a graphics card, a browser may draw once a second
 _CAMERAS_S = 0.5
-_DEVICES_S = 5.0  # period of searching the users of devices, s: a search reads a file per process
+_DEVICES_S = 5.0  # search period for the processes that use video devices, s: a search reads a file per process
 _NOBODY = "<p style='padding:0 0.8em;color:#888'>no arm runs on this computer</p>"
 
 
 class RunJavascriptMessage(viser._messages.RunJavascriptMessage, include_in_scene_serialization=False):
-    """Variant of viser's message of this name: viser keeps only the newest for browsers that connect later."""
+    """Like viser's message of the same name, but viser keeps only the latest one for browsers that connect later."""
 
     def redundancy_key(self) -> str:
-        """Return the same key for all messages, so that a new message replaces the old one."""
+        """Return the same key for all messages, so that a new message replaces the previous one."""
         return "yam-view banner"
 
 
 class Banner:
-    """Bar at the top of the page in all browsers, and the page's title, for warnings that nobody may overlook."""
+    """Warning bar at the top of the page, and the page title, in all browsers."""
 
     def __init__(self, server: viser.ViserServer):
         self._server = server
@@ -67,7 +67,7 @@ class Banner:
         self._sent_s = -_BEAT_S
 
     def show(self, lines: Sequence[str], now_s: float) -> None:
-        """Show these lines, or no bar without lines. Call it often: after 4 s without news the browser warns."""
+        """Show these lines; hide the bar if there are none. Call this often: browsers warn 4 s after the last call."""
         if list(lines) == self._lines and now_s - self._sent_s < _BEAT_S:
             return
         self._lines, self._sent_s = list(lines), now_s
@@ -82,7 +82,7 @@ class _Shown:
     def __init__(self, server: viser.ViserServer, arm: WatchedArm):
         self.arm = arm
         self.panel = ArmPanel(server.gui, arm)
-        self.place: Place | None = None  # place of the arm's base, once the arm is drawn
+        self.place: Place | None = None  # pose of the arm's base, once it is drawn
         self._figure = self._ghost = None
         self._drawn: tuple[float, ...] = ()
         if arm.hardware is not None:
@@ -93,14 +93,14 @@ class _Shown:
             add_workspace(server.scene, root, arm.hardware)
 
     def stand(self, place: Place) -> None:
-        """Move the base of the drawing."""
+        """Move the arm's base to a place."""
         self.place = place
         for figure in (self._figure, self._ghost):
             if figure is not None:
                 figure.stand(*place)
 
     def draw(self) -> None:
-        """Show the last measured pose."""
+        """Draw the newest measured pose, and the set-point as a ghost if it differs."""
         state = self.arm.state
         if self._figure is None or self._ghost is None or state is None:
             return
@@ -115,7 +115,7 @@ class _Shown:
             self._ghost.pose(state.setpoint_q, state.gripper_setpoint)
 
     def close(self) -> None:
-        """Remove the drawing, and hide the panel, which `Live` removes later."""
+        """Remove the drawing and hide the panel, which `Live` removes later."""
         self.panel.hide()
         for figure in (self._figure, self._ghost):
             if figure is not None:
@@ -123,7 +123,7 @@ class _Shown:
 
 
 class _Cameras:
-    """Folder after the arms: cameras that a rig draws now, and plugged-in cameras. Opens no camera."""
+    """Folder after the arms' folders with rendered cameras in use and plugged-in cameras. Opens no camera."""
 
     def __init__(self, gui: viser.GuiApi):
         self._folder = gui.add_folder("cameras", order=1e6, expand_by_default=False, visible=False)
@@ -134,7 +134,7 @@ class _Cameras:
         self._looked_s = -_DEVICES_S
 
     def update(self, now_s: float, rigs: WatchedRigs) -> None:
-        """Show the cameras every `_CAMERAS_S`; hide the folder if there are none."""
+        """Update the list of cameras every `_CAMERAS_S`. The folder is hidden if there are none."""
         if now_s - self._shown_s < _CAMERAS_S:
             return
         self._shown_s = now_s
@@ -152,12 +152,12 @@ def _who_reads(device: VideoDevice) -> str:
 
 
 class Live:
-    """Part of the page that shows the arms and their troubles, and has the emergency stop.
+    """Part of the page that shows the arms and their faults, and contains the emergency stop.
 
-    A slow browser delays updates until it draws, but removes elements at once; an update of a removed element is then
-    an error in the browser's console. So panels are hidden first, and removed after the browser has drawn.
+    A slow browser delays updates until it draws, but removes elements at once. A late update of a removed element then
+    causes an error in the browser's console. So panels are hidden first, and removed after the browser has drawn.
 
-    `server`: viser's server; `troubles`: list with the page's present lines for the banner.
+    `server`: viser's server; `troubles`: the page's own list of lines for the banner.
     """
 
     def __init__(self, server: viser.ViserServer, troubles: Sequence[str] = ()):
@@ -165,8 +165,8 @@ class Live:
         self._watched = WatchedArms()
         self._rigs = WatchedRigs(server.scene)
         self._shown: dict[str, _Shown] = {}
-        self._leaving: list[tuple[float, ArmPanel]] = []  # hidden panels, with the time of removal
-        server.scene.configure_default_lights(cast_shadow=False)  # shadows are slow in browsers without a graphics card
+        self._leaving: list[tuple[float, ArmPanel]] = []  # hidden panels: (time of removal, panel)
+        server.scene.configure_default_lights(cast_shadow=False)  # shadows are slow without a graphics card
         server.initial_camera.position, server.initial_camera.look_at = _EYE_M, _LOOKS_AT_M
         self._grid = server.scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.1, section_size=0.5)
         self._banner = Banner(server)
@@ -180,15 +180,15 @@ class Live:
         return self._watched.arms
 
     def place_of(self, key: str) -> Place | None:
-        """Return the drawn place of an arm's base, position (3,) m and w x y z (4,), or None. `key`: channel key."""
+        """Return the drawn pose of an arm's base, position (3,), m, and w x y z (4,), or None. `key`: channel key."""
         shown = self._shown.get(key)
         return None if shown is None else shown.place
 
     def update(self, now_s: float) -> None:
-        """Read the arms, and draw changes."""
+        """Read the arms' states and draw changes."""
         try:
             self._draw(now_s)
-        finally:  # the banner has to be shown even after an error
+        finally:  # update the banner even after an error
             lines = [*self._stop.update(), *self._troubles, *self._watched.lost(now_s)]
             lines += [f"{arm.name}: {line}" for arm in self.arms.values() for line in warnings(arm)]
             self._banner.show(lines, now_s)
@@ -205,7 +205,7 @@ class Live:
             self._cameras.update(now_s, self._rigs)
 
     def _keep(self, now_s: float) -> None:
-        """Add and remove drawings, so that each running arm and its rig are drawn at their places."""
+        """Add and remove drawings, so that exactly the running arms and their rigs are drawn."""
         arms, before = self.arms, list(self._shown.values())
         for key in [key for key, shown in self._shown.items() if shown.arm is not arms.get(key)]:
             shown = self._shown.pop(key)
@@ -213,7 +213,7 @@ class Live:
             self._leaving.append((now_s + _LEAVE_S, shown.panel))
         while self._leaving and self._leaving[0][0] <= now_s:
             self._leaving.pop(0)[1].close()
-        for key in sorted(arms.keys() - self._shown.keys())[:1]:  # one arm per round, since a new drawing takes time
+        for key in sorted(arms.keys() - self._shown.keys())[:1]:  # one new arm per round: drawing it takes time
             self._shown[key] = _Shown(self._server, arms[key])
         moved = self._rigs.keep({arm.rig for arm in arms.values() if arm.rig})
         if not moved and before == list(self._shown.values()):
@@ -226,6 +226,6 @@ class Live:
         self._grid.position = (0.0, 0.0, min(floors, default=0.0))
 
     def close(self) -> None:
-        """Release the sessions. Idempotent."""
+        """Release the watched sessions and rigs. Idempotent."""
         self._rigs.close()
         self._watched.close()

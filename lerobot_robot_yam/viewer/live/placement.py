@@ -1,4 +1,4 @@
-"""Places of the arms in the scene: from the rig, or else from the workspace; no two arms have the same place."""
+"""Base poses of the arms in the scene, from the rig or else from the workspace. No two arms get the same position."""
 
 from collections.abc import Iterable, Mapping
 
@@ -10,14 +10,14 @@ from lerobot_robot_yam.viewer.live.rig_world import RigWorld
 from lerobot_robot_yam.viewer.live.watched_arms import WatchedArm
 
 Place = tuple[np.ndarray, np.ndarray]
-"""Position (3,) m and orientation w x y z (4,) of a base."""
-APART_M = 0.6  # distance between arms without a place, m: without it, all would be at the origin
+"""Position (3,), m, and orientation w x y z (4,) of an arm's base."""
+APART_M = 0.6  # distance between arms without a configured position, m: otherwise all would be drawn at the origin
 RIGS_APART_M = 3.0
 _SAME_M = 0.1
 
 
 def places(arms: Mapping[str, WatchedArm], rigs: Mapping[str, RigWorld]) -> dict[str, Place]:
-    """Return channel key → place of the base, for each arm with a shape. Virtual rigs stand beside each other."""
+    """Return channel key → base pose for each arm whose hardware is known. Virtual rigs are drawn side by side."""
     found: dict[str, Place] = {}
     for key, arm in sorted(arms.items()):
         if arm.hardware is None:
@@ -32,7 +32,7 @@ def places(arms: Mapping[str, WatchedArm], rigs: Mapping[str, RigWorld]) -> dict
 
 
 def row_of(arms: Iterable[ResolvedArm]) -> list[Place]:
-    """Return the places of arms that belong to no rig, as `places` does."""
+    """Return base poses for arms that belong to no rig, computed as in `places`."""
     found: list[Place] = []
     for hardware in arms:
         found.append(clear_of(found, base_of(hardware)))
@@ -40,7 +40,7 @@ def row_of(arms: Iterable[ResolvedArm]) -> list[Place]:
 
 
 def clear_of(taken: Iterable[Place], place: Place) -> Place:
-    """Return the place if no other arm is there, or else the next free place beside it."""
+    """Return `place`, or if another arm is there, the next free position beside it."""
     position, quat = place[0].copy(), place[1]
     others = [other for other, _ in taken]
     while any(np.linalg.norm(position - other) < _SAME_M for other in others):
@@ -49,11 +49,11 @@ def clear_of(taken: Iterable[Place], place: Place) -> Place:
 
 
 def origin_of(number: int) -> np.ndarray:
-    """Return the origin (3,), m, of the world of the rig with this number (from 0)."""
+    """Return the world origin (3,), m, of the rig with index `number` (from 0)."""
     return np.array([0.0, -RIGS_APART_M * number, 0.0])
 
 
 def base_of(hardware: ResolvedArm) -> Place:
-    """Return the place of an arm's base from the arm's workspace."""
+    """Return the base pose given by an arm's workspace config."""
     workspace = hardware.config.workspace
     return np.array(workspace.base_position_m, dtype=float), base_quat(workspace.base_yaw_rad, hardware.tilt_rad)

@@ -1,4 +1,4 @@
-"""World and camera pictures of a virtual rig, read from the blocks of its renderer, without a connection."""
+"""World and camera pictures of a virtual rig, read from the shared memory of its renderer without a connection."""
 
 import contextlib
 import re
@@ -16,22 +16,22 @@ from lerobot_robot_yam.system.runtime_files import slug
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _SETTINGS = re.compile(r"(.+)-(\d+)x(\d+)-(\d+)")
-_STAMP = struct.Struct("<d")  # first field of a frame: the time stamp, s
-_WIDEST = 320  # largest width of a picture, pixels: a frustum is small on the page
+_STAMP = struct.Struct("<d")  # first field of a frame: timestamp, s
+_WIDEST = 320  # maximum picture width, pixels: a frustum is small on the page
 
 
 class RigWorld:
     """World of one rig.
 
-    `name`: name of the rig in the names of its files.
+    `name`: name of the rig as in its file names.
 
     Attributes:
         scene: the simulated scene.
-        model, data: MuJoCo's model and data, with the poses, cameras and contacts read last.
+        model, data: MuJoCo's model and data, with the poses, cameras and contacts as of the last `read`.
 
     Raises:
-        RigError, FileNotFoundError: no rig of this name runs.
-        ConfigError, StaleStateError: the scene's file has changed since the rig's start.
+        RigError, FileNotFoundError: no rig with this name runs.
+        ConfigError, StaleStateError: the scene's file has changed since the rig started.
     """
 
     def __init__(self, name: str):
@@ -47,7 +47,7 @@ class RigWorld:
 
     @property
     def current(self) -> bool:
-        """Whether the rig still runs."""
+        """Whether the rig is still running."""
         return self._block.current
 
     @property
@@ -56,11 +56,11 @@ class RigWorld:
         return float(self.model.geom("floor").pos[2])
 
     def base(self, channel: str) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return position (3,), m, and w x y z (4,) of the base of the arm on a channel; None without an arm."""
+        """Return position (3,), m, and quaternion w x y z (4,) of the base of a channel's arm; None without an arm."""
         return self._bases.get(channel)
 
     def read(self) -> bool:
-        """Read the newest state; return False if there is no new state."""
+        """Read the newest state. Return False if there is none since the last read."""
         record = self._block.glance()
         if record is None or float(record["stamp_s"]) == self._stamp_s:
             return False
@@ -71,7 +71,7 @@ class RigWorld:
         return True
 
     def contacts(self) -> list[tuple[str, str, np.ndarray]]:
-        """Return the contacts of arms: names of both bodies, an arm's body first, and the point (3,), m."""
+        """Return the contacts of arms: (arm's body, other body, contact point (3,), m)."""
         found = []
         for index in range(self.data.ncon):
             contact = self.data.contact[index]
@@ -82,12 +82,12 @@ class RigWorld:
         return found
 
     def close(self) -> None:
-        """Release the block. Idempotent."""
+        """Release the shared memory. Idempotent."""
         self._block.close(remove=False)
 
 
 class RenderedPictures:
-    """Pictures of one rig's cameras. No camera is opened, so a camera that nobody uses has no picture."""
+    """Pictures from one rig's cameras. This class opens no camera, so a camera without another user has no picture."""
 
     def __init__(self, rig: str):
         self._rig = rig
@@ -103,12 +103,12 @@ class RenderedPictures:
         for name, path in found.items():
             settings = _SETTINGS.fullmatch(name)
             if settings is not None and name not in self._blocks:
-                with contextlib.suppress(FileNotFoundError, StaleStateError):  # camera just opens or closes
+                with contextlib.suppress(FileNotFoundError, StaleStateError):  # the camera is opening or closing
                     dtype = frame_dtype(int(settings[2]), int(settings[3]))
                     self._blocks[name] = SharedBlock(path, dtype, create=False)
 
     def open_ones(self, now_s: float) -> dict[str, float]:
-        """Return name of a camera's block, such as `top-320x240-30` → age of its picture, s."""
+        """Return block name of each open camera, such as `top-320x240-30` → age of its newest picture, s."""
         return {name: now_s - block.peek(0, _STAMP) for name, block in sorted(self._blocks.items())}
 
     def is_open(self, camera: str) -> bool:
@@ -116,7 +116,7 @@ class RenderedPictures:
         return self._of(camera) is not None
 
     def newest(self, camera: str) -> np.ndarray | None:
-        """Return the newest picture, (h, w, 3) uint8 RGB, at most 320 wide; None if none is new since the last call."""
+        """Return the newest picture, (h, w, 3) uint8 RGB, at most 320 wide; None if there is no new picture."""
         block = self._of(camera)
         if block is None or block.sequence() == self._shown.get(block):
             return None
@@ -139,6 +139,6 @@ class RenderedPictures:
         block.close(remove=False)
 
     def close(self) -> None:
-        """Release all blocks. Idempotent."""
+        """Release the shared memory of all cameras. Idempotent."""
         for name in list(self._blocks):
             self._forget(name)

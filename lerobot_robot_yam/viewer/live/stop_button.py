@@ -1,4 +1,4 @@
-"""Emergency stop of the page: one click latches the stop; the release needs a confirmation."""
+"""Emergency stop on the page: one click latches the stop; releasing it requires a confirmation."""
 
 import logging
 
@@ -11,21 +11,21 @@ logger = logging.getLogger(__name__)
 
 
 class StopButton:
-    """Two buttons at the top of the panel. The thread that receives the click latches the stop at once.
+    """Buttons to latch and to release the emergency stop. The thread that receives the click latches the stop at once.
 
-    Each click makes a new `EmergencyStop`, since an object whose file could not be written stays latched for good.
+    Each click creates a new `EmergencyStop`: an object that failed to write its file stays latched forever.
     """
 
     def __init__(self, gui: viser.GuiApi):
         self._seen = EmergencyStop()
-        self._failure = ""  # why the last click failed; empty if it did not
+        self._failure = ""  # error of the last click; empty if there was none
         self._button = gui.add_button("EMERGENCY STOP", color="red", icon=viser.Icon.HAND_STOP)
         self._release = gui.add_button("release the emergency stop …", visible=False)
         self._button.on_click(lambda _: self._latch())
         self._release.on_click(self._ask)
 
     def update(self) -> list[str]:
-        """Show the present state; return lines for the banner."""
+        """Show whether the stop is latched; return lines for the banner."""
         latched = self._seen.latched
         if self._release.visible != latched:
             self._release.visible = latched

@@ -1,4 +1,4 @@
-"""Arms that run on this computer, found and read through their state blocks, without writing or requests."""
+"""Arms that run on this computer, found and read through their shared state blocks. Nothing is written or requested."""
 
 import contextlib
 import dataclasses
@@ -18,8 +18,8 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.5
-_AGE_S = 0.25  # largest age of the state of an arm without a known limit, s
-_LOST_S = 60.0  # duration of the warning that an arm was left energised, s
+_AGE_S = 0.25  # maximum state age for arms whose config is unknown, s
+_LOST_S = 60.0  # how long the page warns that an arm was left energised, s
 _FIELDS = {field.name for field in dataclasses.fields(LeadArmConfig)}
 
 
@@ -27,11 +27,11 @@ class WatchedArm:
     """Arm of any session on this computer.
 
     Attributes:
-        key: key of the channel.
+        key: channel key.
         process: process that drives the arm.
         hardware: profiles and limits; None if the session does not publish them.
-        state: state that was read last; None before the first state.
-        age_s: age of `state` when it was read, s.
+        state: newest state read; None before the first one.
+        age_s: age of `state` at the time of the last `read`, s.
     """
 
     def __init__(self, directory: Path, key: str, process: str):
@@ -43,29 +43,29 @@ class WatchedArm:
 
     @property
     def name(self) -> str:
-        """Name of the arm in messages, with its channel."""
+        """Name of the arm with its channel, for messages."""
         return self.key if self.hardware is None else f"{self.hardware.name} ({self.key})"
 
     @property
     def rig(self) -> str | None:
-        """Name of the arm's virtual rig, as in the names of the rig's files; None for a real arm."""
+        """Name of the arm's virtual rig, as in the rig's file names; None for a real arm."""
         if self.hardware is None or self.hardware.config.interface != VIRTUAL:
             return None
         return self.key.removesuffix(f".{slug(self.hardware.config.channel)}")
 
     @property
     def current(self) -> bool:
-        """Whether the arm's session still runs, and no other session has begun on the channel."""
+        """Whether the arm's session still runs, with no newer session on the channel."""
         return self._block.current
 
     @property
     def stale(self) -> bool:
-        """Whether the arm's control loop is silent."""
+        """Whether the newest state of the arm's control loop is too old."""
         limit_s = _AGE_S if self.hardware is None else self.hardware.config.max_state_age_s
         return self.state is not None and self.state.mode is not Mode.OFF and self.age_s > limit_s
 
     def read(self, now_s: float) -> None:
-        """Read the newest state; compute its age at `now_s`, a time of the monotonic clock."""
+        """Read the newest state and update its age. `now_s`: time of the monotonic clock."""
         payload = self._block.glance_bytes()
         if payload is not None:
             self.state = ArmState(payload)
@@ -73,12 +73,12 @@ class WatchedArm:
             self.age_s = now_s - self.state.published_s
 
     def close(self) -> None:
-        """Release the block. Idempotent."""
+        """Release the shared memory. Idempotent."""
         self._block.close(remove=False)
 
 
 class WatchedArms:
-    """All running arms (`arms`: channel key → arm). Call `update` once per round."""
+    """All running arms. `arms`: channel key → arm. Call `update` once per round."""
 
     def __init__(self) -> None:
         self.arms: dict[str, WatchedArm] = {}
@@ -86,7 +86,7 @@ class WatchedArms:
         self._looked_s = -_LOOK_S
 
     def update(self, now_s: float) -> None:
-        """Read all states; every `_LOOK_S`, also search for sessions that have begun or ended."""
+        """Read the states of all arms. Every `_LOOK_S`, also search for sessions that have started or ended."""
         if now_s - self._looked_s >= _LOOK_S:
             self._looked_s = now_s
             self._look(now_s)
@@ -94,7 +94,10 @@ class WatchedArms:
             arm.read(now_s)
 
     def lost(self, now_s: float) -> list[str]:
-        """Return a line for each arm whose session ended while energised, for a minute or until a new session."""
+        """Return a warning for each arm whose session ended while the arm was energised.
+
+        A warning ends after `_LOST_S`, or when a new session starts on the channel.
+        """
         return [line for line, since_s in self._lost.values() if now_s - since_s < _LOST_S]
 
     def _look(self, now_s: float) -> None:
@@ -110,12 +113,12 @@ class WatchedArms:
                 del self.arms[key]
         for key, process in running.items():
             if key not in self.arms:
-                with contextlib.suppress(FileNotFoundError, StaleStateError):  # the session just begins or ends
+                with contextlib.suppress(FileNotFoundError, StaleStateError):  # the session is starting or ending
                     self.arms[key] = WatchedArm(directory, key, process)
                     self._lost.pop(key, None)
 
     def close(self) -> None:
-        """Release all arms. Idempotent."""
+        """Release the shared memory of all arms. Idempotent."""
         for arm in self.arms.values():
             arm.close()
         self.arms.clear()

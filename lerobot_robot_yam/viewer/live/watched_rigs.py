@@ -1,4 +1,4 @@
-"""Virtual rigs of the watched arms: each rig is found by its arms, and drawn around them."""
+"""Virtual rigs of the running arms. Each rig is found through its arms, and drawn around them."""
 
 import logging
 import math
@@ -15,18 +15,18 @@ from lerobot_robot_yam.viewer.live.rig_world import RenderedPictures, RigWorld
 
 logger = logging.getLogger(__name__)
 
-_GROUPS = (0, 2)  # MuJoCo's groups of the shapes that cameras see
+_GROUPS = (0, 2)  # MuJoCo's geom groups that cameras see
 _LOOK_S = 1.0
 _PICTURES_S = 0.25
 _ASPECT = 4 / 3  # width / height of the frustum of a camera that is not open
 _FRUSTUM = 0.12
 _CONTACT = (255, 0, 60)
 _CONTACT_M = 0.012
-_SEEN = np.array([0.0, 1.0, 0.0, 0.0])  # turn from MuJoCo's cameras (along -z, y up) to viser's (along z, y down)
+_SEEN = np.array([0.0, 1.0, 0.0, 0.0])  # rotation from MuJoCo's camera (along -z, y up) to viser's (along z, y down)
 
 
 class RigScenery:
-    """Surroundings of the arms of one rig: table, props, cameras with their pictures, and contacts of arms."""
+    """Surroundings of one rig's arms: table, props, cameras with their pictures, and contact points."""
 
     def __init__(self, scene: viser.SceneApi, world: RigWorld):
         self._world = world
@@ -58,11 +58,11 @@ class RigScenery:
         self._looked_s = self._pictured_s = -math.inf
 
     def stand(self, origin_m: np.ndarray) -> None:
-        """Move the rig's origin to (3,), m."""
+        """Move the rig's origin to a position (3,), m."""
         self._root.position = origin_m
 
     def update(self, now_s: float, watched: bool) -> None:
-        """Draw changes. `watched`: whether a browser is open; without a browser, pictures are not worth their cost."""
+        """Draw changes. `watched`: whether a browser is connected; without a browser, pictures are not updated."""
         if self._world.read():
             self._draw()
         if watched and now_s - self._looked_s >= _LOOK_S:
@@ -74,7 +74,7 @@ class RigScenery:
                 self._show(camera.name, frustum)
 
     def cameras(self, now_s: float) -> list[str]:
-        """Return a line for each open camera."""
+        """Return a line of text for each open camera."""
         return [f"{name}: {age_s * 1e3:.0f} ms old" for name, age_s in self._pictures.open_ones(now_s).items()]
 
     def _draw(self) -> None:
@@ -109,22 +109,22 @@ class RigScenery:
 
 
 class WatchedRigs:
-    """All rigs of the watched arms.
+    """All rigs of the running arms.
 
     `scene`: the server's scene.
 
     Attributes:
-        worlds: name of the rig → its world, in the order in which the rigs stand beside each other.
+        worlds: rig name → world of the rig, in the order in which the rigs are drawn side by side.
     """
 
     def __init__(self, scene: viser.SceneApi):
         self._scene = scene
         self.worlds: dict[str, RigWorld] = {}
         self._sceneries: dict[str, RigScenery] = {}
-        self._unknown: set[str] = set()  # rigs whose world cannot be read
+        self._unknown: set[str] = set()  # rigs whose world is unreadable
 
     def keep(self, names: Iterable[str]) -> bool:
-        """Add and remove rigs until exactly these are drawn; return whether something has changed."""
+        """Add and remove rigs so that exactly the rigs in `names` are drawn; return whether anything changed."""
         wanted = set(names)
         self._unknown &= wanted
         before = list(self.worlds.values())
@@ -145,12 +145,12 @@ class WatchedRigs:
         return True
 
     def update(self, now_s: float, watched: bool) -> None:
-        """Draw changes of all rigs. `watched`: whether a browser is open."""
+        """Draw changes of all rigs. `watched`: whether a browser is connected."""
         for scenery in self._sceneries.values():
             scenery.update(now_s, watched)
 
     def cameras(self, now_s: float) -> list[str]:
-        """Return a line for each open rendered camera."""
+        """Return a line of text for each open rendered camera."""
         return [line for scenery in self._sceneries.values() for line in scenery.cameras(now_s)]
 
     def _forget(self, name: str) -> None:

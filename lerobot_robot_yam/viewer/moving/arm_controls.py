@@ -1,4 +1,4 @@
-"""Controls of one arm: sliders for its joints, gripper and gains, and arrows and rings at its tool."""
+"""Controls of one arm: sliders for joints, gripper and gains, and a 3-D handle (arrows and rings) at the tool."""
 
 import time
 from collections.abc import Callable
@@ -15,15 +15,15 @@ from lerobot_robot_yam.viewer.moving.driver import Driver
 from lerobot_robot_yam.viewer.serving.handles import kept, pressed, put
 
 _STEP_RAD, _STEP_OPENING = 0.001, 0.01
-_SHOWN_RAD = 0.002  # least difference at which a slider is set, rad or share of the stroke
-_TOUCHED_S = 0.3  # time for which a slider that a person has moved is left alone, s: more messages may be under way
+_SHOWN_RAD = 0.002  # minimum difference for updating a slider, rad or fraction of the gripper's stroke
+_TOUCHED_S = 0.3  # time after a person's last move in which a slider is not updated, s: more messages may be under way
 _GAIN_STEP = 0.1
-_SIZE_PX = 90.0  # size of an arrow at any distance, pixels: an arrow of the tool's length is too thin for a mouse
-_SHOWN_M = 5e-4  # least difference at which a tool handle is moved, m or parts of the quaternion
+_SIZE_PX = 90.0  # size of the handle at any distance, pixels: arrows of the tool's length are too thin for a mouse
+_SHOWN_M = 5e-4  # minimum difference for updating a tool handle, m or quaternion component
 
 
 class JointSliders:
-    """Folder of one arm in the panel, with sliders that show the arm's goal, or else its set-point."""
+    """Folder of one arm with sliders that show the arm's goal, or its set-point if it has no goal."""
 
     def __init__(self, gui: viser.GuiApi, driver: Driver, hardware: ResolvedArm):
         self._driver, self._hardware = driver, hardware
@@ -47,7 +47,7 @@ class JointSliders:
         )
 
         @slider.on_update
-        async def _(event: viser.GuiEvent) -> None:  # async, so that viser calls it on its own thread, in order
+        async def _(event: viser.GuiEvent) -> None:  # async: viser then calls it on its own thread, in order
             value = event.target.value
             if event.client_id is not None:
                 self._touched_s[motor] = time.monotonic()
@@ -81,7 +81,7 @@ class JointSliders:
         pressed(gui.add_button("reset gains"), lambda browser: self._driver.ask(browser, reset))
 
     def update(self) -> None:
-        """Set the sliders to the arm's goal or set-point."""
+        """Set the sliders to the arm's goal, or to its set-point if it has no goal."""
         arm, now = self._driver.arms.get(self._hardware.name), time.monotonic()
         if arm is None:
             return
@@ -92,15 +92,15 @@ class JointSliders:
 
 
 class ToolHandle:
-    """Arrows and rings at the tool of one driven arm, which a person drags; the joints follow.
+    """3-D handle (arrows and rings) at the tool of a driven arm. A person drags the handle, and the joints follow.
 
-    `place`: function that returns the drawn place of the arm's base, or None.
+    `place`: function that returns the drawn pose of the arm's base, or None.
     """
 
     def __init__(self, scene: viser.SceneApi, driver: Driver, hardware: ResolvedArm, place: Callable[[], Place | None]):
         self._driver, self._hardware, self._place = driver, hardware, place
         self._kinematics = YamKinematics(hardware.arm, hardware.gripper)
-        self._dragging: int | None = None  # number of the browser that drags
+        self._dragging: int | None = None  # browser that drags the handle
         root = f"/moving/{hardware.name}"
         self._base = scene.add_frame(root, show_axes=False, visible=False)
         self._handle = scene.add_transform_controls(f"{root}/tool", scale=_SIZE_PX, fixed=True, depth_test=False)
@@ -115,7 +115,7 @@ class ToolHandle:
         self._driver.ask(browser, lambda: self._driver.drag(browser, name, pose_of(position, quat)))
 
     def update(self) -> None:
-        """Move the handle with the arm, unless a person drags the handle."""
+        """Move the handle to the arm's tool, unless a person drags the handle."""
         arm, place = self._driver.arms.get(self._hardware.name), self._place()
         shown = arm is not None and place is not None
         if self._base.visible != shown:
@@ -132,12 +132,16 @@ class ToolHandle:
     @staticmethod
     def _show(node: viser.FrameHandle | viser.TransformControlsHandle, position: np.ndarray, quat: np.ndarray) -> None:
         apart = max(np.abs(node.position - position).max(), np.abs(node.wxyz - quat).max())
-        if not apart <= _SHOWN_M:  # True for a NaN from a browser, which is replaced, too
+        if not apart <= _SHOWN_M:  # true for NaN sent by a browser, so that NaN is replaced
             node.position, node.wxyz = position, quat
 
 
 def pose_of(position_m: np.ndarray, wxyz: np.ndarray) -> np.ndarray:
-    """Return the pose (4, 4) of (3,), m, and a quaternion (4,). Raises ActionError: not finite, or zero quaternion."""
+    """Return the pose (4, 4) for a position (3,), m, and a quaternion (4,), which need not be normalised.
+
+    Raises:
+        ActionError: a shape is wrong, a value is not finite, or the quaternion is zero.
+    """
     norm = float(np.linalg.norm(wxyz))
     if position_m.shape != (3,) or wxyz.shape != (4,) or not np.isfinite([*position_m, norm]).all() or norm < 1e-6:
         raise ActionError(f"this is no pose of a tool: {position_m} m, {wxyz}; nothing moves")

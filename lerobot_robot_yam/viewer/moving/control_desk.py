@@ -1,10 +1,10 @@
-"""Right to control the arms: nobody has it before a person has confirmed, then one browser at a time.
+"""Right to control the arms. No browser has it until a person has confirmed; then one browser at a time.
 
     watching ──connect──▶ connecting ──arms hold──▶ enabled ──take──▶ control
         ▲                                              ▲  ◀──give, lost──┘
         └──────────────── landed ──────────────────────┘
 
-A browser is identified by the number of its connection. A browser that reconnects gets a new number.
+A browser is identified by its connection number. A browser that reconnects gets a new number.
 """
 
 from enum import Enum
@@ -15,9 +15,9 @@ from lerobot_robot_yam.errors import LifeCycleError
 class Stage(Enum):
     """Stage of the page."""
 
-    WATCHING = "watching"  # nothing is energised by this page
+    WATCHING = "watching"  # this page has energised no arm
     CONNECTING = "connecting"
-    ENABLED = "enabled"  # the arms hold, nobody controls them
+    ENABLED = "enabled"  # the arms hold, and no browser controls them
     CONTROL = "control"
 
 
@@ -29,11 +29,11 @@ _REFUSED = {
 
 
 class ControlDesk:
-    """Stage of the page and holder of the control. Only one thread may change it.
+    """Stage of the page, and the browser that has control. Only one thread may change this object.
 
     Attributes:
-        holder: the browser that controls the arms, or None.
-        asker: the browser that requests control from the holder, or None.
+        holder: browser that controls the arms, or None.
+        asker: browser that requests control from the holder, or None.
     """
 
     def __init__(self) -> None:
@@ -42,21 +42,23 @@ class ControlDesk:
         self.asker: int | None = None
 
     def begin(self) -> None:
-        """Begin to connect, after a person has confirmed. Raises LifeCycleError: already connected or connecting."""
+        """Start connecting, after a person has confirmed. Raises LifeCycleError: already connected or connecting."""
         if self.stage is not Stage.WATCHING:
             raise LifeCycleError("the arms are connected already")
         self.stage = Stage.CONNECTING
 
     def enable(self) -> None:
-        """Set the stage for arms that hold."""
+        """Enter the stage ENABLED: the arms hold."""
         self.stage = Stage.ENABLED
 
     def end(self) -> None:
-        """Set the stage for arms that have landed, or did not come up."""
+        """Return to the stage WATCHING, after the arms have landed or failed to start."""
         self.stage, self.holder, self.asker = Stage.WATCHING, None, None
 
     def take(self, browser: int) -> bool:
-        """Give the browser control if nobody has it, and return True; otherwise note the request and return False.
+        """Give control to the browser and return True, if no other browser has control.
+
+        Otherwise record the browser's request and return False.
 
         Raises:
             LifeCycleError: the arms are not connected.
@@ -70,17 +72,17 @@ class ControlDesk:
         return True
 
     def give(self, browser: int) -> int | None:
-        """Pass control to the browser that requests control, or else to nobody; return the new holder.
+        """Pass control to the browser that has requested it, or to no browser; return the new holder.
 
         Raises:
-            LifeCycleError: this browser does not have control.
+            LifeCycleError: the browser that calls this does not have control.
         """
         self.check(browser)
         self._hand_to(self.asker)
         return self.holder
 
     def lost(self, browser: int) -> bool:
-        """Remove a browser that has gone; return whether the browser had control."""
+        """Remove a disconnected browser; return whether that browser had control."""
         if self.asker == browser:
             self.asker = None
         if self.holder != browser:
@@ -89,7 +91,7 @@ class ControlDesk:
         return True
 
     def check(self, browser: int) -> None:
-        """Raise LifeCycleError, with reason and remedy, if this browser may not command the arms."""
+        """Raise LifeCycleError, with reason and remedy, if the browser may not command the arms."""
         if self.stage is not Stage.CONTROL:
             raise LifeCycleError(f"nothing was done: {_REFUSED[self.stage]}")
         if browser != self.holder:

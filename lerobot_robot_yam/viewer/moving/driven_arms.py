@@ -1,7 +1,7 @@
-"""Motion of arms: one arm to a goal that a person may change meanwhile, or all arms along a recorded motion.
+"""Motion of arms: one arm to a goal that a person may change on the way, or all arms along a recorded motion.
 
-The control loop limits the speed of an arm on its way to a goal; a recorded motion is slowed before it begins. The
-loop only reports that its collision guard holds a set-point back; `HeldBack` names the parts that are too close.
+The control loop limits an arm's speed towards a goal. A recorded motion is slowed to the limits before it starts. The
+control loop only reports that its collision guard holds a set-point back; `HeldBack` finds the parts that cause it.
 """
 
 from collections.abc import Sequence
@@ -21,22 +21,22 @@ from lerobot_robot_yam.session.trajectory import Trajectory, soft_way
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 
-_REACHED = 1e-3  # distance at which a goal counts as reached, rad or share of the gripper's stroke
-_PROGRESS = 5e-3  # least progress towards the goal in `_STUCK_S`, rad or share of the stroke
-_STUCK_S = 1.0  # time without this progress after which the arm holds, s
-_OFF_M = 0.03  # error of a dragged tool from which on the pose counts as out of reach, m
-_RAMP_S = 0.4  # duration of a pause's ramp from full speed to rest, and back, s
-_SETTLES_S = 1.0  # longest wait for the set-points to reach the last targets, s
-_LONGEST_S = 0.1  # longest step of a motion, s: the motion pauses while no targets are sent
-_AHEAD_RAD = 0.05  # largest distance before its limit at which the guard stops an arm, rad
+_REACHED = 1e-3  # distance at which a goal counts as reached, rad or fraction of the gripper's stroke
+_PROGRESS = 5e-3  # minimum progress towards the goal per `_STUCK_S`, rad or fraction of the stroke
+_STUCK_S = 1.0  # time without `_PROGRESS` after which the arm holds, s
+_OFF_M = 0.03  # position error of a dragged tool above which its target counts as out of reach, m
+_RAMP_S = 0.4  # duration of the ramp between full speed and rest for a pause, s
+_SETTLES_S = 1.0  # maximum wait for the set-points to reach the last targets, s
+_LONGEST_S = 0.1  # maximum advance of a motion per step, s: after a gap in sending, the motion does not jump ahead
+_AHEAD_RAD = 0.05  # look-ahead towards the goal, rad: the guard stops an arm at most this far from a conflict
 
 
 class DrivenArm:
-    """Sender of the targets of one arm, for use by one thread.
+    """Sender of one arm's targets. Use it from one thread only.
 
     Attributes:
-        goal: goal (n,) of all motors, rad and 0 … 1, while the arm moves to the goal, else None.
-        shown: goal (n,), or else the set-points; any thread may read it.
+        goal: goal (n,) of all motors while the arm moves to it, rad and 0 … 1, else None.
+        shown: goal (n,), or the set-points if there is no goal. Any thread may read it.
     """
 
     def __init__(self, client: ArmClient):
@@ -48,11 +48,11 @@ class DrivenArm:
         self._tracker: PoseTracker | None = None
 
     def move(self, motor: int, value: float, now: float) -> None:
-        """Move one joint to an angle, rad, or the gripper, 0 … 1; the others keep their goals.
+        """Move one joint to an angle, rad, or the gripper to an opening, 0 … 1. The other motors keep their goals.
 
         Raises:
-            ActionError: there is no such motor, or the value is not finite or beyond a limit; nothing changes.
-            YamError: the arm accepts no targets.
+            ActionError: the motor does not exist, or the value is not finite or beyond a limit. Nothing changes.
+            YamError: the arm does not accept targets.
         """
         hw = self.hardware
         if not 0 <= motor < hw.n:
@@ -67,19 +67,19 @@ class DrivenArm:
         self._set(goal, now)
 
     def drag(self, pose: np.ndarray, now: float) -> str:
-        """Move the tool to a pose (4, 4) in the frame of the base; return a notice for the person, or "".
+        """Move the tool to a pose (4, 4) in the arm's base frame. Return a notice for the person, or "".
 
         Raises:
-            ActionError: `pose` is not a pose; nothing changes.
-            ConfigError: this arm has no kinematics.
-            YamError: the arm accepts no targets.
+            ActionError: `pose` is malformed. Nothing changes.
+            ConfigError: this arm has no joints to move its tool with.
+            YamError: the arm does not accept targets.
         """
         hw, goal = self.hardware, self._present()
         if self._tracker is None:
             if not hw.joints:
                 raise ConfigError(f"{hw.name} has no joints to move its tool with")
             self._tracker = PoseTracker(YamKinematics(hw.arm, hw.gripper), goal[: hw.joints])
-        if not np.array_equal(self._tracker.q, goal[: hw.joints]):  # something else has moved the arm since
+        if not np.array_equal(self._tracker.q, goal[: hw.joints]):  # the arm was moved by other means since
             self._tracker.restart(goal[: hw.joints])
         result = self._tracker.solve(pose)
         goal[: hw.joints] = result.q
@@ -89,18 +89,18 @@ class DrivenArm:
         return ""
 
     def glide(self, goal: np.ndarray) -> None:
-        """Move softly to a pose (n,), straight in joint space. Raises YamError: the arm accepts no targets."""
+        """Move smoothly to a pose (n,), straight in joint space. Raises YamError: the arm is in fault or silent."""
         self.stay()
         start = ready([self.client])
         speed = np.minimum(self.hardware.speed_limit, APPROACH_RAD_S)
         self._playback = Playback([self.client], soft_way(start, goal, approach_s(goal - start, speed)))
 
     def stay(self) -> None:
-        """End the motion, so that no more targets are sent."""
+        """End the motion. No further targets are sent."""
         self.goal = self._playback = None
 
     def _present(self) -> np.ndarray:
-        """Return the goal (n,), or else the set-points. Raises YamError: the arm accepts no targets."""
+        """Return the goal (n,), or else the set-points. Raises YamError: the arm does not accept targets."""
         state = self.client.newest()
         _check_takes_targets(self.client)
         return np.array(state.setpoints) if self.goal is None else self.goal.copy()
@@ -111,14 +111,14 @@ class DrivenArm:
         self._least, self._since_s = np.inf, now
 
     def step(self, now: float) -> bool:
-        """Send the present target; return False if the arm is stuck before its goal, and holds from now on.
+        """Send the current target. If the arm makes no progress towards its goal, hold it and return False.
 
         Raises:
             YamError: the arm no longer accepts targets.
         """
         self.shown = np.array(self.client.published().setpoints) if self.goal is None else self.goal
         if self._playback is not None and self._playback.step(now):
-            self._set(self._playback.trajectory.positions[-1], now)  # keeps the goal until the arm arrives
+            self._set(self._playback.trajectory.positions[-1], now)  # keep this goal until the arm reaches it
         if self.goal is None:
             return True
         _check_takes_targets(self.client)
@@ -136,7 +136,7 @@ class DrivenArm:
 
 
 def _check_takes_targets(client: ArmClient) -> None:
-    """Raise LifeCycleError, with the reason, if this arm accepts no targets now."""
+    """Raise LifeCycleError, with the reason, if an arm does not accept targets at present."""
     state = client.newest()
     if Limited.PEER in state.limited:
         raise LifeCycleError(f"{client.config.name}: it holds, because the other arm is in trouble; nothing moves")
@@ -149,34 +149,34 @@ def _check_takes_targets(client: ArmClient) -> None:
 
 
 class Replay:
-    """Replay of a motion, which begins with the way to the motion's first pose.
+    """Replay of a recorded motion, with an approach to the motion's first pose.
 
     Args:
-        clients: clients of the arms; a floating arm holds from now on.
+        clients: clients of the arms; floating arms are made to hold.
         trajectory: motion with a column for each motor of the arms.
         now: time of the arms' clock, s.
 
     Attributes:
-        paused: whether the motion slows to rest, or stands still.
-        share: share of the motion that is done, 0 … 1.
+        paused: whether the motion is to slow to rest and stay there.
+        share: fraction of the motion completed, 0 … 1.
 
     Raises:
-        ActionError: the trajectory does not fit these arms; nothing moves.
-        YamError: an arm has failed or is silent.
+        ActionError: the trajectory does not match these arms. Nothing moves.
+        YamError: an arm is in fault or silent.
     """
 
     def __init__(self, clients: Sequence[ArmClient], trajectory: Trajectory, now: float):
         self._playback = replay(clients, trajectory)
         self._then_s, self._place_s, self._rate = now, 0.0, 1.0
         self._ended_s: float | None = None
-        self._there = False  # whether the arms were at the motion's end in the step before
+        self._there = False  # whether the arms were at the motion's end in the previous step
         self.paused, self.share = False, 0.0
 
     def step(self, now: float) -> bool:
-        """Send the present targets; return True when the arms are at the last targets, or too late.
+        """Send the current targets. Return True when the arms have reached the last targets, or after a timeout.
 
         Raises:
-            YamError: an arm accepts no targets, has failed or is silent.
+            YamError: an arm does not accept targets, is in fault or silent.
         """
         passed_s, self._then_s = min(now - self._then_s, _LONGEST_S), now
         most = passed_s / _RAMP_S
@@ -186,19 +186,19 @@ class Replay:
         if not self._playback.step(self._place_s):
             return False
         self._ended_s = now if self._ended_s is None else self._ended_s
-        # The end must be reached in two steps in a row: in a single one the set-point may just be passing the end.
+        # The end must be reached in two successive steps: in a single step the set-point may just be passing the end.
         there, self._there = self._there, not self.late()
         return (there and self._there) or now - self._ended_s > _SETTLES_S
 
     def late(self) -> str:
-        """Return the name of a joint, with its arm, that is not at the motion's end; empty when all are."""
+        """Return the name of an arm and joint that is not at the motion's end, or "" if all joints are there."""
         return self._playback.late()
 
 
 class HeldBack:
-    """Search for the parts that hold arms of one session back, for use by one thread.
+    """Search for the parts because of which the collision guard holds an arm back. Use it from one thread only.
 
-    `arms`: arms of the session, in the order of all lists below.
+    `arms`: arms of one session, in the order of all lists below.
     """
 
     def __init__(self, arms: Sequence[ResolvedArm]):
@@ -210,12 +210,14 @@ class HeldBack:
     def reason(
         self, arm: int, setpoints: Sequence[np.ndarray], goals: Sequence[np.ndarray], openings: Sequence[float]
     ) -> str:
-        """Return the parts that hold this arm back, such as "left link4 – left link1, 21 mm"; "" without parts.
+        """Return the pairs of parts that hold an arm back, such as "left link4 – left link1, 21 mm"; "" without any.
+
+        The distance is the present one, before the motion.
 
         Args:
             arm: index of the arm.
-            setpoints, goals: set-points and goals of each arm, (joints,) or more, rad.
-            openings: opening of each arm's gripper, 0 closed … 1 open.
+            setpoints, goals: set-points and goals of each arm, rad, (joints,) or more.
+            openings: gripper opening of each arm, 0 closed … 1 open.
         """
         parts = self._clearance.parts
         parts.open_grippers(openings)

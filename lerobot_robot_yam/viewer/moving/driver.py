@@ -1,7 +1,7 @@
-"""Thread that drives the arms: it processes the requests of browsers, and streams the targets.
+"""Thread that drives the arms: it executes the browsers' commands and streams the targets.
 
-Each request is queued by `ask`, and processed in the thread or refused with a notice. When the browser that controls
-the arms is lost, the arms hold. When the page ends, the arms land.
+Commands are queued by `ask`; the thread executes each one or refuses it with a notice. If the browser that controls
+the arms is lost, the arms hold. When the page closes, the arms land.
 """
 
 import logging
@@ -30,7 +30,7 @@ logger = logging.getLogger(__name__)
 
 _PERIOD_S = 0.02
 _MOST_NOTICES = 50
-_REPEATED_S = 2.0  # least time between two equal notices, s
+_REPEATED_S = 2.0  # minimum time between two identical notices, s
 
 
 class Notice(NamedTuple):
@@ -41,7 +41,7 @@ class Notice(NamedTuple):
 
 
 class Driver:
-    """Driver of the arms of a plan.
+    """Driver of a plan's arms.
 
     Args:
         plan: plan with the configs of the arms.
@@ -49,11 +49,11 @@ class Driver:
         isolation: see `ArmSession`.
 
     Attributes:
-        desk: stage of the page and holder of the control; other threads only read it.
+        desk: stage of the page, and browser in control. Other threads may only read it.
         arms: name → connected arm.
         replayed: recorded motion that all arms follow, or None.
-        notices: notices to show; the reader removes them.
-        held_back: name of an arm → parts that its motion would bring too close.
+        notices: notices to show. The reader removes them.
+        held_back: arm name → pairs of parts that the arm's motion would bring too close together.
         heartbeat: heartbeat of the browsers.
 
     Raises:
@@ -80,7 +80,7 @@ class Driver:
         self._thread.start()
 
     def ask(self, browser: int, work: Callable[[], object]) -> None:
-        """Queue a command of the browser that controls the arms. Call this in the commands' order of arrival."""
+        """Queue a command that requires control, or refuse it with a notice. Call this in the order of arrival."""
         try:
             self.desk.check(browser)
         except LifeCycleError as error:
@@ -89,15 +89,15 @@ class Driver:
             self._queue(Order(browser, work, True, self.heartbeat.given_s(browser)))
 
     def ask_to_connect(self, browser: int) -> None:
-        """Queue the connection of the arms, which a person has confirmed after `Heartbeat.begin_question`."""
+        """Queue connecting the arms, which a person has confirmed after `Heartbeat.begin_question`."""
         self._queue(Order(browser, self.connect, False, self.heartbeat.given_s(browser)))
 
     def ask_freely(self, browser: int, work: Callable[[], object]) -> None:
-        """Queue work that needs no control and energises nothing, dated by its arrival. Any thread may call this."""
+        """Queue work that needs no control and energises nothing, with the current time. Any thread may call this."""
         self._queue(Order(browser, work, False, time.monotonic()))
 
     def ask_to_leave(self, browser: int) -> None:
-        """Queue the loss of this browser, an order that never gets too old."""
+        """Queue the removal of a disconnected browser. This command never expires."""
         self._orders.add(Order(browser, lambda: self.leave(browser), False, math.inf), always=True)
 
     def _queue(self, order: Order) -> None:
@@ -105,7 +105,7 @@ class Driver:
             self.say(order.browser, "nothing was done: too many of your commands wait; give it again")
 
     def say(self, browser: int | None, text: str) -> None:
-        """Add a notice, unless an equal notice was added in the last `_REPEATED_S`."""
+        """Add a notice, unless an identical notice was added within the last `_REPEATED_S`."""
         notice, now = Notice(browser, text), time.monotonic()
         if now - self._said.get(notice, -np.inf) < _REPEATED_S:
             return
@@ -115,9 +115,9 @@ class Driver:
     # requests
 
     def connect(self) -> None:
-        """Energise the arms, which hold their poses. A person must have confirmed. Raises YamError: an arm fails."""
+        """Energise the arms, which then hold. A person must have confirmed. Raises YamError: an arm cannot start."""
         self.desk.begin()
-        self._said = {}  # forget notices of the last session, so that they may be shown again
+        self._said = {}  # forget old notices, so that the new session may show them again
         try:
             self.session.start()
             self.arms = {config.name: DrivenArm(self.session[config.name]) for config in self.plan.configs}
@@ -129,7 +129,7 @@ class Driver:
         self.say(None, "the arms hold where they are; `take control` to move them")
 
     def take(self, browser: int) -> None:
-        """Give this browser control, or ask the holder for control. Raises LifeCycleError: no arms are connected."""
+        """Give control to a browser, or request it from the holder. Raises LifeCycleError: no arms are connected."""
         if self.desk.take(browser):
             self._hand_to(browser)
         else:
@@ -137,7 +137,11 @@ class Driver:
             self.say(browser, f"browser {self.desk.holder} has been asked for control")
 
     def give(self, browser: int) -> None:
-        """Pass this browser's control to the browser that requests control, or to nobody; the arms hold."""
+        """Pass a browser's control to the browser that has requested it, or to no browser. The arms hold.
+
+        Raises:
+            LifeCycleError: the browser does not have control.
+        """
         holder = self.desk.give(browser)
         self._freeze()
         if holder is not None:
@@ -148,33 +152,33 @@ class Driver:
         self.say(None, f"browser {browser} controls the arms")
 
     def leave(self, browser: int) -> None:
-        """Remove a browser that has gone; the arms hold if this browser controlled them."""
+        """Remove a disconnected browser. If that browser controlled the arms, they hold."""
         if self.desk.lost(browser):
             self._freeze()
             self.say(None, f"browser {browser}, which controlled the arms, is lost: they hold")
 
     def hold(self) -> None:
-        """Hold each arm at its set-point, or at its pose when it floats."""
+        """Hold each arm at its set-point; a floating arm holds its current pose."""
         self._stay()
         self._each(ArmClient.hold)
 
     def let_float(self) -> None:
-        """Let all arms float, so that a hand can move them."""
+        """Let all arms float, so that a person can move them by hand."""
         self._stay()
         self._each(ArmClient.float)
 
     def rearm(self) -> None:
-        """Enable failed arms again. Raises YamError: an arm still fails."""
+        """Enable faulted arms again. Raises YamError: an arm is still in fault."""
         self._stay()
         self.session.rearm()
 
     def land(self) -> None:
-        """Begin to land all arms. Raises YamError: an arm does not land."""
+        """Start landing all arms. Raises YamError: an arm cannot start landing."""
         self._stay()
         self._each(ArmClient.land)
 
     def _each(self, work: Callable[[ArmClient], None]) -> None:
-        """Call `work` for each arm, even after a failure. Raises YamError: the first error of `work`."""
+        """Call `work` for each arm, even if it fails for one of them. Raises YamError: the first error of `work`."""
         failures: list[YamError] = []
         for arm in self.arms.values():
             try:
@@ -185,7 +189,7 @@ class Driver:
             raise failures[0]
 
     def move(self, name: str, motor: int, value: float) -> None:
-        """Move one joint or gripper of an arm, see `DrivenArm.move`. Ends a replay."""
+        """Move one joint or the gripper of an arm, see `DrivenArm.move`. Ends a replay."""
         self._end_replay()
         self._arm(name).move(motor, value, self.session.clock.now())
 
@@ -197,7 +201,11 @@ class Driver:
             self.say(browser, said)
 
     def glide(self, goals: Mapping[str, np.ndarray]) -> None:
-        """Move arms softly (`goals`: name → pose (n,)). Raises YamError: an arm accepts no targets; nothing moves."""
+        """Move arms smoothly to poses. `goals`: arm name → pose (n,).
+
+        Raises:
+            YamError: an arm is not connected, in fault or silent. Nothing moves.
+        """
         arms = [(self._arm(name), goal) for name, goal in goals.items()]
         self._stay()
         for arm, _ in arms:
@@ -206,22 +214,22 @@ class Driver:
             arm.glide(goal)
 
     def replay(self, trajectory: Trajectory) -> None:
-        """Move all arms softly to the first pose, then along a trajectory with a column for each motor of the arms.
+        """Move all arms smoothly to a trajectory's first pose, then along it. `trajectory` has one column per motor.
 
         Raises:
-            ActionError: the trajectory does not fit these arms; nothing moves.
-            YamError: an arm has failed or is silent.
+            ActionError: the trajectory does not match these arms. Nothing moves.
+            YamError: an arm is in fault or silent.
         """
         self._stay()
         self.replayed = Replay([arm.client for arm in self.arms.values()], trajectory, self.session.clock.now())
 
     def pause(self, paused: bool) -> None:
-        """Bring the replay to rest, or continue it."""
+        """Pause the replay, or resume it."""
         if self.replayed is not None:
             self.replayed.paused = paused
 
     def change_gains(self, name: str, kp: np.ndarray, kd: np.ndarray) -> None:
-        """Set the gains of an arm, (joints,) each. Raises YamError: the gains would be refused in a config, too."""
+        """Set the gains of an arm, each (joints,). Raises YamError: a config with these gains would also be refused."""
         self._arm(name).client.change_gains(kp, kd)
 
     def _arm(self, name: str) -> DrivenArm:
@@ -235,13 +243,13 @@ class Driver:
         while not self._ended.is_set():
             try:
                 self.round()
-            except Exception:  # a defect in our code: targets cease, so the arms hold, and the page goes on
+            except Exception:  # a defect in our code: targets cease, the arms hold, the page keeps running
                 logger.exception("the driver's round failed")
                 self._stay()
             self.session.clock.sleep(_PERIOD_S)
 
     def round(self) -> None:
-        """Handle lost browsers, orders and targets."""
+        """Check for a lost browser, execute queued commands, and send targets."""
         if self.heartbeat.lost() and self.desk.holder is not None:
             self.leave(self.desk.holder)
         for order in self._orders.of_a_round():
@@ -258,7 +266,7 @@ class Driver:
             order.work()
         except YamError as error:
             self.say(order.browser, str(error))
-        except Exception:  # a defect in our code, or a message that our page never sends
+        except Exception:  # a defect in our code, or a message that our page does not send
             logger.exception("a command of browser %d failed", order.browser)
             self.say(order.browser, "the command failed: see the terminal of yam-view")
 
@@ -291,7 +299,7 @@ class Driver:
         self.say(None, said)
 
     def _note_held_back(self, name: str) -> None:
-        """Find the parts for which the control loop's guard holds this arm back, once for each time it does."""
+        """Add a notice with the parts too close together when the collision guard starts to hold this arm back."""
         states = [arm.client.published() for arm in self.arms.values()]
         index = list(self.arms).index(name)
         if Limited.WORKSPACE not in states[index].limited:
@@ -305,7 +313,7 @@ class Driver:
                 self.say(None, f"{name}: held back: {why}")
 
     def _finish(self) -> None:
-        """End the session after the landing."""
+        """End the session after all arms have landed."""
         self._stay()
         self.session.stop()
         self.arms = {}
@@ -317,13 +325,13 @@ class Driver:
             self._freeze()
 
     def _stay(self) -> None:
-        """End all motions, so that no more targets are sent."""
+        """End all motions and the replay. No further targets are sent."""
         self.replayed = None
         for arm in self.arms.values():
             arm.stay()
 
     def _freeze(self) -> None:
-        """Hold all arms that move or float; a landing goes on."""
+        """Make all tracking or floating arms hold. Arms that are landing continue."""
         self._stay()
         for arm in self.arms.values():
             try:
@@ -333,9 +341,9 @@ class Driver:
                 self.say(None, str(error))
 
     def close(self) -> None:
-        """Land the arms, and wait until they are down. Idempotent."""
+        """Land the arms and wait until they are down. Idempotent."""
         self._ended.set()
-        self.session.begin_stop()  # otherwise `join` would wait for arms that just come up
+        self.session.begin_stop()  # otherwise `join` would wait for an arm that is still starting up
         self.heartbeat.close()
         if self._thread.ident is not None:
             self._thread.join()

@@ -1,4 +1,4 @@
-"""Choice of the arms that page or window drive: from a config, or from the options of one arm."""
+"""Choice of the arms that the page or the desktop window drives, from a config or from the options of one arm."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -9,18 +9,18 @@ from lerobot_robot_yam.arm.config import ArmConfig, check_together, passive_of
 from lerobot_robot_yam.doctor.kit.targets import calibration_root, from_config
 from lerobot_robot_yam.errors import ConfigError
 
-MARGIN_M = 0.02  # default margin between an arm's parts, m, as in docs/workspace.md
-_APART_M = 2.0  # distance between arms without a place in the config, m: out of each other's reach
+MARGIN_M = 0.02  # default collision margin between the parts of an arm, m, as in docs/workspace.md
+_APART_M = 2.0  # distance between arms without a position in the config, m: out of each other's reach
 
 
 @dataclass(frozen=True)
 class DrivingPlan:
-    """Plan of the arms to drive.
+    """Arms to drive.
 
     Attributes:
         configs: configs of the arms.
-        poses: file of saved poses.
-        notes: differences from the config, for the person who has to confirm them.
+        poses: path of the file with saved poses.
+        notes: deviations from the config, shown to the person who has to confirm them.
     """
 
     configs: tuple[ArmConfig, ...]
@@ -29,10 +29,10 @@ class DrivingPlan:
 
 
 def plan_of_file(path: Path, rig: str | None) -> DrivingPlan:
-    """Return the plan for the followers of a rig's file or run config, or for its leaders if it has no follower.
+    """Return the plan for the followers in a rig file or run config, or for the leaders if there are no followers.
 
     Raises:
-        ConfigError: the file is unreadable, has no arm with motors, or a session refuses its arms.
+        ConfigError: the file is unreadable, has no arm with motors, or its arms cannot be used in one session.
     """
     plan = from_config(path, rig)
     driven = plan.followers or plan.targets
@@ -43,12 +43,15 @@ def plan_of_file(path: Path, rig: str | None) -> DrivingPlan:
 
 
 def plan_of_arm(config: ArmConfig) -> DrivingPlan:
-    """Return the plan of one arm. Raises ConfigError: a session refuses the arm."""
+    """Return the plan for one arm. Raises ConfigError: a session cannot be created with this arm."""
     return plan_of([config], calibration_root() / "yam" / f"{config.channel}.poses.json")
 
 
 def plan_of(configs: Sequence[ArmConfig], poses: Path) -> DrivingPlan:
-    """Return the plan of these arms, which hold when energised, and avoid collisions with themselves.
+    """Return the plan for these arms. They hold when energised.
+
+    If no config sets a collision margin, all arms get `MARGIN_M`. The exception is arms without positions but with
+    keep-out boxes: collision checking then stays off, with a note.
 
     Raises:
         ConfigError: the arms cannot be used together.

@@ -1,4 +1,4 @@
-"""Part of the page that drives arms: nothing is energised before a person has confirmed on the page."""
+"""Part of the page that drives arms. It energises nothing until a person has confirmed on the page."""
 
 import functools
 import html
@@ -29,7 +29,7 @@ _HAZARD = (
 )
 _SEEKS = "The gripper of {arms} closes and opens fully to find its stops."
 _CHANNEL = "the whole channel"
-_FAULTS: dict[str, tuple[str, Any, bool]] = {  # label → kind, value, whether the fault is of a motor
+_FAULTS: dict[str, tuple[str, Any, bool]] = {  # label → kind, value, whether it is a motor's fault
     "silent": ("silent", True, True),
     "stuck": ("stuck", True, True),
     "without power": ("power", False, True),
@@ -44,7 +44,7 @@ _NOTICE_S = 8.0
 
 
 class ControlPanel:
-    """Buttons to connect, control, float, hold and land, below a text that says what keeps the arms from moving."""
+    """Buttons to connect, control, float, hold and land, below a text that shows why an arm is held back."""
 
     def __init__(self, server: viser.ViserServer, driver: Driver):
         self._driver, gui = driver, server.gui
@@ -62,7 +62,7 @@ class ControlPanel:
         ]
 
     def update(self) -> None:
-        """Show the stage, and the buttons that fit it."""
+        """Show the stage, and the buttons available in that stage."""
         desk, driver = self._driver.desk, self._driver
         lines = [f"<b>{desk.stage.value.upper()}</b>"]
         if desk.holder is not None:
@@ -89,7 +89,7 @@ class ControlPanel:
         if event.client is None or event.client_id is None:
             return
         browser, gui, heartbeat = event.client_id, event.client.gui, self._driver.heartbeat
-        heartbeat.begin_question(browser)  # first, so that an answer precedes the confirmation
+        heartbeat.begin_question(browser)  # first, so that a heartbeat reply precedes the confirmation
         with gui.add_modal("Energise the arms?") as question:
             gui.add_markdown(self.hazard())
             yes = pressed(gui.add_button("energise", color="red"), self._driver.ask_to_connect)
@@ -103,7 +103,7 @@ class ControlPanel:
             pressed(button, close)
 
     def hazard(self) -> str:
-        """Return the warning that the person has to confirm."""
+        """Return the warning that a person must confirm."""
         plan = self._driver.plan
         names = [f"{config.name} ({config.channel})" for config in plan.configs]
         lines = [_HAZARD.format(arms=" and ".join(names))]
@@ -121,9 +121,9 @@ class ControlPanel:
 
 
 class RigPanel:
-    """Folder to move objects and set faults of a virtual rig. The driver's thread uses the rig.
+    """Folder to move objects and to set faults of a virtual rig. Only the driver's thread uses the rig.
 
-    `channels`: channels of the driven arms.
+    `channels`: CAN channels of the driven arms.
     """
 
     def __init__(self, gui: viser.GuiApi, driver: Driver, rig: RigOperations, channels: Sequence[str]):
@@ -170,19 +170,19 @@ class RigPanel:
 
 
 class Moving:
-    """Controls for the arms of a plan.
+    """Controls for a plan's arms.
 
     Args:
         server: viser's server.
         plan: plan with the configs of the arms.
-        place: function from a channel key to the drawn place of the arm's base, or None.
+        place: function that returns the drawn pose of an arm's base for a channel key, or None.
         isolation: see `ArmSession`.
 
     Attributes:
-        driver: driver of the arms; the caller has to start its thread.
+        driver: driver of the arms. The caller must start its thread.
 
     Raises:
-        ConfigError: the arms cannot be used together, or the file of saved poses cannot be read.
+        ConfigError: the arms cannot be used together, or the file of saved poses is invalid.
         RigError: the virtual rig cannot be started.
     """
 
@@ -226,7 +226,7 @@ class Moving:
             driver.ask_to_leave(client.client_id)
 
     def update(self, now_s: float) -> None:
-        """Show the arms, and the notices."""
+        """Update all controls, and show new notices."""
         self._control.update()
         for sliders in self._sliders:
             sliders.update()
@@ -247,7 +247,7 @@ class Moving:
 
 
 def _rig_of(driver: Driver) -> RigOperations | None:
-    """Return the virtual rig of the arms; None for real arms."""
+    """Return the virtual rig of the arms, or None for real arms."""
     for config in driver.plan.configs:
         options = dict(driver.session.hardware(config.name).config.can_options)
         rig = options.pop("rig", None)

@@ -1,4 +1,4 @@
-"""Saved poses: a JSON file, pose name → arm name → joints, and a folder of the panel.
+"""Saved poses: a JSON file, pose name → arm name → joint angles, and a folder of the page.
 
 {"poses": {"above the table": {"left_robot": {"arm": "yam", "gripper": "linear_4310", "q_rad": [0.0, …],
                                               "opening": 1.0}}}}
@@ -24,18 +24,18 @@ _MOST_NAME = 60
 _NONE = "(no pose is saved)"
 
 Pose = dict[str, np.ndarray]
-"""Name of the arm → (n,) of its motors: rad, and 0 … 1 for the gripper."""
+"""Arm name → positions (n,) of its motors: rad, and 0 … 1 for the gripper."""
 
 
 class SavedPoses:
-    """Poses in one file.
+    """Saved poses of one file.
 
     Args:
         path: path of the file, which need not exist.
-        arms: arms that the page drives. Poses of other arms stay in the file, and are not offered.
+        arms: arms that the page drives. Poses of other arms stay in the file but are not offered.
 
     Raises:
-        ConfigError: the file cannot be read, or has a pose that does not fit; the message names the pose.
+        ConfigError: the file is unreadable, or a pose does not match its arm; the message names the pose.
     """
 
     def __init__(self, path: Path, arms: Sequence[ResolvedArm]):
@@ -45,21 +45,21 @@ class SavedPoses:
 
     @property
     def names(self) -> list[str]:
-        """Names of the poses of these arms."""
+        """Names of the poses that contain at least one of these arms."""
         return [name for name, pose in self._poses.items() if pose]
 
     def __getitem__(self, name: str) -> Pose:
-        """Return a pose. Raises ActionError: there is no pose of this name."""
+        """Return a pose. Raises ActionError: no saved pose has this name."""
         if not self._poses.get(name):
             raise ActionError(f"there is no saved pose {name!r}; nothing moves")
         return self._poses[name]
 
     def save(self, name: str, pose: Pose) -> None:
-        """Save a pose; it replaces a pose of the same name.
+        """Save a pose. An existing pose with the same name is replaced.
 
         Raises:
-            ActionError: the name is empty or too long, or the pose does not fit these arms; nothing is saved.
-            ConfigError: the file cannot be written.
+            ActionError: the name is empty, too long or not printable. Nothing is saved.
+            ConfigError: the pose does not match these arms, or the file cannot be written.
         """
         name = name.strip()
         if not 0 < len(name) <= _MOST_NAME or not name.isprintable():
@@ -70,7 +70,7 @@ class SavedPoses:
         self._poses[name] = checked
 
     def forget(self, name: str) -> None:
-        """Remove a pose. Raises ActionError: there is no such pose; ConfigError: the file cannot be written."""
+        """Delete a pose. Raises ActionError: no saved pose has this name; ConfigError: the file cannot be written."""
         self[name]
         self._write({key: rows for key, rows in self._rows.items() if key != name})
         del self._poses[name]
@@ -110,7 +110,7 @@ class SavedPoses:
 
     @staticmethod
     def _values(where: str, arm: ResolvedArm, row: object) -> np.ndarray:
-        """Return the positions (n,) of one arm in a pose. Raises ConfigError: the pose does not fit this arm."""
+        """Return the positions (n,) of an arm from a saved row. Raises ConfigError: the row does not match the arm."""
         if not isinstance(row, dict) or (row.get("arm"), row.get("gripper")) != (arm.arm.name, arm.gripper.name):
             raise ConfigError(f"{where}: this is no pose of {arm.arm.name} with {arm.gripper.name}")
         try:
@@ -130,7 +130,7 @@ class SavedPoses:
 
 
 class PosePanel:
-    """Folder to choose a pose and move the arms there, save a pose, or delete a pose."""
+    """Folder with controls to move the arms to a saved pose, save the current pose, and delete a pose."""
 
     def __init__(self, gui: viser.GuiApi, driver: Driver, poses: SavedPoses):
         self._driver, self._poses = driver, poses
@@ -142,7 +142,7 @@ class PosePanel:
             pressed(gui.add_button("forget it"), self._with(self._chosen, self._forget))
 
     def _with(self, control: Any, work: Callable[[str], None]) -> Callable[[int], None]:
-        """Return a handler that requests this work with the control's value at the time of the press."""
+        """Return a button handler that queues `work` with the control's value at the time of the press."""
 
         def asked(browser: int) -> None:
             shown = str(control.value)

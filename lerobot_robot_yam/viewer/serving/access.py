@@ -1,11 +1,11 @@
-"""Access to the page: for this computer's own browsers, and for others with the token. Never for a foreign page.
+"""Access control of the page: this computer's own browsers, and others with the token. Never a foreign page.
 
-A browser lets any page open a WebSocket to any address, and a host name can be made to point to 127.0.0.1. So the
+A browser lets any page open a WebSocket to any address, and a host name can be made to resolve to 127.0.0.1. So the
 `Origin` of a WebSocket must be our page, and on a loopback address the `Host` must be a name of this computer.
 
-A foreign page could also show our page in a frame and lure a person into clicking there, or open our page with viser's
-own `?websocket=` and `?playbackPath=`, which make our page obey another server. So our page refuses frames, may
-connect only to its own origin, and is served with no query except the token's.
+A foreign page could also embed our page in a frame and lure a person into clicking there. Or it could open our page
+with viser's own `?websocket=` and `?playbackPath=`, which make our page obey another server. So our page refuses to be
+framed, may connect only to its own origin, and accepts no query parameter except the token.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ from websockets.http11 import Request, Response
 from lerobot_robot_yam.errors import ConfigError
 
 _HOST = re.compile(r"[\w.:\[\]-]+", re.ASCII)
-# viser's page is one file that contains its scripts and workers
+# viser's page is a single file that includes its scripts and workers
 _POLICY = (
     "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; connect-src 'self' data: blob: {lines}; "
     "object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -35,15 +35,15 @@ _HEADERS = {
 
 
 class Access:
-    """Judge of requests, by their headers.
+    """Access check for HTTP requests, based on address, headers and token.
 
     Args:
         host: address that the server binds to.
-        token: token that clients need, first in the URL (`?token=`), later in the cookie that they then get. None:
-            no token is needed.
+        token: token that clients need, or None. Clients first send it in the URL (`?token=`), later in the cookie that
+            they get in response.
 
     Raises:
-        ConfigError: other computers can reach the address, and there is no token.
+        ConfigError: other computers can reach `host`, but there is no token.
     """
 
     def __init__(self, host: str, token: str | None):
@@ -51,19 +51,19 @@ class Access:
         if not self._local and not token:
             raise ConfigError(f"{host} can be reached by others: it needs a token")
         self._token = token or ""
-        # browsers send a cookie to all ports of a host, so each server's cookie has its own name
+        # browsers send a cookie to all ports of a host: each server needs its own cookie name
         self._cookie = f"yam_view_{hashlib.sha256(self._token.encode()).hexdigest()[:8]}"
 
     def answer(self, request: Request) -> Response | None:
-        """Return a refusal, or a redirection for a URL with the token; None if the request is served."""
+        """Return a refusal, or a redirect that removes the token from the URL; None if the request may be served."""
         try:
             why = self._refusal(request)
-        except (ValueError, MultipleValuesError):  # host or origin is malformed, or present twice
+        except (ValueError, MultipleValuesError):  # malformed or repeated Host or Origin
             why = "this request cannot be understood"
         if why:
             return plain_response(HTTPStatus.FORBIDDEN, why)
         if self._token and "?" in request.path and not _upgrades(request):
-            way_on = plain_response(HTTPStatus.SEE_OTHER, "welcome")  # keeps the token out of the address bar
+            way_on = plain_response(HTTPStatus.SEE_OTHER, "welcome")  # hides the token from the address bar
             way_on.headers["Location"] = "/"
             way_on.headers["Set-Cookie"] = f"{self._cookie}={self._token}; HttpOnly; SameSite=Lax; Path=/"
             return way_on
@@ -85,7 +85,7 @@ class Access:
         return ""
 
     def _kept(self, request: Request) -> list[str]:
-        """Return the values of our cookies."""
+        """Return the values of this server's cookies in a request."""
         pairs = [pair.strip().partition("=") for line in request.headers.get_all("Cookie") for pair in line.split(";")]
         return [value for name, _, value in pairs if name == self._cookie]
 
@@ -94,14 +94,14 @@ class Access:
 
 
 def plain_response(status: HTTPStatus, text: str) -> Response:
-    """Return a response with a line of text."""
+    """Return a plain-text response with one line of text."""
     body = f"{text}\n".encode()
     headers = Headers({"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))})
     return Response(status, status.phrase, headers, body)
 
 
 def shield(request: Request, response: Response) -> Response:
-    """Add headers to the response that keep a browser from letting foreign pages use our page."""
+    """Add security headers that keep foreign pages from embedding or using our page."""
     hosts = [host for host in request.headers.get_all("Host") if _HOST.fullmatch(host)]
     lines = " ".join(f"ws://{host} wss://{host}" for host in hosts)  # not all browsers apply 'self' to WebSockets
     response.headers["Content-Security-Policy"] = _POLICY.format(lines=lines)
@@ -111,7 +111,7 @@ def shield(request: Request, response: Response) -> Response:
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether an address can be reached from this computer only."""
+    """Return whether an address is reachable from this computer only."""
     if host == "localhost":
         return True
     try:

@@ -1,7 +1,7 @@
-"""viser's server behind a gate: requests and messages are checked before viser sees them, and their number is bounded.
+"""viser's server behind an access gate, which checks and rate-limits requests and messages before viser sees them.
 
-viser (1.1) has no hook for this. While its server starts, `websockets.asyncio.server.serve` is replaced by ours, which
-adds the gate. `guarded` fails if viser did not use it.
+viser 1.1 has no hook for such a gate. So while viser's server starts, `websockets.asyncio.server.serve` is replaced by
+a version that adds the gate. `guarded` raises an error if viser did not call that version.
 """
 
 import asyncio
@@ -25,28 +25,28 @@ from lerobot_robot_yam.viewer.serving.access import Access, plain_response, shie
 from lerobot_robot_yam.viewer.serving.incoming import MalformedError, passes
 
 logger = logging.getLogger(__name__)
-logger.setLevel(logging.WARNING)  # at lower levels, websockets logs whole requests, with the token
+logger.setLevel(logging.WARNING)  # at lower levels, websockets logs whole requests including the token
 
-_MOST_BYTES = 1 << 16  # largest message, bytes; viser's own limit is 50 MB
-_MOST_PER_S = 400  # largest number of messages of one page per second; a drag sends 60 to 120
+_MOST_BYTES = 1 << 16  # maximum message size, bytes; viser's own limit is 50 MB
+_MOST_PER_S = 400  # maximum number of messages per page and second; a drag sends 60 to 120
 _MOST_PAGES = 32
-_MOST_CONNECTIONS = 128  # largest number of TCP connections; a browser opens a few briefly, and one that stays
+_MOST_CONNECTIONS = 128  # maximum number of TCP connections; a browser opens a few short ones and one that stays
 _OPENING_S, _CLOSING_S = 5.0, 1.0
 _SAID_EVERY_S = 5.0
-_NO_REQUEST = "opening handshake failed"  # log message for each connection that a browser opens in advance
-_POLICY_VIOLATION = 1008  # WebSocket's close code for a forbidden message, RFC 6455, section 7.4.1
+_NO_REQUEST = "opening handshake failed"  # logged for each connection that a browser opens in advance
+_POLICY_VIOLATION = 1008  # WebSocket close code for a forbidden message, RFC 6455, section 7.4.1
 _starting = threading.Lock()
 
 
 class Seldom(logging.Filter):
-    """Filter that passes one line per `_SAID_EVERY_S`, without traceback, so that no client can flood the terminal."""
+    """Log filter that passes one line per `_SAID_EVERY_S`, without traceback: clients cannot flood the terminal."""
 
     def __init__(self) -> None:
         super().__init__()
         self._said_s, self._left_out = -_SAID_EVERY_S, 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Return whether to log a record."""
+        """Return whether to log a record; shorten records that pass."""
         if record.msg == _NO_REQUEST:
             return False
         now_s = time.monotonic()
@@ -67,12 +67,12 @@ logger.addFilter(Seldom())
 
 
 class Gate:
-    """Check of incoming requests and messages, and counter of pages and connections.
+    """Access gate: checks incoming requests and messages, and counts pages and connections.
 
     `access`: check of requests.
 
     Attributes:
-        server: viser's server, once started; before that no control can be set.
+        server: viser's server. While this is None, no message may change a control.
     """
 
     def __init__(self, access: Access):
@@ -82,11 +82,11 @@ class Gate:
         self.pages = self.connections = 0
 
     def answer(self, connection: ServerConnection, request: Request, serve: Callable[..., Response | None]) -> Any:
-        """Return the response to a request, or None to open a WebSocket."""
+        """Return the response to a request, or None to accept a WebSocket."""
         response = self._access.answer(request)
         if response is None and "Upgrade" in request.headers:
             offered = ",".join(request.headers.get_all("Sec-WebSocket-Protocol"))
-            if self._version not in (name.strip() for name in offered.split(",")):  # viser would print each
+            if self._version not in (name.strip() for name in offered.split(",")):  # viser would print a line for each
                 response = plain_response(HTTPStatus.UPGRADE_REQUIRED, "this page is of another version: load it again")
             elif self.pages >= _MOST_PAGES:
                 response = plain_response(HTTPStatus.SERVICE_UNAVAILABLE, f"{_MOST_PAGES} pages are open already")
@@ -95,12 +95,12 @@ class Gate:
         if response is None:
             try:
                 response = serve(connection, request)
-            except (OSError, ValueError):  # raised for a path that no file can have
+            except (OSError, ValueError):  # raised for an impossible file path
                 response = plain_response(HTTPStatus.NOT_FOUND, "not found")
         return None if response is None else shield(request, response)
 
     def control(self, uuid: str) -> Any:
-        """Return the handle of a control, of the common page or of one browser; None if there is no such control."""
+        """Return the handle of a page control, common or of one browser, or None if the control does not exist."""
         if self.server is None:
             return None
         for gui in (self.server.gui, *(client.gui for client in self.server.get_clients().values())):
@@ -111,7 +111,7 @@ class Gate:
 
 
 class _Connection(ServerConnection):
-    """Connection that delivers only messages that have passed the gate."""
+    """Connection that delivers only messages accepted by the gate."""
 
     def __init__(self, gate: Gate, *arguments: Any, **options: Any):
         super().__init__(*arguments, **options)
@@ -141,7 +141,7 @@ class _Connection(ServerConnection):
                 await self.close(_POLICY_VIOLATION, "malformed message")
 
     async def _pace(self) -> None:
-        """Wait if more than `_MOST_PER_S` messages were read in this second; more messages stay in the socket."""
+        """Wait for the next second after `_MOST_PER_S` messages. Unread messages stay in the socket."""
         now_s = time.monotonic()
         if int(now_s) != self._second:
             self._second, self._in_second = int(now_s), 0
@@ -152,10 +152,10 @@ class _Connection(ServerConnection):
 
 @contextlib.contextmanager
 def guarded(gate: Gate) -> Iterator[None]:
-    """Put the viser server that is started inside the block behind the gate.
+    """Put the gate in front of the viser server that is started inside the `with` block.
 
     Raises:
-        ConfigError: viser has started without the gate, since this version of viser does not fit.
+        ConfigError: viser has started without the gate, because its version is incompatible.
     """
     module = websockets.asyncio.server
     asked: list[bool] = []

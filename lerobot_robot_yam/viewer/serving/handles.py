@@ -1,4 +1,4 @@
-"""Functions on handles of the page's elements: properties, presses, and inputs that are undone."""
+"""Helpers for page controls: setting properties, handling presses, and undoing inputs that are not allowed."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,14 +7,14 @@ import viser
 
 
 def put(handle: Any, **properties: Any) -> None:
-    """Set properties of an element; only changed properties are sent to the browsers."""
+    """Set properties of a page control. Only changed properties are sent to the browsers."""
     for name, value in properties.items():
         if getattr(handle, name) != value:
             setattr(handle, name, value)
 
 
 def pressed(button: viser.GuiButtonHandle, work: Callable[[int], None]) -> viser.GuiButtonHandle:
-    """Call `work` with the number of the browser that presses the button; return the button."""
+    """Make a button call `work` with the number of the browser that pressed it; return the button."""
 
     @button.on_click
     async def _(event: viser.GuiEvent) -> None:
@@ -25,7 +25,7 @@ def pressed(button: viser.GuiButtonHandle, work: Callable[[int], None]) -> viser
 
 
 def kept(handle: Any, may_set: Callable[[int], bool]) -> Any:
-    """Undo at once the input of a browser that may not set the element; return the handle."""
+    """Undo inputs to a control from browsers for which `may_set` is false; return the control's handle."""
     good = [handle.value]
 
     @handle.on_update

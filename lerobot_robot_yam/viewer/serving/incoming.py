@@ -1,11 +1,11 @@
-"""Check of a browser's messages and their contents, before they reach viser.
+"""Check of messages from browsers before viser sees them.
 
-viser (1.1) sets any field of a control that a message names, even callbacks and `removed`, and casts values: the text
-"nan" becomes the value of a slider, without a check of limits. viser also accepts files of any size, opens a tunnel to
-the internet on request, and keeps marks of forms for ever. So only messages that our parts need pass: with the fields
-that viser declares, with finite numbers, and to a control only values that a person could set.
+viser 1.1 sets any field of a control that a message names, even callbacks and `removed`. It also converts values: the
+text "nan" becomes a slider's value, without a check of limits. viser accepts files of any size, opens a tunnel to the
+internet on request, and keeps form markers forever. So only messages that our page needs are accepted. They may have
+only fields declared by viser, finite numbers, and for a control only values that a person could set.
 
-A part that needs another kind of message (uploads, `get_render`) adds the kind to `_KINDS`, with bounds in this module.
+A new feature that needs another message type (uploads, `get_render`) adds it to `_KINDS`, with limits in this module.
 """
 
 import math
@@ -32,13 +32,13 @@ _KINDS = {
         messages.TransformControlsUpdateMessage,
         messages.TransformControlsDragStartMessage,
         messages.TransformControlsDragEndMessage,
-        messages.LocalStorageGetItemResponseMessage,  # answer of the heartbeat
+        messages.LocalStorageGetItemResponseMessage,  # reply to a heartbeat ping
     )
 }
 _OTHER_KINDS = {kind.__name__ for kind in messages.Message.get_subclasses()} - set(_KINDS)
-_LARGEST = 1e9  # largest accepted number in a message about scene or camera
-_UNIT = 0.01  # allowed error of the length of a unit quaternion
-_ROUNDING = 1e-6  # tolerance of a slider's limits, as a share of its range: browsers add up steps
+_LARGEST = 1e9  # maximum magnitude of a number in a scene or camera message
+_UNIT = 0.01  # tolerance for the length of a unit quaternion
+_ROUNDING = 1e-6  # tolerance for a slider's limits, as a fraction of its range: browsers add up steps
 
 _SWITCHES = (viser.GuiButtonHandle, viser.GuiCheckboxHandle)
 _CHOICES = (viser.GuiDropdownHandle, viser.GuiButtonGroupHandle)
@@ -48,18 +48,18 @@ _COLOURS = (viser.GuiRgbHandle, viser.GuiRgbaHandle)
 
 
 class MalformedError(YamError):
-    """Error for a message that no page of viser would send."""
+    """A message that no viser page would send."""
 
 
 def passes(raw: bytes | str, control: Callable[[str], Any]) -> bool:
-    """Return whether viser may see a message; other well-formed messages are dropped.
+    """Return whether to pass a message on to viser. Other well-formed messages are to be dropped.
 
     Args:
         raw: message as received.
-        control: function from the id of a control to its handle, or None.
+        control: function that returns a control's handle for its id, or None.
 
     Raises:
-        MalformedError: no page of viser's would send this message.
+        MalformedError: no viser page would send this message.
     """
     name, fields = _decoded(raw)
     if name in _OTHER_KINDS:
@@ -82,8 +82,8 @@ def passes(raw: bytes | str, control: Callable[[str], Any]) -> bool:
 
 
 def settable(control: Any, value: Any) -> bool:
-    """Return whether a person could set a control (a handle of viser's) to a value: visible, enabled, and in range."""
-    if not _seen(control) or getattr(control, "disabled", True):  # a progress bar has no such attribute
+    """Return whether a person could set this viser control to `value`: visible, enabled, value within its range."""
+    if not _seen(control) or getattr(control, "disabled", True):  # progress bars have no `disabled`
         return False
     if isinstance(control, _SWITCHES):
         return isinstance(value, bool)
@@ -102,7 +102,7 @@ def settable(control: Any, value: Any) -> bool:
 
 
 def _seen(control: Any) -> bool:
-    """Return whether a control and the folders around it are shown."""
+    """Return whether a control and all folders around it are visible."""
     while control is not None:
         if not getattr(control, "visible", True):
             return False
@@ -112,7 +112,7 @@ def _seen(control: Any) -> bool:
 
 
 def within(value: Any, low: float | None, high: float | None) -> bool:
-    """Return whether a value is a finite number within limits; a limit of None is no limit."""
+    """Return whether a value is a finite number within [low, high]. None means no limit."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         return False
     slack = 0.0 if low is None or high is None else (high - low) * _ROUNDING
@@ -120,7 +120,7 @@ def within(value: Any, low: float | None, high: float | None) -> bool:
 
 
 def _decoded(raw: bytes | str) -> tuple[str, dict[str, Any]]:
-    """Decode a message; return its name and its fields. Raises MalformedError: the message is malformed."""
+    """Return a message's type name and its fields. Raises MalformedError: the message cannot be decoded."""
     try:
         fields = msgspec.msgpack.decode(raw) if isinstance(raw, bytes) else None
     except (msgspec.DecodeError, RecursionError, ValueError, TypeError) as error:
@@ -134,7 +134,7 @@ def _decoded(raw: bytes | str) -> tuple[str, dict[str, Any]]:
 
 
 def _finite(value: Any) -> bool:
-    """Return whether all numbers in nested lists are finite and at most `_LARGEST`."""
+    """Return whether all numbers in nested lists are finite and at most `_LARGEST` in magnitude."""
     if isinstance(value, (list, tuple)):
         return all(map(_finite, value))
     return not isinstance(value, (int, float)) or abs(value) <= _LARGEST  # False for NaN

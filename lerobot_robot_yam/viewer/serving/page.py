@@ -1,4 +1,4 @@
-"""Server of the page: viser behind its gate, and the loop that updates each part of the page."""
+"""Web server of the page: viser behind the access gate, and the loop that updates each part of the page."""
 
 import contextlib
 import errno
@@ -27,29 +27,29 @@ _FAILED = "A PART OF THIS PAGE HAS FAILED, {name}: what it shows is old. See the
 
 
 class Part(Protocol):
-    """Part of the page."""
+    """Part of the page, updated by `Page.run`."""
 
     def update(self, now_s: float) -> None:
-        """Show the state at this time of the monotonic clock."""
+        """Show the state at `now_s`, a time of the monotonic clock."""
 
     def close(self) -> None:
-        """Release everything. Idempotent."""
+        """Release all resources of this part. Idempotent."""
 
 
 class Page:
-    """Server of the page.
+    """Web server of the page.
 
     Args:
         host, port: address to listen on; if the port is taken, the next free port is used.
-        with_token: whether loopback addresses require a token, too; other addresses always do.
+        with_token: whether to require a token on loopback addresses, too. Other addresses always require one.
 
     Attributes:
         server: viser's server.
-        url: address for a browser, with the token if a token is needed.
+        url: address to open in a browser, including the token if one is required.
         troubles: messages about failed parts, for the banner.
 
     Raises:
-        ConfigError: viser does not fit, or the address cannot be used.
+        ConfigError: viser's version is incompatible, or the address cannot be used.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 8080, with_token: bool = False):
@@ -67,7 +67,7 @@ class Page:
         self.url = f"http://{f'[{name}]' if ':' in name else name}:{self.server.get_port()}{query}"
 
     def run(self, parts: Sequence[Part]) -> None:
-        """Update the parts until interrupted. A part that fails does not end the others."""
+        """Update the parts until interrupted. An error in one part does not affect the others."""
         due_s = time.monotonic()
         while True:
             now_s = time.monotonic()
@@ -80,7 +80,7 @@ class Page:
     def _updated(self, part: Part, now_s: float) -> bool:
         try:
             part.update(now_s)
-        except Exception:  # a defect in our code: the page, with its emergency stop, and the arms go on
+        except Exception:  # a defect in our code: the page with its emergency stop keeps running, as do the arms
             name = type(part).__name__
             if now_s - self._said_s.get(name, -math.inf) >= _SAID_EVERY_S:
                 self._said_s[name] = now_s
@@ -89,14 +89,14 @@ class Page:
         return True
 
     def close(self) -> None:
-        """End the server. Idempotent."""
+        """Stop the server. Idempotent."""
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
 
 
 @contextlib.contextmanager
 def served(page: Page, parts: Sequence[Part]) -> Iterator[None]:
-    """Close the parts and then the page when the block ends, even by an error."""
+    """Close the parts and then the page on leaving the `with` block, even after an error."""
     try:
         yield
     finally:
@@ -109,10 +109,10 @@ def served(page: Page, parts: Sequence[Part]) -> Iterator[None]:
 
 
 def _free_port(host: str, port: int) -> int:
-    """Return the first free port from `port` on; viser would wait for ever for a taken port.
+    """Return the first free port, starting at `port`. On a port in use, viser would wait forever.
 
     Raises:
-        ConfigError: no port is free, or the address is not this computer's.
+        ConfigError: no port is free, or the address does not belong to this computer.
     """
     why = "there is no such port"
     for candidate in range(max(port, 0), min(port + _PORTS_TRIED, 1 << 16)):
