@@ -1,4 +1,4 @@
-"""Choice of the arm and gripper that Commander shows, by environment variables, since Commander passes no options.
+"""Choice of the arm and gripper that Commander shows. Commander passes no options, so environment variables are used.
 
 YAM_WALDO_ARM=big_yam YAM_WALDO_GRIPPER=crank_4310 waldo-commander --host 127.0.0.1
 """
@@ -20,37 +20,37 @@ NO_TOOL = "NONE"
 
 
 class ArmChoice(NamedTuple):
-    """Names of the profiles of an arm and its gripper, or paths of YAML files."""
+    """Arm and gripper, each given as a profile name or as the path of a YAML file."""
 
     arm: str = "yam"
     gripper: str = "linear_4310"
 
     @classmethod
     def of_environment(cls) -> "ArmChoice":
-        """Return the choice in the environment; the standard arm and gripper where a variable is missing."""
+        """Return the choice given by the environment variables, with defaults for missing variables."""
         return cls(os.environ.get(ENV_ARM, "yam"), os.environ.get(ENV_GRIPPER, "linear_4310"))
 
     def environment(self) -> dict[str, str]:
-        """Return the environment variables of this choice."""
+        """Return the environment variables for this choice."""
         return {ENV_ARM: self.arm, ENV_GRIPPER: self.gripper}
 
     def resolved(self) -> ResolvedArm:
-        """Return profiles and limits. Raises ConfigError: there is no such arm or gripper."""
+        """Return the arm's profiles and limits. Raises ConfigError: the arm or gripper is unknown."""
         return ResolvedArm(ArmConfig(channel="none", name=Path(self.arm).stem, arm=self.arm, gripper=self.gripper))
 
 
 def tool_key(gripper: GripperProfile) -> str:
-    """Return the key of a gripper's tool in Commander; "NONE" if it has no motor."""
+    """Return Commander's key for a gripper, or "NONE" if the gripper has no motor."""
     return NO_TOOL if gripper.motor is None else gripper.name.upper().replace(" ", "_")
 
 
 def tool_keys(gripper: GripperProfile) -> list[str]:
-    """Return the keys of the tools of an arm with this gripper, in display order."""
+    """Return Commander's tool keys for an arm with this gripper, in display order."""
     return list(dict.fromkeys((NO_TOOL, tool_key(gripper))))
 
 
 def tool_centre(gripper: GripperProfile) -> np.ndarray:
-    """Return the pose (4, 4) in the flange, m, of the point between the fingers, or else of the end effector's tip.
+    """Return the pose (4, 4), m, in the flange frame of the point between the fingers, or else of the tip.
 
     `gripper`: mounted profile (`mounting.mounted`), whose first body is fixed to the flange.
     """
@@ -61,10 +61,10 @@ def tool_centre(gripper: GripperProfile) -> np.ndarray:
 
 
 def tip(gripper: GripperProfile, key: str, offset_m: np.ndarray) -> np.ndarray:
-    """Return the pose (4, 4) of the tool's tip in the flange, m, with an offset (3,) along the tool's own axes.
+    """Return the pose (4, 4), m, of the tool's tip in the flange frame, with an offset (3,) along the tool's own axes.
 
     Raises:
-        ConfigError: the arm has no such tool.
+        ConfigError: the arm has no tool with this key.
     """
     if key not in tool_keys(gripper):
         raise ConfigError(f"no tool {key!r}; this arm has {', '.join(tool_keys(gripper))}")

@@ -1,10 +1,10 @@
-"""Commander's model of an arm and its gripper: a URDF of one chain, and STL meshes, made from the profiles.
+"""Commander's model of an arm and its gripper, generated from the profiles: a URDF of one chain, and STL meshes.
 
     arm = ArmModel(arm, gripper)
     arm.write()          # …/yam.urdf and …/meshes/*.stl in the user's cache
 
-The chain ends at the flange, the frame of the arm's last link. The gripper is a tool: its meshes are in that frame with
-the fingers open, and Commander slides the fingers.
+The chain ends at the flange, which is the frame of the arm's last link. The gripper is a tool: its meshes are in the
+flange frame with the fingers open, and Commander moves the fingers.
 """
 
 import os
@@ -23,18 +23,18 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import write_whole
 
 MESHES = "meshes"
-"""Folder of the meshes beside the URDF, where old and new Commander look."""
+"""Name of the mesh folder beside the URDF, where both old and new versions of Commander look."""
 
 _PACKAGE = "lerobot_robot_yam"
 
 
 class Jaws(NamedTuple):
-    """Motion of the fingers in Commander: even meshes move by −axis · travel · position, odd meshes by the opposite.
+    """Finger motion in Commander: even meshes move by −axis · travel · position, odd meshes in the opposite direction.
 
     Position 0 is open, 1 closed.
 
     Attributes:
-        axis: (3,) unit vector in the flange along which the first finger opens.
+        axis: (3,) unit vector in the flange frame, along which the first finger opens.
         travel_m: travel of each finger.
     """
 
@@ -43,14 +43,14 @@ class Jaws(NamedTuple):
 
 
 class ArmModel:
-    """Files of one arm with its gripper.
+    """Model files of one arm with its gripper.
 
     `arm`, `gripper`: resolved profiles, see `mounting.resolve_profiles`.
 
     Attributes:
-        body_meshes: names of the mesh files of the gripper's body, in the flange's frame.
-        jaw_meshes: names of the mesh files of the open fingers, in the order of `Jaws`; [] without fingers.
-        jaws: motion of the fingers; None without two fingers.
+        body_meshes: mesh file names of the gripper body, in the flange frame.
+        jaw_meshes: mesh file names of the open fingers, in the order of `Jaws`; empty without fingers.
+        jaws: finger motion, or None unless there are two fingers.
     """
 
     def __init__(self, arm: ArmProfile, gripper: GripperProfile):
@@ -65,7 +65,7 @@ class ArmModel:
 
     @property
     def folder(self) -> Path:
-        """Folder of the files, whether or not they are written."""
+        """Folder of the model files, which need not exist yet."""
         cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
         return cache / _PACKAGE / f"waldo-{self._names[0]}-{self._names[1]}"
 
@@ -78,7 +78,7 @@ class ArmModel:
         return self.folder / MESHES
 
     def write(self) -> None:
-        """Write the files that are missing or differ, each as a whole. Raises ConfigError: a file cannot be written."""
+        """Write missing or outdated files, each atomically. Raises ConfigError: a file cannot be written."""
         try:
             self.mesh_dir.mkdir(parents=True, exist_ok=True)
             for name, content in self._files.items():
@@ -106,7 +106,7 @@ class ArmModel:
         self._files[f"{arm.name}.urdf"] = drawn_urdf(arm, model, links).encode()
 
     def _add_tool(self, arm: ArmProfile, gripper: GripperProfile, model: mujoco.MjModel) -> None:
-        """Add the gripper's meshes in the frame of the flange, its fingers open."""
+        """Add the gripper's meshes in the flange frame, with the fingers open."""
         data, travel = mujoco.MjData(model), gripper.finger_range_m
         if travel is not None:
             data.qpos[arm.joint_count :] = travel[1]

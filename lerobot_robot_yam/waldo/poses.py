@@ -1,8 +1,9 @@
-"""Numbers in commands, and poses as six numbers: x y z rx ry rz, in a frame, absolute or relative to the tool.
+"""Checked numbers from commands, and poses as six numbers: x y z rx ry rz, absolute or relative, in base or tool frame.
 
     R = Rx(rx) Ry(ry) Rz(rz)      intrinsic XYZ
 
-At ry = ±90° only rx ± rz is determined: rx is 0 there. A YAM arm that points forward is always at −90° or close to it.
+At ry = ±90° (gimbal lock) only rx ± rz is determined, and rx is set to 0. A YAM arm that points forward is always at
+or close to ry = −90°.
 """
 
 from collections.abc import Sequence
@@ -14,17 +15,17 @@ import numpy as np
 from lerobot_robot_yam.errors import PlanError
 
 FRAMES = ("WRF", "TRF")
-"""Names of the base's frame and of the tool's."""
+"""Commander's names of the base frame and the tool frame."""
 AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
 
 Numbers = Sequence[float] | np.ndarray
 
-_UNITS = np.array([1e-3] * 3 + [np.pi / 180.0] * 3)  # units of poses in commands (mm, degrees), expressed in m and rad
-_LOCKED = 1e-7  # cos(ry) below which rx and rz turn about the same axis
+_UNITS = np.array([1e-3] * 3 + [np.pi / 180.0] * 3)  # units of poses in commands (mm, degrees), in m and rad
+_LOCKED = 1e-7  # cos(ry) below which a pose counts as in gimbal lock
 
 
 def numbers(what: str, values: object, count: int) -> np.ndarray:
-    """Return `values` as (count,) finite floats. Raises PlanError: the values are something else."""
+    """Return `values` as an array (count,) of finite floats. Raises PlanError if that is not possible."""
     try:
         given = np.array(values, dtype=float)
     except (TypeError, ValueError):
@@ -35,31 +36,31 @@ def numbers(what: str, values: object, count: int) -> np.ndarray:
 
 
 def number(what: str, value: object, low: float, high: float) -> float:
-    """Return `value` as a float from `low` to `high`. Raises PlanError: the value is something else."""
+    """Return `value` as a float, checked to lie in [low, high]. Raises PlanError otherwise."""
     if not (isinstance(value, Real) and low <= float(value) <= high):
         raise PlanError(f"{what} has to be a number from {low:g} to {high:g}, not {value!r}")
     return float(value)
 
 
 def check_frame(frame: str) -> str:
-    """Return `frame` unchanged. Raises PlanError: there is no frame of this name."""
+    """Return `frame` unchanged. Raises PlanError if it is not in `FRAMES`."""
     if frame not in FRAMES:
         raise PlanError(f"there is no frame {frame!r}; frames are {' and '.join(FRAMES)}")
     return frame
 
 
 def commanded(now: np.ndarray, pose: Numbers, frame: str = "WRF", rel: bool = False) -> np.ndarray:
-    """Return the pose (4, 4), m, that a command means.
+    """Return the target pose (4, 4), m, of a command.
 
-    In the tool's frame, the numbers are relative to the tool, with and without `rel`. In the base's frame with `rel`,
-    the tool is shifted along the base's axes, and turned in place about axes parallel to them.
+    In the tool frame, the numbers are relative to the tool, with or without `rel`. In the base frame with `rel`, the
+    tool is shifted along the base axes, and rotated in place about axes parallel to them.
 
     Args:
-        now: (4, 4) pose of the tool, m.
+        now: (4, 4) current pose of the tool, m.
         pose: x y z rx ry rz (6,), mm and degrees.
 
     Raises:
-        PlanError: `pose` is not six finite numbers, or there is no such frame.
+        PlanError: `pose` is not six finite numbers, or `frame` is unknown.
     """
     meant = from_command(pose)
     if check_frame(frame) == "TRF":
@@ -72,17 +73,17 @@ def commanded(now: np.ndarray, pose: Numbers, frame: str = "WRF", rel: bool = Fa
 
 
 def from_command(pose: Numbers) -> np.ndarray:
-    """Return the pose (4, 4), m, for x y z rx ry rz (6,), mm and degrees. Raises PlanError: not six finite numbers."""
+    """Convert x y z rx ry rz (6,), mm and degrees, to a pose (4, 4), m. Raises PlanError: not six finite numbers."""
     return from_vector(numbers("a pose, x y z in mm and rx ry rz in degrees,", pose, 6) * _UNITS)
 
 
 def to_command(pose: np.ndarray) -> np.ndarray:
-    """Return x y z rx ry rz (…, 6), mm and degrees, for poses (…, 4, 4), m."""
+    """Convert poses (…, 4, 4), m, to x y z rx ry rz (…, 6), mm and degrees."""
     return to_vector(pose) / _UNITS
 
 
 def from_vector(vector: Numbers) -> np.ndarray:
-    """Return the pose (4, 4), m, for x y z rx ry rz (6,), m and rad. Raises PlanError: not six finite numbers."""
+    """Convert x y z rx ry rz (6,), m and rad, to a pose (4, 4), m. Raises PlanError: not six finite numbers."""
     x, y, z, rx, ry, rz = numbers("a pose, x y z rx ry rz,", vector, 6).tolist()
     pose = np.eye(4)
     turn = mink.SO3.from_x_radians(rx) @ mink.SO3.from_y_radians(ry) @ mink.SO3.from_z_radians(rz)
@@ -91,7 +92,7 @@ def from_vector(vector: Numbers) -> np.ndarray:
 
 
 def to_vector(pose: np.ndarray) -> np.ndarray:
-    """Return x y z rx ry rz (…, 6), m and rad, for poses (…, 4, 4)."""
+    """Convert poses (…, 4, 4), m, to x y z rx ry rz (…, 6), m and rad."""
     r = pose[..., :3, :3]
     level = np.hypot(r[..., 0, 0], r[..., 0, 1])
     locked = level < _LOCKED

@@ -1,6 +1,6 @@
-"""Meaning of a program's commands: the functions take degrees and millimetres, and return plans.
+"""Translation of a program's commands, given in degrees and millimetres, into plans.
 
-The dry run, the simulator and the real arm all plan here, so that a preview shows what will happen.
+Dry run, simulator and real arm all plan with these functions, so that a preview shows the real motion.
 """
 
 from collections.abc import Sequence
@@ -16,10 +16,10 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.poses import Numbers, commanded, numbers
 
 PROFILES = ("ruckig",)
-"""Motion profiles: one, limited in speed, acceleration and jerk."""
+"""Motion profiles. The only one limits speed, acceleration and jerk."""
 
-_LONGEST_S = 600.0  # longest delay, s
-_ACTIONS = {"open": 0.0, "close": 1.0}  # action of a gripper -> position, 0 open … 1 closed as in Commander
+_LONGEST_S = 600.0  # maximum pause, s
+_ACTIONS = {"open": 0.0, "close": 1.0}  # gripper action → position, 0 open … 1 closed as in Commander
 
 
 def move_j(
@@ -31,14 +31,14 @@ def move_j(
     rel: bool = False,
     **pace: Any,
 ) -> Plan:
-    """Plan a move of the joints from start_q (n,) rad, to angles (deg) or to a pose of the tool (mm, deg).
+    """Plan a joint move from start_q (n,), rad, to joint angles (deg) or to a tool pose (mm, deg).
 
     Args:
-        rel: whether the numbers are relative to the start.
+        rel: whether `angles` or `pose` are relative to the start.
         pace: speed, accel, duration; see `Planner.joints`.
 
     Raises:
-        PlanError: neither or both of angles and pose are given, or `Planner.joints` refuses.
+        PlanError: neither or both of `angles` and `pose` are given, or `Planner.joints` raises it.
     """
     if (angles is None) == (pose is None):
         raise PlanError("move_j takes angles, or pose=, and not both")
@@ -52,16 +52,16 @@ def move_j(
 def move_l(
     planner: Planner, start_q: np.ndarray, pose: Numbers, *, frame: str = "WRF", rel: bool = False, **pace: Any
 ) -> Plan:
-    """Plan a straight line of the tool from start_q (n,) rad to a pose (mm, deg); arguments as for `move_j`.
+    """Plan a straight tool move from start_q (n,), rad, to a pose (mm, deg). Other arguments as for `move_j`.
 
     Raises:
-        PlanError: `Planner.line` refuses.
+        PlanError: the pose or frame is malformed, or `Planner.line` raises it.
     """
     return planner.line(start_q, commanded(planner.pose(start_q), pose, frame, rel), **pace)
 
 
 def pause(start_q: np.ndarray, seconds: float) -> Plan:
-    """Plan a pause at start_q (n,) rad. Raises PlanError: `seconds` is not from 0 to 600."""
+    """Plan a pause at start_q (n,), rad. Raises PlanError: `seconds` is not within 0 … 600."""
     (time_s,) = numbers("seconds", [seconds], 1)
     if not 0.0 <= time_s <= _LONGEST_S:
         raise PlanError(f"a delay takes 0 to {_LONGEST_S:g} s, not {seconds!r}")
@@ -70,7 +70,7 @@ def pause(start_q: np.ndarray, seconds: float) -> Plan:
 
 
 def radius(r: float) -> float:
-    """Convert a blend radius from mm to m. Raises PlanError: `r` is no number, or negative."""
+    """Convert a blend radius from mm to m. Raises PlanError: `r` is negative or not a number."""
     (given,) = numbers("r", [r or 0.0], 1).tolist()
     if given < 0.0:
         raise PlanError(f"r, a radius in mm, is 0 or more, not {r!r}")
@@ -78,7 +78,11 @@ def radius(r: float) -> float:
 
 
 def jaw_position(gripper: GripperProfile, key: str, action: str, params: Sequence[float] | None) -> float:
-    """Return the jaws' target for an action, 0 open … 1 closed. Raises PlanError: there is no such tool or action."""
+    """Return the jaw target of a gripper action, 0 open … 1 closed.
+
+    Raises:
+        PlanError: the tool or the action is unknown, or the position is malformed.
+    """
     fitted = tool_key(gripper)
     if key != fitted or fitted == NO_TOOL:
         raise PlanError(f"no tool {key!r} that moves; this arm has {fitted}")
@@ -95,6 +99,6 @@ def jaw_position(gripper: GripperProfile, key: str, action: str, params: Sequenc
 def swapped(position: float) -> float:
     """Convert a gripper position between Commander's (0 open … 1 closed) and ours (0 closed … 1 open).
 
-    No other code does this conversion.
+    This is the only place in the code with this conversion.
     """
     return 1.0 - position

@@ -1,6 +1,6 @@
-"""Backend for Waldo Commander, which finds it as entry point `yam` of the group `waldoctl.robots`.
+"""Backend for Waldo Commander, which finds it through the entry point `yam` in the group `waldoctl.robots`.
 
-The constructor of `Robot` opens no socket and starts nothing. `start` starts a controller, which energises nothing.
+Creating a `Robot` opens no socket and starts no process. `start` starts a controller process, which energises nothing.
 """
 
 import dataclasses
@@ -49,24 +49,24 @@ from lerobot_robot_yam.waldo.tool_catalog import YamTools, model_of, tools_of
 from lerobot_robot_yam.waldo.wire import ANSWER_S, HOST, PORT, ask_once
 
 _CONTROLLER = "lerobot_robot_yam.waldo.controller.controller_process"
-_LOOK_S = 0.05  # period of checking a controller that starts or ends, s
+_LOOK_S = 0.05  # polling period while a controller starts or ends, s
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Robot(waldoctl.Robot):
-    """YAM arm for Commander. Kinematics in m and rad, of the flange, or of the tool's tip once a tool is set.
+    """YAM arm for Commander. Poses are in m and rad, of the flange, or of the tool's tip once a tool is set.
 
     Args:
-        arm, gripper: names of profiles; None: the profiles in the environment, see `ArmChoice`.
-        options: other options of a host, which are ignored.
+        arm, gripper: profile names; None: as given by the environment, see `ArmChoice`.
+        options: other options of a host application, which are ignored.
 
     Raises:
-        ConfigError: there is no such arm or gripper.
+        ConfigError: the arm or gripper is unknown.
     """
 
     position_unit = "mm"
     digital_outputs = digital_inputs = 0
-    joint_index_mapping = tuple(range(6))  # the URDF's joints are in our order
+    joint_index_mapping = tuple(range(6))  # the URDF has the joints in our order
     backend_package = "lerobot_robot_yam"
     sync_client_class, async_client_class = RobotClient, AsyncRobotClient
     motion_profiles, cartesian_frames = PROFILES, FRAMES
@@ -81,12 +81,12 @@ class Robot(waldoctl.Robot):
         self._choice = ArmChoice(arm or choice.arm, gripper or choice.gripper)
         self._hardware = self._choice.resolved()
         self._planner = Planner(self._hardware)
-        self._controller: int | None = None  # id of the controller's process, which process `_owner` has started
+        self._controller: int | None = None  # process id of the controller started by process `_owner`
         self._owner = 0
 
     @property
     def name(self) -> str:
-        """Name for display."""
+        """Display name."""
         return f"{self._choice.arm} with {self._choice.gripper}"
 
     @cached_property
@@ -101,10 +101,10 @@ class Robot(waldoctl.Robot):
 
     @cached_property
     def native_tools(self) -> YamTools:
-        """Tools of the arm: the bare flange, and the fitted gripper."""
+        """Tools of the arm: the bare flange, and the mounted gripper."""
         return tools_of(self._choice)
 
-    if "tools" in getattr(waldoctl.Robot, "__abstractmethods__", ()):  # only older versions of waldoctl need it
+    if "tools" in getattr(waldoctl.Robot, "__abstractmethods__", ()):  # needed by older versions of waldoctl
 
         @property
         def tools(self) -> YamTools:
@@ -119,25 +119,25 @@ class Robot(waldoctl.Robot):
 
     @property
     def urdf_path(self) -> str:
-        """Absolute path of the URDF, which is written from the profiles at the first use."""
+        """Absolute path of the URDF, which is generated from the profiles on first use."""
         return str(self._model.urdf_path)
 
     @property
     def mesh_dir(self) -> str:
-        """Absolute path of the STL files."""
+        """Absolute path of the folder with the STL files."""
         return str(self._model.mesh_dir)
 
     def fk(self, q_rad: np.ndarray, out: np.ndarray) -> np.ndarray:
-        """Write the pose x y z rx ry rz at joints (6,) into `out` (6,); return `out`."""
+        """Write the pose x y z rx ry rz for joints (6,) into `out` (6,); return `out`."""
         out[:] = self.fk_batch(q_rad)
         return out
 
     def fk_batch(self, joint_path_rad: np.ndarray) -> np.ndarray:
-        """Return poses (N, 6) at joints (N, 6)."""
+        """Return poses (N, 6) for joints (N, 6)."""
         return to_vector(self._planner.pose(joint_path_rad))
 
     def ik(self, pose: np.ndarray, q_seed_rad: np.ndarray) -> IKResultData:
-        """Return joints near the seed (6,) that put the tool at a pose (6,); a failed result if out of reach."""
+        """Return joints near the seed (6,) that bring the tool to a pose (6,), or a failed result if out of reach."""
         try:
             q = self._planner.inverse(from_vector(pose), np.asarray(q_seed_rad, dtype=float))
         except YamError as error:
@@ -145,7 +145,7 @@ class Robot(waldoctl.Robot):
         return IKResultData(q, True)
 
     def ik_batch(self, poses: np.ndarray, q_start_rad: np.ndarray) -> list[IKResultData]:
-        """Return one result per pose (N, 6), each seeded with the result before."""
+        """Return one IK result per pose (N, 6), each seeded with the previous result."""
         results: list[IKResultData] = []
         for pose in poses:
             results.append(self.ik(pose, results[-1].q if results else q_start_rad))
@@ -154,12 +154,12 @@ class Robot(waldoctl.Robot):
     def set_active_tool(
         self, tool_key: str, tcp_offset_m: Sequence[float] | None = None, variant_key: str | None = None
     ) -> None:
-        """Select the tool to whose tip poses of this object refer. Raises ConfigError: there is no such tool."""
+        """Select the tool whose tip the poses refer to. Raises ConfigError: the arm has no tool with this key."""
         offset = np.array((0.0,) * 3 if tcp_offset_m is None else tcp_offset_m, dtype=float)
         self._planner.kinematics.tool = tip(self._hardware.gripper, tool_key, offset)
 
     def check_limits(self, q_rad: np.ndarray) -> bool:
-        """Return whether all joints (6,) are within their ranges."""
+        """Return whether all joints (6,) are within their limits."""
         try:
             self._planner.within(q_rad)
         except YamError:
@@ -167,16 +167,16 @@ class Robot(waldoctl.Robot):
         return True
 
     def start(self, **kwargs: Any) -> None:
-        """Start a controller, which ends with this process, and wait until it answers. Energises nothing.
+        """Start a controller process and wait until it replies. It energises nothing, and ends with this process.
 
-        Uses `posix_spawn`: `subprocess.Popen` waits for the end of a pipe, which a worker that Commander forks at the
-        same time may keep open for ever.
+        This uses `posix_spawn`. `subprocess.Popen` would wait for the end of a pipe, which a worker process that
+        Commander forks at the same time may keep open forever.
 
         Args:
-            kwargs: host, port; com_port: CAN channel of the real arm or ''; timeout, s.
+            kwargs: host, port; com_port: CAN channel of the real arm, or ''; timeout, s.
 
         Raises:
-            ControllerError: the port is taken, or the controller did not come up.
+            ControllerError: the port is in use, or the controller did not start in time.
         """
         host, port = kwargs.get("host", HOST), int(kwargs.get("port", PORT))
         channel, timeout_s = kwargs.get("com_port") or "", float(kwargs.get("timeout", 60.0))
@@ -206,22 +206,22 @@ class Robot(waldoctl.Robot):
             time.sleep(_LOOK_S)
 
     def _ended(self) -> bool:
-        """Return whether no controller of this object runs."""
+        """Return whether no controller started by this object is running."""
         if self._controller is not None:
             try:
                 ended = os.waitpid(self._controller, os.WNOHANG)[0] == self._controller
-            except ChildProcessError:  # Commander has reaped the process already
+            except ChildProcessError:  # already reaped by Commander
                 ended = True
             self._controller = None if ended else self._controller
         return self._controller is None
 
     def stop(self) -> None:
-        """End the controller that this object has started, if any; the controller lands the arm first.
+        """Stop the controller started by this object, if any. The controller lands the arm before it ends.
 
-        Idempotent; does nothing in a forked child.
+        Idempotent. Does nothing in a forked child process.
 
         Raises:
-            ControllerError: the arm is not down yet.
+            ControllerError: the arm has not landed in time.
         """
         if os.getpid() != self._owner or self._ended():
             return
@@ -234,26 +234,26 @@ class Robot(waldoctl.Robot):
             time.sleep(_LOOK_S)
 
     def is_available(self, **kwargs: Any) -> bool:
-        """Return whether a controller of this arm answers."""
+        """Return whether a controller with this arm and gripper replies."""
         found = ask_once(kwargs.get("host", HOST), int(kwargs.get("port", PORT)), "ping")
         ours = self._hardware.arm.name, self._hardware.gripper.name
         return bool(found) and (found["arm"], found["gripper"]) == ours
 
     def create_async_client(self, **kwargs: Any) -> AsyncRobotClient:
-        """Make a client for the page, without a connection."""
+        """Create a client for Commander's page. No connection is opened."""
         return AsyncRobotClient(**kwargs)
 
     def create_sync_client(self, **kwargs: Any) -> RobotClient:
-        """Make a client for scripts, without a connection."""
+        """Create a client for scripts. No connection is opened."""
         return RobotClient(**kwargs)
 
     def create_dry_run_client(self, **kwargs: Any) -> DryRunClient:
-        """Make a client that plans, and moves nothing."""
+        """Create a client that plans motions without executing them."""
         return DryRunClient(**kwargs)
 
 
 def _serves(host: str, port: int) -> bool:
-    """Return whether the port is taken."""
+    """Return whether the port accepts connections."""
     try:
         socket.create_connection((host, port), ANSWER_S).close()
     except OSError:

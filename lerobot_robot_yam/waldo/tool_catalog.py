@@ -1,7 +1,7 @@
-"""Tools of an arm for Commander: none, and the gripper on the arm. Positions are 0 open … 1 closed.
+"""Commander's tools of an arm: none, and the mounted gripper. Jaw positions are 0 open … 1 closed.
 
-`palette` marks calls for the palette in Commander's editor, which shows calls whose docstring has a category and an
-example.
+`palette` marks calls for the palette of Commander's editor, which lists calls whose docstring contains a category and
+an example.
 """
 
 import inspect
@@ -31,7 +31,7 @@ Call = TypeVar("Call", bound=Callable[..., object])
 
 
 def palette(category: str, example: str) -> Callable[[Call], Call]:
-    """Decorate a call for the palette, with this category and this example of one line."""
+    """Decorate a call so that the palette lists it, with a category and a one-line example."""
 
     def shown(call: Call) -> Call:
         call.__doc__ = f"{inspect.getdoc(call)}\n\nCategory: {category}\n\nExample:\n    {example}\n"
@@ -41,13 +41,13 @@ def palette(category: str, example: str) -> Callable[[Call], Call]:
 
 
 class NoTool(ToolSpec):
-    """Tool "none": the bare flange."""
+    """Tool "NONE": the bare flange."""
 
 
 class YamGripper(ElectricGripperTool):
-    """Gripper with a motor. Its actions need a client; a gripper from `Robot.tools` is only a description.
+    """Gripper with a motor. Actions need a client; a gripper from `Robot.tools` has none and is only a description.
 
-    `client`: client for the actions, or None; `spec`: as for `ToolSpec`.
+    `client`: client that executes the actions, or None; `spec`: arguments of `ToolSpec`.
     """
 
     def __init__(self, client: Any = None, **spec: Any):
@@ -56,7 +56,7 @@ class YamGripper(ElectricGripperTool):
 
     @property
     def channel_descriptors(self) -> tuple[ChannelDescriptor, ...]:
-        """Meaning of `ToolStatus.channels`: the torque of the gripper's motor."""
+        """Description of `ToolStatus.channels`: the gripper motor's torque."""
         return (ChannelDescriptor("motor torque", "Nm"),)
 
     @palette("Gripper", "rbt.tool.set_position(0.5)")
@@ -71,7 +71,7 @@ class YamGripper(ElectricGripperTool):
 
     @palette("Gripper", "rbt.tool.close()")
     async def close(self, **kwargs: Any) -> int:
-        """Close the jaws; the force on an object between the jaws stays within the gripper's limit."""
+        """Close the jaws. The force on an object between them is limited to the gripper's maximum."""
         return await self._act("close", None, **kwargs)
 
     async def _act(self, action: str, params: list[float] | None, wait: bool = False, timeout: float = 10.0) -> int:
@@ -81,7 +81,7 @@ class YamGripper(ElectricGripperTool):
 
 
 class YamTools(ToolsSpec):
-    """Tools of one arm, in display order, the bare flange first."""
+    """Tools of one arm, in display order. The first is the bare flange."""
 
     def __init__(self, *tools: ToolSpec):
         self._tools = {tool.key: tool for tool in tools}
@@ -109,12 +109,12 @@ class YamTools(ToolsSpec):
 
 @cache
 def model_of(choice: ArmChoice) -> ArmModel:
-    """Return Commander's model of an arm and its gripper. Raises ConfigError: a name is unknown."""
+    """Return Commander's model of an arm and its gripper. Raises ConfigError: a profile is unknown."""
     return ArmModel(*resolve_profiles(choice.arm, choice.gripper))
 
 
 def tools_of(choice: ArmChoice, client: Any = None) -> YamTools:
-    """Return the tools of an arm, bound to a client if one is given. Raises ConfigError: a name is unknown."""
+    """Return the tools of an arm, bound to `client` if given. Raises ConfigError: a profile is unknown."""
     _, gripper = resolve_profiles(choice.arm, choice.gripper)
     none = NoTool(key=NO_TOOL, display_name="None", tool_type=ToolType.NONE, tcp_origin=(0.0,) * 3, tcp_rpy=(0.0,) * 3)
     if gripper.motor is None:
@@ -123,12 +123,12 @@ def tools_of(choice: ArmChoice, client: Any = None) -> YamTools:
 
 
 def bound_tool(key: str, client: Any) -> ToolSpec:
-    """Return the tool of this process's arm whose actions call `client`."""
+    """Return the tool with this key for the arm given by the environment. Its actions call `client`."""
     return tools_of(ArmChoice.of_environment(), client)[key]
 
 
 def _looks(gripper: GripperProfile, model: ArmModel) -> dict[str, Any]:
-    """Return the arguments of a gripper's `ToolSpec`: name, tip, meshes and motion, in the frame of the flange."""
+    """Return the `ToolSpec` arguments for a gripper: name, tip, meshes and finger motion, in the flange frame."""
     assert gripper.motor is not None
     tip = tool_centre(gripper)
     parts = ((MeshRole.BODY, model.body_meshes), (MeshRole.JAW, model.jaw_meshes))

@@ -1,14 +1,15 @@
-"""Protocol between clients and a controller: one JSON object per line, one request and its answer per connection.
+"""Protocol between clients and a controller: one JSON object per line, one request and its reply per connection.
 
     {"do": "move_j", "with": {"angles": [0, 60, 60, -29, 0, 0]}, "client": "5f0c", "number": 7}     a request
-    {"result": 3}                                                    its answer
+    {"result": 3}                                                    its reply
     {"refused": "joint_2 would be at 215.00°, beyond its …"}         or its refusal
 
-Connections may overtake each other. So a client sends its name, and numbers its requests: a request that was sent
-before a stop, and arrives after the stop, moves nothing. Name and number may be left out.
+Requests on separate connections may overtake each other. So a client sends its name and numbers its requests: a request
+that was sent before a stop, but arrives after it, is refused. Name and number may be omitted.
 
-After the request "stream", the connection carries statuses, one per line. Clients connect over TCP. The operator of
-this computer, who alone may arm and land, connects by a socket in the runtime directory, which only its user can open.
+After the request "stream", the connection carries statuses, one per line. Clients connect over TCP. Arming and landing
+are reserved for the operator at this computer. Those requests use a Unix socket in the runtime directory, which only
+the directory's user can open.
 """
 
 import json
@@ -19,20 +20,20 @@ from typing import Any
 from lerobot_robot_yam.errors import ControllerError
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 
-HOST, PORT = "127.0.0.1", 5001  # Commander's own defaults
+HOST, PORT = "127.0.0.1", 5001  # same defaults as Commander
 STREAM = "stream"
-MOST_BYTES = 1 << 20  # longest line, bytes; the longest messages are lists of shapes
-ANSWER_S = 1.0  # wait for an answer that needs no work, s
-_OPERATOR_S = 120.0  # wait for an operator's request, s: the gripper may search for its stops, or a landing be long
+MOST_BYTES = 1 << 20  # maximum line length, bytes; the longest messages are lists of shapes
+ANSWER_S = 1.0  # timeout for a reply that needs no work, s
+_OPERATOR_S = 120.0  # timeout for an operator's request, s: finding the gripper's stops or landing may take long
 
 
 def encode(message: dict[str, Any]) -> bytes:
-    """Encode a message as a line. Arrays become lists; NaN stays NaN, so that the controller can refuse it."""
+    """Encode a message as one line. Arrays become lists. NaN stays NaN, so that the controller can refuse it."""
     return json.dumps(message, separators=(",", ":"), default=_plain).encode() + b"\n"
 
 
 def decode(line: bytes) -> dict[str, Any]:
-    """Decode a line. Raises ValueError: the line is no JSON object."""
+    """Decode a line. Raises ValueError: the line is not a JSON object."""
     message = json.loads(line)
     if not isinstance(message, dict):
         raise ValueError("not a JSON object")
@@ -40,7 +41,7 @@ def decode(line: bytes) -> dict[str, Any]:
 
 
 def result_of(name: str, line: bytes) -> Any:
-    """Return the result in the answer to a request. Raises ControllerError: it was refused, or there is no answer."""
+    """Return the result in a reply. Raises ControllerError: the request `name` was refused, or there is no reply."""
     if not line:
         raise ControllerError(f"{name}: the controller ended before it was done; see its terminal")
     answer = decode(line)
@@ -50,7 +51,7 @@ def result_of(name: str, line: bytes) -> Any:
 
 
 def ask_once(host: str, port: int, name: str) -> Any:
-    """Send one request without arguments; return the answer, or None if there is no controller."""
+    """Send one request without arguments. Return the result, or None if no controller replies or it refuses."""
     try:
         with socket.create_connection((host, port), ANSWER_S) as line:
             return _exchange(line, name)
@@ -64,10 +65,10 @@ def door_path(port: int) -> Path:
 
 
 def ask_operator_door(port: int, act: str) -> str:
-    """Send an operator's request to this computer's controller on `port`; return its report.
+    """Send an operator's request to the controller on this computer's `port`; return the controller's report.
 
     Raises:
-        ControllerError: there is no controller, or it refused.
+        ControllerError: no controller serves the port, or it refused the request.
     """
     with socket.socket(socket.AF_UNIX) as line:
         line.settimeout(_OPERATOR_S)

@@ -1,4 +1,4 @@
-"""The client of Commander's page: each call is a coroutine.
+"""Client of Commander's page: each call is a coroutine.
 
 async with AsyncRobotClient() as rbt:
     await rbt.move_j([0, 60, 60, -29, 0, 0], wait=True)
@@ -14,19 +14,19 @@ from lerobot_robot_yam.waldo.client.state_client import StateClient
 from lerobot_robot_yam.waldo.tool_catalog import palette
 
 Numbers = Sequence[float]
-_WAIT_S = 60.0  # default time-out of wait=True, s: longer than any move of a YAM
-_JAW_S = 3.0  # time after which a gripper has stopped, s
+_WAIT_S = 60.0  # default timeout of wait=True, s: longer than any move of a YAM
+_JAW_S = 3.0  # maximum duration of a jaw motion, s
 
 
 class AsyncRobotClient(StateClient, WaldoClient):
     """Client of the controller. Lengths in mm, angles in degrees, times in s; gripper 0 open … 1 closed.
 
-    Queued commands return their index, others 1. Each call raises ControllerError if the controller does not answer,
-    or refuses the call; the message has the reason. Arguments as for `StateClient`.
+    Queued commands return their index, other commands 1. Each call raises ControllerError, with the reason, if the
+    controller refuses the call or does not reply. Constructor arguments as for `StateClient`.
     """
 
     async def _then_wait(self, index: int, wait: bool, timeout: float = _WAIT_S, **_: Any) -> int:
-        """Return a command's index, after its end if `wait`. Raises ControllerError: the command did not end."""
+        """Return a command's index, after its end if `wait`. Raises ControllerError: the command did not complete."""
         if wait and not await self.wait_command(index, timeout):
             raise ControllerError(f"command {index} did not end within {timeout:g} s, or was cancelled")
         return index
@@ -57,10 +57,10 @@ class AsyncRobotClient(StateClient, WaldoClient):
         """Move the joints to angles (deg), or to angles that bring the tool to a pose (mm, deg).
 
         Args:
-            duration: duration of the move, s; above 0, the duration replaces `speed`.
-            speed, accel: shares 0 … 1 of the limits; speed 0 is the default speed.
-            r: radius (mm) around the target within which the next move may begin, if that is sent in time.
-            rel: whether the numbers are relative to the end of the move before.
+            duration: duration of the move, s; if above 0, it replaces `speed`.
+            speed, accel: fractions 0 … 1 of the limits; speed 0 means the default speed.
+            r: blend radius (mm) around the target, within which the next move may begin if it is sent in time.
+            rel: whether the numbers are relative to the end of the previous move.
         """
         pace = {"duration": duration, "speed": speed, "accel": accel, "rel": rel, "r": r}
         index = await self._ask("move_j", _WAIT_S, angles=angles, pose=pose, **pace)
@@ -80,16 +80,16 @@ class AsyncRobotClient(StateClient, WaldoClient):
         wait: bool = False,
         **wait_kwargs: Any,
     ) -> int:
-        """Move the tool along a straight line to a pose (mm, deg); arguments as for `move_j`."""
+        """Move the tool along a straight line to a pose (mm, deg). Arguments as for `move_j`."""
         pace = {"duration": duration, "speed": speed, "accel": accel, "rel": rel, "r": r}
         index = await self._ask("move_l", _WAIT_S, pose=pose, frame=frame, **pace)
         return await self._then_wait(index, wait, **wait_kwargs)
 
     @palette("Motion", "rbt.home()")
     async def home(self, wait: bool = False, calibrate: bool = False, **wait_kwargs: Any) -> int:
-        """Move the joints to the home pose, where the arm is bent and nothing is near a limit.
+        """Move the joints to the home pose: the arm is bent, and no joint is near a limit.
 
-        `calibrate` changes nothing: the motors know their angles.
+        `calibrate` has no effect: the motors know their angles.
         """
         return await self._then_wait(await self._ask("home", _WAIT_S), wait, **wait_kwargs)
 
@@ -97,12 +97,12 @@ class AsyncRobotClient(StateClient, WaldoClient):
     async def servo_j(
         self, angles: Numbers, *, pose: Numbers | None = None, speed: float = 1.0, accel: float = 1.0
     ) -> int:
-        """Follow joint angles (deg) that change all the time: each call replaces the target of the call before."""
+        """Track continuously changing joint angles (deg). Each call replaces the previous call's target."""
         return int(await self._ask("servo_j", angles=angles, pose=pose, speed=speed, accel=accel))
 
     @palette("Streaming", "rbt.servo_l([300, 0, 250, 0, -61, 180])")
     async def servo_l(self, pose: Numbers, *, speed: float = 1.0, accel: float = 1.0) -> int:
-        """Follow a pose of the tool (mm, deg) that changes all the time: each call replaces the target before."""
+        """Track a continuously changing tool pose (mm, deg). Each call replaces the previous call's target."""
         return int(await self._ask("servo_l", pose=pose, speed=speed, accel=accel))
 
     @palette("Jog", "rbt.jog_j(0, speed=0.3, duration=0.5)")
@@ -116,7 +116,7 @@ class AsyncRobotClient(StateClient, WaldoClient):
         speeds: Numbers | None = None,
         accel: float = 1.0,
     ) -> int:
-        """Turn a joint (0 … 5) at a share -1 … 1 of its jog speed, for `duration` s."""
+        """Turn a joint (0 … 5) for `duration` s at a fraction -1 … 1 of its jog speed."""
         given = {"joints": [joint] if joints is None else joints, "speeds": [speed] if speeds is None else speeds}
         return int(await self._ask("jog_j", **given, duration=duration, accel=accel))
 
@@ -140,7 +140,7 @@ class AsyncRobotClient(StateClient, WaldoClient):
     async def tool_action(
         self, tool_key: str, action: str, params: Numbers | None = None, *, wait: bool = False, timeout: float = 10.0
     ) -> int:
-        """Queue an action of the tool: `open`, `close`, or `move` to params[0], 0 open … 1 closed."""
+        """Queue a tool action: `open`, `close`, or `move` to params[0], 0 open … 1 closed."""
         index = await self._ask("tool_action", tool_key=tool_key, action=action, params=params)
         if wait and not await self._ask("wait_command", timeout + _JAW_S, command_index=index, timeout=timeout):
             raise ControllerError(f"{tool_key}: {action} did not end within {timeout:g} s, or was cancelled")
@@ -150,34 +150,34 @@ class AsyncRobotClient(StateClient, WaldoClient):
 
     @palette("Synchronization", 'rbt.checkpoint("picked")')
     async def checkpoint(self, label: str) -> int:
-        """Put a mark into the queue."""
+        """Queue a checkpoint."""
         return int(await self._ask("checkpoint", label=label))
 
     @palette("Synchronization", "rbt.delay(1.0)")
     async def delay(self, seconds: float) -> int:
-        """Put a pause into the queue."""
+        """Queue a pause."""
         return int(await self._ask("delay", seconds=seconds))
 
     @palette("Synchronization", "rbt.wait_motion()")
     async def wait_motion(self, timeout: float = 10.0, **kwargs: Any) -> bool:
-        """Wait until nothing moves or is queued for `settle_window` s (0.1); return False after `timeout` s."""
+        """Wait until nothing has moved or been queued for `settle_window` s (0.1). Return False after `timeout` s."""
         settle = kwargs.get("settle_window", 0.1)
         return bool(await self._ask("wait_motion", timeout + 1.0, timeout=timeout, settle_window=settle))
 
     @palette("Synchronization", "rbt.wait_command(rbt.home())")
     async def wait_command(self, command_index: int, timeout: float = 10.0) -> bool:
-        """Wait until a queued command has ended; return False if it was cancelled, or after `timeout` s."""
+        """Wait until a queued command has ended. Return False if it was cancelled, or after `timeout` s."""
         return bool(await self._ask("wait_command", timeout + 1.0, command_index=command_index, timeout=timeout))
 
     async def wait_checkpoint(self, label: str, timeout: float = 30.0) -> bool:
-        """Wait until the queue has passed a checkpoint; return False after `timeout` s."""
+        """Wait until the queue has passed a checkpoint. Return False after `timeout` s."""
         return bool(await self._ask("wait_checkpoint", timeout + 1.0, label=label, timeout=timeout))
 
     # control
 
     @palette("Control", "rbt.stop()")
     async def stop(self) -> int:
-        """Stop by software, empty the queue, and hold; torque stays on. The next command moves the arm again."""
+        """Stop by software, empty the queue, and hold. Torque stays on. The next command moves the arm again."""
         return int(await self._ask("stop"))
 
     @palette("Control", "rbt.estop()")
@@ -189,37 +189,37 @@ class AsyncRobotClient(StateClient, WaldoClient):
 
     @palette("Control", "rbt.reset()")
     async def reset(self) -> int:
-        """Accept commands again after `estop` or a fault that has passed. Nothing moves, nothing is energised."""
+        """Accept commands again after `estop` or a resolved fault. Nothing moves, and nothing is energised."""
         return int(await self._ask("reset"))
 
     @palette("Control", "rbt.halt()")
     async def halt(self) -> int:
-        """Do `estop`, under its name in older versions."""
+        """Call `estop`, under its name in older versions."""
         return await self.estop()
 
     @palette("Control", "rbt.resume()")
     async def resume(self) -> int:
-        """Do `reset`, under its name in older versions."""
+        """Call `reset`, under its name in older versions."""
         return await self.reset()
 
     @palette("Control", "rbt.simulator(True)")
     async def simulator(self, enabled: bool) -> int:
-        """Choose whether commands move the simulated arm or the real arm, which holds its pose. Energises nothing: the
-        real arm has to be armed before, by `yam-waldo arm`.
+        """Select whether commands move the simulated arm or the real arm, which holds its pose. This energises nothing:
+        the real arm must be armed first, with `yam-waldo arm`.
         """
         return int(await self._ask("simulator", enabled=bool(enabled)))
 
     @palette("Control", "rbt.teleport([0, 60, 60, -29, 0, 0])")
     async def teleport(self, angles_deg: Numbers, tool_positions: Numbers | None = None) -> int:
-        """Set joints (deg) and jaws (0 open … 1 closed) of the simulated arm at once; refused for a real arm."""
+        """Set the simulated arm's joints (deg) and jaws (0 open … 1 closed) at once. Refused for a real arm."""
         return int(await self._ask("teleport", angles_deg=angles_deg, tool_positions=tool_positions))
 
     @palette("Control", "rbt.freedrive(True)")
     async def freedrive(self, enabled: bool) -> int:
-        """Let a hand move the real arm, whose weight is compensated, or have the arm hold its pose."""
+        """Let a person move the real arm by hand with its weight compensated, or make the arm hold its pose."""
         return int(await self._ask("freedrive", enabled=bool(enabled)))
 
     @palette("Control", "rbt.reset_state()")
     async def reset_state(self) -> int:
-        """Stop, and reset tool, offset, payload and shapes to their values at the start. Nothing else moves."""
+        """Stop, and reset tool, offset, payload and shapes to their initial values. Nothing else moves."""
         return int(await self._ask("reset_state"))

@@ -1,4 +1,4 @@
-"""Base class of the client, with queries and settings, which move nothing."""
+"""Base class of the clients: queries and settings, none of which moves the arm."""
 
 import asyncio
 import itertools
@@ -15,14 +15,14 @@ from lerobot_robot_yam.waldo.wire import HOST, MOST_BYTES, PORT, encode, result_
 
 
 class StateClient:
-    """Queries and settings of a controller, see `AsyncRobotClient`. Settings return 1.
+    """Client for a controller's queries and settings, see `AsyncRobotClient`. Settings return 1.
 
-    The constructor opens no connection, since Commander calls it outside any event loop. Each call has its own
+    The constructor opens no connection, since Commander creates clients outside any event loop. Each call opens its own
     connection, so that calls may overlap.
 
     Args:
         host, port: address of the controller.
-        timeout: longest wait for an answer, s.
+        timeout: maximum wait for a reply, s.
     """
 
     def __init__(self, host: str = HOST, port: int = PORT, timeout: float = 5.0, **_: Any):
@@ -32,7 +32,7 @@ class StateClient:
         self._tool: ToolSpec | None = None
 
     async def _ask(self, name: str, within_s: float = 0.0, /, **arguments: Any) -> Any:
-        """Send a request and return the answer; wait for the client's time-out, or for `within_s` if that is longer."""
+        """Send a request and return the result. The timeout is `timeout` or `within_s`, whichever is longer."""
         limit_s, address = max(self.timeout, within_s), f"{self.host}:{self.port}"
         request = {"do": name, "with": arguments, "client": self._name, "number": next(self._numbers)}
         try:
@@ -51,22 +51,22 @@ class StateClient:
             ) from error
 
     async def close(self) -> None:
-        """End the streams. Idempotent."""
+        """End all status streams of this client. Idempotent."""
         self._stream.close()
 
     # the status
 
     def stream_status_shared(self) -> AsyncIterator[StatusBuffer]:
-        """Return an iterator over statuses until the client is closed; one object is rewritten for each status."""
+        """Return an iterator over statuses until the client is closed. The same object is updated for each status."""
         return self._stream.statuses()
 
     async def stream_status(self) -> AsyncIterator[StatusBuffer]:
-        """Yield statuses, each a separate object, until the client is closed."""
+        """Yield statuses until the client is closed, each as a separate object."""
         async for status in self._stream.statuses():
             yield status.copy()
 
     async def wait_status(self, predicate: Callable[[Any], bool], timeout: float = 5.0) -> bool:
-        """Wait for a status for which `predicate` is true; return False after `timeout` s without one."""
+        """Wait for a status that satisfies `predicate`. Return False if none arrives within `timeout` s."""
         try:
             async with asyncio.timeout(timeout):
                 async for status in self._stream.statuses():
@@ -77,7 +77,7 @@ class StateClient:
         return False
 
     async def wait_ready(self, timeout: float = 5.0, interval: float = 0.05) -> bool:
-        """Wait until the controller answers; return False after `timeout` s without an answer."""
+        """Wait until the controller replies. Return False if it does not within `timeout` s."""
         end = asyncio.get_running_loop().time() + timeout
         while await self.ping() is None:
             if asyncio.get_running_loop().time() > end:
@@ -87,7 +87,7 @@ class StateClient:
 
     @palette("Query", "rbt.ping()")
     async def ping(self) -> PingResult | None:
-        """Return whether the controller has a real arm that may be driven; None if no controller answers."""
+        """Return whether the controller has a real arm that is ready to be driven; None if no controller replies."""
         try:
             return PingResult(hardware_connected=bool((await self._ask("ping"))["hardware_connected"]))
         except ControllerError:
@@ -95,12 +95,12 @@ class StateClient:
 
     @palette("Query", "rbt.status()")
     async def status(self) -> dict[str, Any]:
-        """Return the newest status, with the fields of the status stream."""
+        """Return the newest status as a dict, with the fields of the status stream."""
         return dict(await self._ask("status"))
 
     @palette("Query", "rbt.angles()")
     async def angles(self) -> list[float] | None:
-        """Return the measured joint angles, deg; None if no controller answers."""
+        """Return the measured joint angles, deg; None if no controller replies."""
         try:
             return list(await self._ask("angles"))
         except ControllerError:
@@ -108,32 +108,32 @@ class StateClient:
 
     @palette("Query", "rbt.pose()")
     async def pose(self, frame: str = "WRF") -> list[float]:
-        """Return the pose of the tool, x y z rx ry rz in mm and deg (intrinsic XYZ)."""
+        """Return the tool pose, x y z rx ry rz in mm and deg (intrinsic XYZ)."""
         return list(await self._ask("pose", frame=frame))
 
     @palette("Query", "rbt.joint_speeds()")
     async def joint_speeds(self) -> list[float]:
-        """Return the measured speeds of the joints, deg/s."""
+        """Return the measured joint speeds, deg/s."""
         return list(await self._ask("joint_speeds"))
 
     @palette("Query", "rbt.tcp_speed()")
     async def tcp_speed(self) -> float:
-        """Return the speed of the tool, mm/s."""
+        """Return the speed of the tool's tip, mm/s."""
         return float((await self.status())["tcp_speed"])
 
     @palette("Query", "rbt.io()")
     async def io(self) -> list[int]:
-        """Return [1], the state of the e-stop circuit; there are no digital pins."""
+        """Return [1], the state of the e-stop circuit. The arm has no digital pins."""
         return list((await self.status())["io"])
 
     @palette("Query", "rbt.queue()")
     async def queue(self) -> list[str]:
-        """Return the commands that run or wait."""
+        """Return the running command and all queued commands."""
         return list(await self._ask("queue"))
 
     @palette("Query", "rbt.activity()")
     async def activity(self) -> ActivityResult:
-        """Return the command that runs now, and the present error."""
+        """Return the running command and the current error."""
         now = await self.status()
         wrong = "" if now["error"] is None else now["error"][2]
         return ActivityResult(
@@ -142,7 +142,7 @@ class StateClient:
 
     @palette("Query", "rbt.error()")
     async def error(self) -> str | None:
-        """Return the error that keeps the arm from moving, or None."""
+        """Return the error that prevents the arm from moving, or None."""
         wrong = (await self.status())["error"]
         return None if wrong is None else str(wrong[2])
 
@@ -158,35 +158,35 @@ class StateClient:
 
     @palette("Query", "rbt.is_freedrive()")
     async def is_freedrive(self) -> bool:
-        """Return whether a hand may move the arm now."""
+        """Return whether the arm can be moved by hand now."""
         return bool((await self.status())["freedrive"])
 
     # the tool
 
     @property
     def tool(self) -> ToolSpec:
-        """Selected tool. Raises ControllerError (a RuntimeError): no tool was selected through this client yet."""
+        """Selected tool. Raises ControllerError (a RuntimeError): call `select_tool` or `tools` first."""
         if self._tool is None:
             raise ControllerError("no tool was selected through this client yet: call select_tool or tools")
         return self._tool
 
     @palette("Query", "rbt.tools()")
     async def tools(self) -> ToolResult:
-        """Return the selected tool, and all tools of the arm."""
+        """Return the selected tool's key and the keys of all tools of the arm."""
         found = ToolResult(**await self._ask("tools"))
         self._tool = bound_tool(found.tool, self)
         return found
 
     @palette("Configuration", 'rbt.select_tool("LINEAR_4310")')
     async def select_tool(self, tool_name: str, variant_key: str = "") -> int:
-        """Select the tool to whose tip poses refer from now on, without an offset."""
+        """Select the tool whose tip all poses refer to from now on. Resets the tip offset to zero."""
         code = int(await self._ask("select_tool", tool_name=tool_name, variant_key=variant_key))
         await self.tools()
         return code
 
     @palette("Configuration", "rbt.set_tcp_offset(0, 0, 10)")
     async def set_tcp_offset(self, x: float = 0, y: float = 0, z: float = 0) -> int:
-        """Move the tip of the tool by x y z, mm in the tool's frame."""
+        """Shift the tool's tip by x y z, mm, in the tool frame."""
         return int(await self._ask("set_tcp_offset", x=x, y=y, z=z))
 
     @palette("Configuration", "rbt.tcp_offset()")
@@ -198,12 +198,12 @@ class StateClient:
 
     @palette("Configuration", 'rbt.connect_hardware("can_follower_l")')
     async def connect_hardware(self, port_str: str) -> int:
-        """Check that the controller has this CAN channel; the channel is chosen at the arm's computer."""
+        """Check that the controller uses this CAN channel. The channel itself is chosen at the arm's computer."""
         return int(await self._ask("connect_hardware", port_str=port_str))
 
     @palette("Configuration", 'rbt.select_profile("ruckig")')
     async def select_profile(self, profile: str) -> int:
-        """Choose a motion profile."""
+        """Select a motion profile."""
         return int(await self._ask("select_profile", profile=profile))
 
     @palette("Query", "rbt.profile()")
@@ -215,20 +215,20 @@ class StateClient:
     async def set_payload(
         self, mass: float, com: Sequence[float] = (0.0, 0.0, 0.0), inertia: Sequence[float] | None = None
     ) -> int:
-        """Set the load at the tool: mass, kg, and its centre in the frame of the tool, m. `inertia` is not used."""
+        """Set the payload: mass, kg, and its centre in the tool frame, m. `inertia` is ignored."""
         return int(await self._ask("set_payload", mass=mass, com=com))
 
     @palette("Query", "rbt.payload()")
     async def payload(self) -> dict[str, Any]:
-        """Return the load at the tool: mass (kg) and com (m)."""
+        """Return the payload: mass (kg) and com (m)."""
         return dict(await self._ask("payload"))
 
     @palette("Configuration", 'rbt.set_shapes([{"name": "box", "center_m": [0.4, 0, 0.1], "size_m": [0.1, 0.1, 0.2]}])')
     async def set_shapes(self, shapes: Sequence[dict[str, Any]]) -> int:
-        """Set the boxes that the arm keeps away from: name, center_m (3), size_m (3), yaw_rad, in the base frame."""
+        """Set the boxes that the arm avoids: name, center_m (3), size_m (3), yaw_rad, in the base frame."""
         return int(await self._ask("set_shapes", shapes=shapes))
 
     @palette("Query", "rbt.shapes()")
     async def shapes(self) -> list[dict[str, Any]]:
-        """Return the boxes that the arm keeps away from."""
+        """Return the boxes that the arm avoids."""
         return list(await self._ask("shapes"))

@@ -1,4 +1,4 @@
-"""Statuses as Commander reads them, and their stream."""
+"""Controller statuses in Commander's form, and a reconnecting stream of them."""
 
 import asyncio
 import copy
@@ -12,12 +12,12 @@ from waldoctl import ActionState, ToolState, ToolStatus
 from lerobot_robot_yam.waldo.poses import FRAMES
 from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, encode
 
-_AGAIN_S = 0.2  # wait before the stream connects again, s
+_AGAIN_S = 0.2  # delay before reconnecting, s
 _VARIANT = {"variant_key": ""} if "variant_key" in getattr(ToolStatus, "__dataclass_fields__", {}) else {}
 
 
 class ControllerMode(IntEnum):
-    """Arm that commands move; Commander displays the name."""
+    """Arm that commands move. Commander displays the member's name."""
 
     SIMULATOR = 0
     ROBOT = 1
@@ -26,13 +26,13 @@ class ControllerMode(IntEnum):
 class StatusBuffer:
     """Status of the controller. Lengths in mm, angles in deg; `speeds` in rad/s, torques in Nm, `tcp_speed` in mm/s.
 
-    The fields are defined by Commander's contract. `tool_status` is new in each status, as Commander writes into it.
+    The fields are defined by Commander's contract. Each status gets a new `tool_status`, since Commander modifies it.
     """
 
     def __init__(self) -> None:
         self.pose, self.angles, self.speeds = np.eye(4).reshape(16), np.zeros(6), np.zeros(6)
         self.torques: np.ndarray = np.zeros(6)
-        self.torques_ext: np.ndarray | None = None  # external torques: always None, there is no model of contacts
+        self.torques_ext: np.ndarray | None = None  # external torques: None, contacts are not modelled
         self.io, self.joint_en = np.ones(1, np.int32), np.zeros(12, np.int32)
         self.cart_en = {frame: np.zeros(12, np.int32) for frame in FRAMES}
         self.tool_status = ToolStatus()
@@ -40,7 +40,7 @@ class StatusBuffer:
         self.mode = ControllerMode.SIMULATOR
 
     def write(self, message: dict[str, Any]) -> None:
-        """Copy the fields of a message into this status."""
+        """Copy the fields of a decoded status message into this object."""
         for name, value in message.items():
             held = getattr(self, name, None)
             if isinstance(held, np.ndarray):
@@ -59,12 +59,12 @@ class StatusBuffer:
         self.tool_status = ToolStatus(**tool, **_VARIANT)
 
     def copy(self) -> "StatusBuffer":
-        """Return a status that shares nothing with this one."""
+        """Return a deep copy of this status."""
         return copy.deepcopy(self)
 
 
 class StatusStream:
-    """Stream of statuses of the controller at an address; it reconnects when another controller starts there."""
+    """Stream of statuses from the controller at an address. It reconnects when the controller is restarted."""
 
     def __init__(self, host: str, port: int):
         self._address = host, port
@@ -72,7 +72,7 @@ class StatusStream:
         self._closed = False
 
     async def statuses(self) -> AsyncIterator[StatusBuffer]:
-        """Yield statuses until the stream is closed; one object is rewritten for each status."""
+        """Yield statuses until the stream is closed. The same object is updated and yielded each time."""
         status = StatusBuffer()
         while not self._closed:
             try:
@@ -93,7 +93,7 @@ class StatusStream:
                 writer.close()
 
     def close(self) -> None:
-        """End the stream for all its readers. Idempotent."""
+        """End the stream for all readers. Idempotent."""
         self._closed = True
         for writer in tuple(self._open):
             writer.close()

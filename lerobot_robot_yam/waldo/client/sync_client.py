@@ -1,4 +1,4 @@
-"""Client for scripts, with the calls of the asynchronous client; each call blocks until its answer.
+"""Client for scripts, with the calls of the asynchronous client. Each call blocks until its reply arrives.
 
 from lerobot_robot_yam import RobotClient
 
@@ -17,15 +17,15 @@ from lerobot_robot_yam.waldo.client.async_client import AsyncRobotClient
 
 
 class RobotClient:
-    """Client of the controller with the calls of `AsyncRobotClient`, which block.
+    """Client of the controller with blocking versions of the calls in `AsyncRobotClient`.
 
-    Each call runs the client's own event loop, so use the asynchronous client inside a running event loop.
+    Each call runs this client's own event loop. Inside a running event loop, use the asynchronous client instead.
     """
 
     def __init__(self, *args: Any, **kwargs: Any):
         self._client = AsyncRobotClient(*args, **kwargs)
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._lock = threading.Lock()  # held during a call, so that only one thread runs the event loop
+        self._lock = threading.Lock()  # held during a call: only one thread may run the loop
 
     def _run(self, call: Coroutine[Any, Any, Any]) -> Any:
         with self._lock:
@@ -35,16 +35,16 @@ class RobotClient:
 
     @property
     def tool(self) -> "BlockingTool":
-        """Selected tool. Raises ControllerError: no controller answers."""
+        """Selected tool. Raises ControllerError: no controller replies."""
         if self._client._tool is None:
             self._run(self._client.tools())
         return BlockingTool(self._client.tool, self._run)
 
     def close(self) -> None:
-        """Disconnect. Idempotent."""
+        """Close the connections. Idempotent."""
         if self._loop is not None and not self._loop.is_closed():
             self._run(self._client.close())
-            self._run(asyncio.sleep(0))  # closed transports end in the loop's next iteration
+            self._run(asyncio.sleep(0))  # closed transports are released in the next loop iteration
             self._loop.close()
 
     def __enter__(self) -> "RobotClient":
@@ -55,9 +55,9 @@ class RobotClient:
 
 
 class BlockingTool:
-    """Tool with blocking actions, and all attributes of the wrapped tool.
+    """Tool with blocking actions and all other attributes of the wrapped tool.
 
-    `tool`: bound tool to wrap; `run`: function that runs a coroutine to its end.
+    `tool`: bound tool to wrap; `run`: function that runs a coroutine to completion.
     """
 
     def __init__(self, tool: Any, run: Callable[[Coroutine[Any, Any, Any]], Any]):

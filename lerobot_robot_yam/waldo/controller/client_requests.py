@@ -1,7 +1,7 @@
-"""Requests of clients: motions, planned in a thread and queued in order, or streamed at once; and settings.
+"""Requests of clients: motions planned in a thread and queued in order, motions streamed immediately, and settings.
 
-A method for a request has the name, arguments, units and results of the client's call (see `client`). The method
-raises YamError with the reason if the request is refused.
+The method for a request has the name, arguments, units and results of the client's call (see `client`). It raises
+YamError with the reason if the request is refused.
 """
 
 import asyncio
@@ -31,11 +31,11 @@ _NO_LOAD = {"mass": 0.0, "com": [0.0, 0.0, 0.0]}
 
 
 class MotionRequests:
-    """Motion commands of one controller. The public methods except `set_workspace` and `close` answer requests."""
+    """Motion requests to one controller. All public methods except `set_workspace` and `close` implement a request."""
 
     def __init__(self, controller: Controller):
         self._controller, self._motion = controller, controller.motion
-        self._planner = Planner(controller.hardware)  # planner for use in the planning thread
+        self._planner = Planner(controller.hardware)  # for use in the planning thread only
         self._worker = ThreadPoolExecutor(1, "planning")
         self._in_turn = asyncio.Lock()
 
@@ -43,7 +43,7 @@ class MotionRequests:
         self._worker.shutdown(cancel_futures=True)
 
     async def set_workspace(self, workspace: WorkspaceConfig) -> None:
-        """Use this workspace for all further plans."""
+        """Use this workspace for all subsequent plans."""
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(self._worker, lambda: self._planner.keep_clear(workspace))
 
@@ -63,7 +63,7 @@ class MotionRequests:
         return await self._planned(command, lambda p, q: program.pause(q, seconds), blends=False)
 
     async def _planned(self, command: Command, plan: Callable[[Planner, np.ndarray], Plan], blends: bool = True) -> int:
-        """Plan a command from the end of the queue, blend it with the motion before if allowed; return its index."""
+        """Plan a command from the end of the queue, blended with the previous motion if allowed; return its index."""
         motion, epoch = self._motion, self._motion.epoch
         async with self._in_turn:
             self._controller.check_enabled()
@@ -154,7 +154,7 @@ class MotionRequests:
 
 
 async def _until(condition: Callable[[], bool], timeout: float) -> bool:
-    """Wait until a condition holds; return False after `timeout` s."""
+    """Wait until `condition` is true. Return False after `timeout` s."""
     try:
         async with asyncio.timeout(timeout):
             while not condition():
@@ -165,7 +165,7 @@ async def _until(condition: Callable[[], bool], timeout: float) -> bool:
 
 
 def _text(values: Any) -> str:
-    """Format a client's numbers for the status; return "" if they are no numbers."""
+    """Format a client's numbers for the status. Return "" if they are malformed."""
     try:
         return " ".join(f"{float(value):.1f}" for value in values)
     except (TypeError, ValueError):
@@ -173,9 +173,9 @@ def _text(values: Any) -> str:
 
 
 class SettingRequests:
-    """Settings of one controller. No setting moves or energises the arm.
+    """Settings of one controller. No setting moves or energises the arm, except that `reset_state` stops the arm.
 
-    `motions`: the controller's motion commands, which keep away from the shapes.
+    `motions`: the controller's motion requests, which avoid the shapes.
 
     Attributes:
         scene_epoch: counter that grows with each change of the shapes.
@@ -221,7 +221,7 @@ class SettingRequests:
         return 1
 
     def set_payload(self, mass: float, com: Sequence[float] = (0.0, 0.0, 0.0)) -> int:
-        """Set the payload in the real arm's gravity model; takes effect at the next arming."""
+        """Set the payload in the real arm's gravity model, effective from the next arming."""
         (mass_kg,), com_m = numbers("mass", [mass], 1).tolist(), numbers("com", com, 3).tolist()
         ArmConfig(channel="none", payload_mass_kg=mass_kg, payload_com_m=com_m)  # checks the ranges
         if self._controller.real is not None:
@@ -233,7 +233,7 @@ class SettingRequests:
         return self._payload
 
     async def set_shapes(self, shapes: Sequence[Mapping[str, Any]]) -> int:
-        """Set boxes to avoid, in the frame of the base; plans use them at once, the real arm's loop once armed."""
+        """Set boxes to avoid, in the base frame. Plans avoid them at once, the real arm's loop from the next arming."""
         if not all(isinstance(shape, Mapping) for shape in shapes):
             raise PlanError("a shape is {name, center_m, size_m, yaw_rad}: a box in the frame of the base")
         own = self._controller.hardware.config.workspace

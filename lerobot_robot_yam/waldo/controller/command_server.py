@@ -1,4 +1,4 @@
-"""Server of the controller: it answers clients' requests over TCP, streams statuses, and serves the operator."""
+"""Server of the controller: answers clients' requests over TCP, streams statuses, and serves the operator."""
 
 import asyncio
 import contextlib
@@ -15,7 +15,7 @@ from lerobot_robot_yam.waldo.controller.controller import TICK_S, Controller
 from lerobot_robot_yam.waldo.controller.status_report import STATUS_HZ, StatusReport
 from lerobot_robot_yam.waldo.wire import MOST_BYTES, STREAM, decode, door_path, encode
 
-_BEHIND_BYTES = 1 << 16  # bytes of unread statuses from which on a client gets no more until it reads
+_BEHIND_BYTES = 1 << 16  # unread status bytes above which a client gets no further status until it reads
 _REQUESTS = {
     Controller: "stop estop reset simulator freedrive teleport",
     MotionRequests: (
@@ -28,10 +28,10 @@ _REQUESTS = {
     ),
     StatusReport: "ping angles joint_speeds pose queue status",
 }
-"""Requests of clients. Arming and landing are the operator's alone."""
+"""Clients' requests. Arming and landing are reserved for the operator."""
 
 _STOPS = ("stop", "estop")
-_MOST_CLIENTS = 64  # largest number of clients whose newest stop is remembered
+_MOST_CLIENTS = 64  # maximum number of clients whose last stop is remembered
 
 Requests = Mapping[str, Callable[..., Any]]
 
@@ -41,7 +41,7 @@ logger = logging.getLogger(__name__)
 class CommandServer:
     """Server of a controller: clients' requests and statuses over TCP, and the operator's requests.
 
-    `operator`: the operator's requests, served at the socket `wire.door_path`; None: the socket is not opened.
+    `operator`: the operator's requests, served on the socket `wire.door_path`; None: the socket is not opened.
     """
 
     def __init__(self, controller: Controller, operator: Requests | None = None):
@@ -55,7 +55,7 @@ class CommandServer:
         }
         acts = f"{_REQUESTS[Controller]} {_REQUESTS[MotionRequests]}".split()
         self._acts = {name for name in acts if name not in _STOPS and not name.startswith("wait_")}
-        self._stopped: dict[str, int] = {}  # client -> number of its newest stop
+        self._stopped: dict[str, int] = {}  # client -> number of its last stop
         self._subscribers: set[asyncio.StreamWriter] = set()
         self._tasks: set[asyncio.Task[None]] = set()
         self._operator = operator
@@ -63,7 +63,7 @@ class CommandServer:
         self._servers: list[asyncio.Server] = []
 
     async def open(self, host: str, port: int) -> None:
-        """Start to serve. Raises ControllerError: the port is taken, or the address is not this computer's."""
+        """Start serving. Raises ControllerError: the port is in use, or the address is not this computer's."""
         try:
             serve = functools.partial(self._serve, self._requests)
             self._servers.append(await asyncio.start_server(serve, host, port, limit=MOST_BYTES))
@@ -71,7 +71,7 @@ class CommandServer:
             raise ControllerError(f"{host}:{port} cannot be served ({error.strerror}); is it taken?") from error
         if self._operator is not None:
             self._door = door_path(port)
-            self._door.unlink(missing_ok=True)  # only a dead controller can have left the socket, since we own the port
+            self._door.unlink(missing_ok=True)  # left by a dead controller, since we own the port
             serve = functools.partial(self._serve, self._operator)
             self._servers.append(await asyncio.start_unix_server(serve, self._door))
             self._door.chmod(0o600)
@@ -79,7 +79,7 @@ class CommandServer:
             self._keep(asyncio.create_task(work))
 
     async def close(self) -> None:
-        """Stop serving. The arm stays as it is; `Controller.land` lands it."""
+        """Stop serving. The arm keeps its state; use `Controller.land` to land it."""
         for server in self._servers:
             server.close()
         if self._door is not None:
@@ -92,7 +92,7 @@ class CommandServer:
         self.motions.close()
 
     async def request(self, name: str, /, **arguments: Any) -> Any:
-        """Do a client's request and return the result. Raises YamError: the request is refused."""
+        """Execute a client's request and return its result. Raises YamError: the request is refused."""
         return await self._result(self._requests, name, arguments)
 
     async def _result(self, requests: Requests, name: str, arguments: dict[str, Any]) -> Any:
@@ -117,7 +117,7 @@ class CommandServer:
         while True:
             try:
                 self.controller.tick()
-            except Exception as error:  # a defect in our code; the arm's own loop holds when targets cease
+            except Exception as error:  # a defect in our code: the arm's own loop holds when targets cease
                 if not self.controller.fault:
                     logger.exception("a tick of the controller failed")
                     self.controller.fail(f"the controller has a defect ({error}); see its log")
@@ -134,7 +134,7 @@ class CommandServer:
             await asyncio.sleep(due_s - loop.time())
 
     def broadcast(self) -> None:
-        """Send a status to all subscribers, except those that do not read."""
+        """Send the current status to all subscribers, except to those that do not read."""
         if not self._subscribers:
             return
         line = encode(self.report.status())
@@ -154,9 +154,9 @@ class CommandServer:
             else:
                 writer.write(encode(await self._answer(requests, message)))
                 await writer.drain()
-        except (OSError, ValueError) as error:  # the client has disconnected, or sends no JSON
+        except (OSError, ValueError) as error:  # the client has disconnected, or its request is not JSON
             logger.debug("a client is gone: %s", error)
-        except asyncio.CancelledError:  # raised at the controller's end; Python would log it as an error
+        except asyncio.CancelledError:  # raised when the server closes; Python would log an error
             pass
         finally:
             self._subscribers.discard(writer)
@@ -164,12 +164,12 @@ class CommandServer:
                 writer.close()
 
     def _refuse_overtaken(self, name: str, client: object, number: object) -> None:
-        """Raise ControllerError if a stop that the client sent after this request has arrived earlier."""
+        """Raise ControllerError if a later stop from the same client has arrived before this request."""
         if not (isinstance(client, str) and isinstance(number, int)):
             return
         newest = self._stopped.get(client, 0)
         if name in _STOPS:
-            self._stopped.pop(client, None)  # moves the client to the end, to be dropped last
+            self._stopped.pop(client, None)  # moves the client to the end of the dict, to be forgotten last
             self._stopped[client] = max(newest, number)
             if len(self._stopped) > _MOST_CLIENTS:
                 del self._stopped[next(iter(self._stopped))]
@@ -184,6 +184,6 @@ class CommandServer:
             return {"result": await self._result(requests, name, dict(message.get("with", {})))}
         except YamError as error:
             return {"refused": str(error)}
-        except Exception as error:  # a defect in our code; the client still needs an answer
+        except Exception as error:  # a defect in our code: the client still needs a reply
             logger.exception("%s failed", name)
             return {"refused": f"{name} failed ({type(error).__name__}); see the log of the controller"}

@@ -1,6 +1,6 @@
 """Controller of one arm: moves a plant, accepts or refuses commands, and stops.
 
-Everything but planning runs in one event loop. Only `arm` energises the arm, and no client can request `arm`.
+Everything except planning runs in one event loop. Only `arm` energises the arm, and clients cannot request `arm`.
 """
 
 import asyncio
@@ -21,29 +21,29 @@ from lerobot_robot_yam.waldo.poses import numbers
 from lerobot_robot_yam.waldo.program import swapped
 
 TICK_S = 0.01
-_REST_S = 0.2  # time after the last motion until the arm is told to hold, s; its own loop would wait 0.5 s
+_REST_S = 0.2  # time without motion after which the arm is made to hold, s; its own loop would wait 0.5 s
 _NOT_HERE = "start the controller with --hardware at the arm's computer, and arm it there: yam-waldo arm"
 
 logger = logging.getLogger(__name__)
 
 
 class Controller:
-    """Controller of one arm, simulated or real. It begins in simulator mode.
+    """Controller of one simulated or real arm. It starts in simulator mode.
 
     Args:
         hardware: profiles and limits of the arm.
-        real: the real arm; None: there is only the simulated arm.
+        real: the real arm, or None if there is only the simulated arm.
         now: function that returns the time, s.
 
     Attributes:
         planner: planner for use in the event loop's thread.
-        motion: set-point of the arm, and the commands that move it.
+        motion: the arm's set-point, and the commands that move it.
         plant: arm that follows the set-point.
-        reading: reading of the plant at the newest tick.
+        reading: state of the plant at the latest tick.
         tool_key, offset_m: selected tool, and the offset (3,) of its tip, m.
         stopped: whether an e-stop is latched.
-        fault: why the plant has failed; empty if all is well.
-        session_id: random number in every status, by which clients notice a new controller.
+        fault: reason of the plant's fault; empty if there is none.
+        session_id: random number in every status. It tells clients that the controller was restarted.
     """
 
     def __init__(self, hardware: ResolvedArm, real: RealArm | None = None, now: Callable[[], float] = time.monotonic):
@@ -67,12 +67,12 @@ class Controller:
 
     @property
     def floats(self) -> bool:
-        """Whether the real arm floats for a hand, instead of following commands."""
+        """Whether the real arm floats, instead of following commands."""
         return not self.in_simulator and not self.fault and self.real is not None and self.real.floats
 
     @property
     def ready_hardware(self) -> bool:
-        """Whether there is a real arm that is armed and well."""
+        """Whether there is a real arm that is armed and has no fault."""
         return self.real is not None and self.real.armed and not self.real.trouble()
 
     @property
@@ -90,7 +90,7 @@ class Controller:
             raise ControllerError(self.refusal)
 
     def tick(self) -> None:
-        """Advance the set-point, and send it to the plant; hold when the plant fails."""
+        """Advance the set-point and send it to the plant. On an error, cancel all commands and record the fault."""
         now = self.now()
         try:
             self.reading = self.plant.read()
@@ -112,7 +112,7 @@ class Controller:
             self.fail(str(error))
 
     def _float_on(self) -> None:
-        """Set the set-point to the arm's pose once it no longer floats. Raises ControllerError: the arm has failed."""
+        """When the arm stops floating, continue from its pose. Raises ControllerError: the arm is in fault."""
         assert self.real is not None
         if why := self.real.trouble():
             raise ControllerError(why)
@@ -120,15 +120,15 @@ class Controller:
             self.motion.take_over(self.reading)
 
     def fail(self, why: str) -> None:
-        """Cancel all commands and note the fault; the arm's own loop holds or lands the arm."""
+        """Cancel all commands and record the fault. The arm's own control loop holds or lands the arm."""
         logger.error("%s", why)
         self.fault = why
         self.motion.take_over(self.reading)
 
-    # requests of clients
+    # clients' requests
 
     def stop(self) -> int:
-        """Come to rest and empty the queue; torque stays on. Never refused."""
+        """Come to rest and empty the queue. Torque stays on. This is never refused."""
         if self.floats:
             try:
                 self._hold_again()
@@ -138,13 +138,13 @@ class Controller:
         return 1
 
     def _hold_again(self) -> None:
-        """End the floating, so that the arm holds its pose."""
+        """Make a floating arm hold its pose, and continue from there."""
         self.plant.rest()
         self.reading = self.plant.read()
         self.motion.take_over(self.reading)
 
     def estop(self) -> int:
-        """Stop, and accept no commands until `reset`."""
+        """Stop, and refuse commands until `reset`."""
         self.stopped = True
         return self.stop()
 
@@ -152,7 +152,7 @@ class Controller:
         """Accept commands again. Nothing moves, and nothing is energised.
 
         Raises:
-            ControllerError: the arm still fails.
+            ControllerError: the arm is still in fault.
         """
         if not self.in_simulator and self.real is not None and (why := self.real.trouble()):
             raise ControllerError(f"the arm takes no commands yet: {why}. To enable it again: yam-waldo arm")
@@ -163,10 +163,10 @@ class Controller:
         return 1
 
     def simulator(self, enabled: bool) -> int:
-        """Choose whether commands move the simulated arm or the real arm, which holds its pose; drop all commands.
+        """Select whether commands move the simulated arm or the real arm, which holds its pose. Drop all commands.
 
         Raises:
-            ControllerError: there is no real arm that is armed and well.
+            ControllerError: there is no real arm that is armed and has no fault.
         """
         if enabled == self.in_simulator:
             return 1
@@ -184,7 +184,7 @@ class Controller:
         last = self.reading
         try:
             self.plant.rest()
-        except YamError as error:  # the arm has failed; its own loop holds or lands the arm
+        except YamError as error:  # the arm is in fault: its own loop holds or lands it
             logger.warning("%s", error)
         self.simulated.teleport(np.clip(last.q, self.planner.lower, self.planner.upper), last.opening)
         self._use(self.simulated)
@@ -195,7 +195,7 @@ class Controller:
         self.motion.take_over(self.reading)
 
     def freedrive(self, enabled: bool) -> int:
-        """Let a hand move the real arm, or have the arm hold its pose.
+        """Let a person move the real arm by hand, or make the arm hold its pose.
 
         Raises:
             ControllerError: commands move the simulated arm, or motion commands are refused.
@@ -215,7 +215,7 @@ class Controller:
 
         Raises:
             ControllerError: commands move the real arm.
-            PlanError: the values are malformed, or beyond a limit.
+            PlanError: a value is malformed or beyond its limit.
         """
         if not self.in_simulator:
             raise ControllerError("teleport is for the simulator, and commands move the real arm now; nothing moves")
@@ -228,18 +228,18 @@ class Controller:
         return 1
 
     def use_tool(self, key: str, offset_m: np.ndarray) -> None:
-        """Select the tool to whose tip poses refer from now on. Raises ConfigError: the arm has no such tool."""
+        """Select the tool whose tip poses refer to. Raises ConfigError: the arm has no tool with this key."""
         frame = tip(self.hardware.gripper, key, offset_m)
         self.tool_key, self.offset_m, self.tip = key, offset_m, frame
         self.planner.kinematics.tool = frame
 
-    # requests that only an operator at this computer may send
+    # requests reserved for the operator at this computer
 
     async def arm(self) -> None:
-        """ENERGISE the real arm, which then holds its pose; commands still move the same plant as before.
+        """ENERGISE the real arm, which then holds its pose. Commands still move the same plant as before.
 
         Raises:
-            YamError: there is no real arm, or arming failed; nothing is energised.
+            YamError: there is no real arm, or arming failed and energised nothing.
         """
         async with self._arming:
             if self.real is None:
@@ -247,10 +247,10 @@ class Controller:
             await asyncio.to_thread(self.real.arm)
 
     async def land(self) -> bool:
-        """Land the real arm and cut torque; commands move the simulated arm from now on.
+        """Land the real arm and cut its torque. Commands move the simulated arm from now on.
 
         Returns:
-            Whether the arm is down. If not, its control loop holds the arm, and lands as soon as possible.
+            Whether the arm has landed. If not, its control loop holds the arm and lands as soon as possible.
         """
         async with self._arming:
             if not self.in_simulator:

@@ -1,8 +1,8 @@
-"""Process of the controller: serves until a signal or its parent's end, and then lands the arm.
+"""Process of the controller: serves until a signal arrives or its parent process ends, and then lands the arm.
 
     python -m lerobot_robot_yam.waldo.controller.controller_process --port 5001
 
-People start it by `yam-waldo`, Commander by `Robot.start`. It begins in simulator mode and energises nothing.
+It is started by `yam-waldo`, or by Commander through `Robot.start`. It begins in simulator mode and energises nothing.
 """
 
 import argparse
@@ -28,7 +28,7 @@ from lerobot_robot_yam.waldo.controller.plant import RealArm
 from lerobot_robot_yam.waldo.wire import HOST, PORT
 
 _LOOK_S = 0.2
-_SWITCH_S = 0.001  # longest delay of a tick by the planning thread, s; Python's default of 5 ms is half a tick
+_SWITCH_S = 0.001  # maximum delay of a tick by the planning thread, s; Python's default of 5 ms is half a tick
 
 logger = logging.getLogger(__name__)
 
@@ -59,11 +59,11 @@ async def serve(
     parent: int | None = None,
     opened: Callable[[], None] = lambda: None,
 ) -> None:
-    """Serve one arm until a signal or the parent's end; then land it.
+    """Serve one arm until a signal arrives or the parent process ends, and then land the arm.
 
     Args:
         host, port: address to listen on.
-        config: config of the real arm; None: only the simulated arm that the environment names.
+        config: config of the real arm; None: serve only the simulated arm given by the environment.
         parent: process whose end also ends this one; None: only a signal does.
         opened: called when the server is ready.
 
@@ -88,7 +88,7 @@ async def serve(
 
 
 def operator_acts(controller: Controller) -> dict[str, Callable[[], Awaitable[str]]]:
-    """Return the operator's requests to a controller; each returns a report of what was done."""
+    """Return request name → function for the operator's requests. Each function returns a report of its result."""
 
     async def about() -> str:
         real = controller.real
@@ -110,7 +110,7 @@ def operator_acts(controller: Controller) -> dict[str, Callable[[], Awaitable[st
 
 
 async def _ended(told: asyncio.Event, parent: int | None) -> None:
-    """Wait for a signal, or for the parent's end."""
+    """Wait for a signal or for the end of the parent process."""
     try:
         watched = None if parent is None else ProcessEnd(parent)
     except FileNotFoundError:  # the parent has ended already

@@ -1,7 +1,7 @@
 """Set-point of the arm, moved by a queue of planned commands, or by one stream of jog and servo commands.
 
-Pure: the caller passes the time and receives the set-point of each tick. A stream is refused while the queue moves the
-arm, and a queued command waits until a stream has come to rest.
+This module is pure: the caller passes the time and receives the set-point for each tick. A stream is refused while the
+queue moves the arm. A queued command waits until a stream has come to rest.
 """
 
 from collections import deque
@@ -18,18 +18,18 @@ from lerobot_robot_yam.waldo.planning.jog import Play, State, Stream
 from lerobot_robot_yam.waldo.planning.motion_plan import Plan
 from lerobot_robot_yam.waldo.planning.planner import Planner
 
-MOST_QUEUED = 1000  # largest number of commands in the queue: a program with more probably lacks waits
-_REMEMBERED = 100_000  # number of commands whose end is remembered for `wait_command`
-_ARRIVED_RAD = 2e-3  # distance of the arm's own set-point from a plan's end that counts as arrived, rad
-_SAME_RAD = 1e-6  # largest distance of a plan's first point from the set-point, rad
-_REST_RAD_S = 1e-6  # speed that counts as rest, rad/s: above rounding errors
-_ARRIVE_S = 2.0  # wait for the arm after a plan's end, s; a later arm counts as held back
-_JAW_S = 3.0  # longest move of a gripper, s
-_JAW_BEGINS_S = 0.15  # time after a command in which a jaw may not move yet, s
+MOST_QUEUED = 1000  # maximum number of queued commands: a program with more probably lacks waits
+_REMEMBERED = 100_000  # number of commands whose outcome is remembered for `wait_command`
+_ARRIVED_RAD = 2e-3  # distance between the arm's own set-point and a plan's end that counts as arrived, rad
+_SAME_RAD = 1e-6  # maximum distance between a plan's first point and the set-point, rad
+_REST_RAD_S = 1e-6  # speed below which the set-point counts as at rest, rad/s: above rounding errors
+_ARRIVE_S = 2.0  # maximum wait for the arm after a plan's end, s; after that, the arm counts as held back
+_JAW_S = 3.0  # maximum duration of a jaw motion, s
+_JAW_BEGINS_S = 0.15  # time after a command during which still jaws do not count as arrived, s
 
 
 class End(Enum):
-    """Ways in which a command can end."""
+    """Outcome of a command."""
 
     DONE = "done"
     CANCELLED = "cancelled"
@@ -37,15 +37,15 @@ class End(Enum):
 
 @dataclass
 class Command:
-    """One entry of the queue: a motion, a move of the jaws, or a mark.
+    """Entry of the queue: an arm motion, a jaw motion, or a checkpoint.
 
     Attributes:
-        name, text: name and arguments in the status.
+        name, text: name and arguments shown in the status.
         plan: motion of the arm; None: the arm stays.
         opening: target of the jaws, 0 closed … 1 open; None: the jaws stay.
         label: label of a checkpoint.
-        radius_m: distance to the motion's end at which the next motion may begin, m; 0: it ends at rest.
-        index: number of the command, given when it is queued.
+        radius_m: distance to the motion's end at which the next motion may begin, m; 0: this motion ends at rest.
+        index: number of the command, assigned when it is queued.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Command:
 
 
 class Blend(NamedTuple):
-    """Blend of two motions: the first motion, and both joined to one."""
+    """Blend of two motions: the first motion, and the plan of both joined."""
 
     first: Plan
     joined: Plan
@@ -67,15 +67,15 @@ class Blend(NamedTuple):
 class Motion:
     """Set-point of one arm, and the commands that move it.
 
-    `planner`: the arm's planner, for stops; `reading`: present reading of the arm.
+    `planner`: the arm's planner, used for stops; `reading`: current state of the arm.
 
     Attributes:
         q, dq: set-point (n,) and its speed, rad and rad/s.
         opening: set-point of the gripper, 0 closed … 1 open; None without a gripper.
-        running: the present command, or None.
-        completed: index of the last command that was carried out, -1 at first.
-        checkpoint: label of the last checkpoint that was passed.
-        epoch: counter that grows when commands are cancelled; plans of an earlier epoch must not be queued.
+        running: command that is running, or None.
+        completed: index of the last completed command, initially -1.
+        checkpoint: label of the last checkpoint passed.
+        epoch: counter that grows when commands are cancelled. Plans from an earlier epoch must not be queued.
     """
 
     def __init__(self, planner: Planner, reading: Reading):
@@ -84,16 +84,16 @@ class Motion:
         self._ends: dict[int, End] = {}
         self._next_index, self._began_s = 0, 0.0
         self._last_s: float | None = None
-        self._free_s: float | None = None  # begin of the next command, s; None: its first tick
+        self._free_s: float | None = None  # start time of the next command, s; None: its first tick
         self._late = False
         self._stream: Stream | None = None
-        self._stopping = False  # whether the stream only brings the arm to rest
+        self._stopping = False  # whether the stream is only a stop
         self.running: Command | None = None
         self.completed, self.checkpoint, self.epoch = -1, "", 0
         self.take_over(reading)
 
     def take_over(self, reading: Reading) -> None:
-        """Restart from the arm's own set-point, at rest; drop everything queued or streamed."""
+        """Restart from the arm's own set-point, at rest. Cancel all queued and streamed commands."""
         self._cancel()
         self._stream, self._free_s = None, None
         self.q, self.dq = np.array(reading.setpoint_q), np.zeros(len(reading.setpoint_q))
@@ -101,12 +101,12 @@ class Motion:
 
     @property
     def setpoint(self) -> State:
-        """Set-point and its speed."""
+        """Set-point (n,), rad, and its speed (n,), rad/s."""
         return self.q, self.dq
 
     @property
     def planned(self) -> bool:
-        """Whether commands run or wait."""
+        """Whether any command is running or queued."""
         return self.running is not None or bool(self._queue)
 
     @property
@@ -116,32 +116,32 @@ class Motion:
 
     @property
     def waiting(self) -> list[Command]:
-        """Present command and all waiting commands, in order."""
+        """The running command and all queued commands, in order."""
         return [*([self.running] if self.running else []), *self._queue]
 
     @property
     def end_q(self) -> np.ndarray:
-        """Joints (n,) rad at the end of the queue."""
+        """Joints (n,), rad, at the end of the queue."""
         plans = [command.plan for command in self.waiting if command.plan is not None]
         return plans[-1].q[-1] if plans else self.q
 
     def end_of(self, index: int) -> End | None:
-        """Return how a command ended; None if it has not ended, or never existed."""
+        """Return the outcome of a command; None if it has not ended or is unknown."""
         return self._ends.get(index)
 
     @property
     def blending(self) -> Plan | None:
-        """Last motion in the queue if the next motion may be blended with it, or None."""
+        """Last motion in the queue if the next motion may be blended with it, else None."""
         last = self.waiting[-1] if self.planned else None
         return last.plan if last is not None and last.radius_m > 0.0 else None
 
     def add(self, command: Command, epoch: int, blend: Blend | None = None) -> int:
         """Queue a command that was planned from `end_q` in this epoch; return its index.
 
-        `blend`: this motion joined to the motion before, used if the motion before has not gone too far meanwhile.
+        `blend`: this motion joined to the previous one; used unless the previous motion has passed the blend's start.
 
         Raises:
-            ControllerError: commands were cancelled or the arm was moved meanwhile, or too many commands wait.
+            ControllerError: since planning, commands were cancelled or the arm was moved; or the queue is full.
         """
         if epoch != self.epoch:
             raise ControllerError(f"{command.name}: the arm was stopped meanwhile; nothing moves")
@@ -157,7 +157,7 @@ class Motion:
         return command.index
 
     def _round(self, before: Command, command: Command, joined: Plan) -> None:
-        """Blend two motions, unless the first motion has passed the begin of the blend."""
+        """Blend two motions, unless the first one has passed the start of the blend."""
         assert before.plan is not None and command.plan is not None
         overlap_s = before.plan.duration_s + command.plan.duration_s - joined.duration_s
         begins_s = before.plan.duration_s - overlap_s
@@ -166,11 +166,11 @@ class Motion:
         before.plan, command.plan = joined.cut(begins_s + overlap_s / 2)
 
     def stream(self, begin: Callable[[], Stream]) -> None:
-        """Start a jog or servo stream, or renew the present one with it. `begin`: function that makes the stream.
+        """Start a stream, or renew the current stream with it. `begin`: function that creates the stream.
 
         Raises:
             ControllerError: a queued command moves the arm.
-            PlanError: `begin` failed; the present stream goes on.
+            PlanError: `begin` failed. The current stream continues.
         """
         if any(command.plan is not None for command in self.waiting):
             raise ControllerError("a queued command moves the arm: stop it, or wait until it has ended")
@@ -184,7 +184,7 @@ class Motion:
             self._come_to_rest(self._planner.stop(self.q, self.dq))
 
     def stop(self, now: float) -> None:
-        """Cancel everything, and come to rest as soon as the limits allow, on the path of the running plan."""
+        """Cancel everything and come to rest as soon as the limits allow, on the path of the running plan."""
         running = self.running.plan if self.running is not None else None
         self._cancel()
         if running is not None:
@@ -210,7 +210,7 @@ class Motion:
         """Advance the set-point; return whether the arm or its jaws move or will move.
 
         Raises:
-            ControllerError: the arm does not reach the end of a plan; everything is cancelled.
+            ControllerError: the arm does not reach the end of a plan. All commands are cancelled.
         """
         dt_s = 0.0 if self._last_s is None else now - self._last_s
         self._last_s, moved = now, self.streams or self.planned
@@ -226,7 +226,7 @@ class Motion:
         return moved or self.streams or not reading.jaw_still
 
     def _advance(self, now: float, reading: Reading) -> bool:
-        """Advance the queue; return True if a command has ended, so that the next one is due in this tick."""
+        """Advance the queue; return True if a command has ended, so that the next one may start in the same tick."""
         if self.running is None:
             free_s, self._free_s = self._free_s, now
             if not self._queue:
@@ -238,7 +238,7 @@ class Motion:
             over_s = past_s - command.plan.duration_s
             if over_s < 0.0:
                 return False
-            rests = np.abs(command.plan.dq[-1]).max() < _REST_RAD_S  # a blended motion ends with a speed
+            rests = np.abs(command.plan.dq[-1]).max() < _REST_RAD_S  # a blended motion does not end at rest
             if rests and np.abs(reading.setpoint_q - self.q).max() > _ARRIVED_RAD:
                 if over_s > _ARRIVE_S:
                     self._cancel()

@@ -1,7 +1,7 @@
-"""Plants of the controller: arms that follow the controller's set-point, simulated or real.
+"""Plants of the controller: simulated or real arms that follow the controller's set-point.
 
 The real arm is driven through a session, so its limits, landing, emergency stop and stand-by apply. Only
-`RealArm.arm` energises the arm, and only an operator's command calls it.
+`RealArm.arm` energises the arm. Only an operator's command calls `RealArm.arm`.
 """
 
 import dataclasses
@@ -20,20 +20,20 @@ from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import ArmState
 
-_JAW_ROUNDING = 0.03  # share of the stroke by which a free jaw may miss its target
-_STILL_PER_S = 0.02  # speed below which a jaw counts as still, strokes/s
+_JAW_ROUNDING = 0.03  # maximum position error of free jaws, as a fraction of the stroke
+_STILL_PER_S = 0.02  # speed below which the jaws count as still, strokes/s
 
 logger = logging.getLogger(__name__)
 
 
 class Reading(NamedTuple):
-    """State of an arm with n joints at one moment.
+    """State of an arm with n joints at one time.
 
     Attributes:
         q, dq, tau_nm: (n,) measured angles, speeds and torques, rad, rad/s, Nm.
-        setpoint_q: (n,) set-point of the arm's own loop, rad.
-        opening, asked_opening: measured opening and target of the gripper, 0 closed … 1 open; None without a gripper.
-        jaw_still: whether the jaws have arrived, or get no farther.
+        setpoint_q: (n,) set-point of the arm's own control loop, rad.
+        opening, asked_opening: measured and target gripper opening, 0 closed … 1 open; None without a gripper.
+        jaw_still: whether the jaws are at rest, at their target or blocked.
         grip_nm: torque of the gripper's motor, Nm.
     """
 
@@ -58,23 +58,23 @@ class Plant(Protocol):
     """Arm that follows a set-point."""
 
     def read(self) -> Reading:
-        """Return the present reading. Raises YamError: the arm has failed or is silent."""
+        """Return the current state. Raises YamError: the arm has failed or is silent."""
 
     def follow(self, q: np.ndarray, dq: np.ndarray, opening: float | None, dt_s: float) -> None:
-        """Set the set-point q (n,) rad, with speed dq (n,) rad/s, and the gripper's target for this tick of dt_s.
+        """Set the set-point for this tick of dt_s: q (n,) rad, its speed dq (n,) rad/s, and the gripper's target.
 
         Raises:
-            YamError: the arm accepts no targets.
+            YamError: the arm does not accept targets.
         """
 
     def rest(self) -> None:
-        """Hold the last set-point, since no more come for now. Raises YamError: the arm has failed."""
+        """Hold the last set-point, since no further one follows for now. Raises YamError: the arm is in fault."""
 
 
 class SimulatedArm:
-    """Plant without motors that is always exactly at its set-point; its jaws move at the gripper's speed limit.
+    """Plant without motors that is always exactly at its set-point. Its jaws move at the gripper's speed limit.
 
-    `q`: joints (n,) at the start, rad.
+    `q`: initial joints (n,), rad.
     """
 
     def __init__(self, hardware: ResolvedArm, q: np.ndarray):
@@ -97,16 +97,16 @@ class SimulatedArm:
         self._dq = np.zeros(len(self._q))
 
     def teleport(self, q: np.ndarray, opening: float | None) -> None:
-        """Set q (n,) rad at once, and the jaws at `opening` unless that is None."""
+        """Set the joints q (n,), rad, and the jaw opening (unless None) at once."""
         self._q, self._dq = q, np.zeros(len(q))
         if self._opening is not None and opening is not None:
             self._opening = self._asked = opening
 
 
 class RealArm:
-    """Plant that drives the arm on a CAN channel. Methods other than `arm` and `land` return at once.
+    """Plant that drives the arm on a CAN channel. All methods except `arm` and `land` return immediately.
 
-    The arm tracks with `track_integral`; without it, friction moves a virtual arm's tool up to 2.7 mm off a line.
+    The arm tracks with `track_integral`. Without it, friction moves a virtual arm's tool up to 2.7 mm off a line.
 
     Args:
         config: config of the arm.
@@ -114,7 +114,7 @@ class RealArm:
 
     Attributes:
         config: config for the next arming.
-        floats: whether a hand may move the arm, which then accepts no targets.
+        floats: whether the arm floats, and so does not accept targets.
     """
 
     def __init__(self, config: ArmConfig, isolation: Isolation = "process"):
@@ -124,18 +124,18 @@ class RealArm:
 
     @property
     def armed(self) -> bool:
-        """Whether an operator has armed the arm, and the arm has not landed since."""
+        """Whether an operator has armed the arm, and it has not landed since."""
         return self._session is not None and self._session.running
 
     @property
     def client(self) -> ArmClient:
-        """Client of the armed arm. Raises ControllerError: the arm is not armed."""
+        """Session client of the armed arm. Raises ControllerError: the arm is not armed."""
         if self._session is None or not self._session.running:
             raise ControllerError(f"{self.config.name}: it is not armed; at its computer: yam-waldo arm")
         return self._session[self.config.name]
 
     def load(self, mass_kg: float, com_m: Sequence[float]) -> None:
-        """Set the payload at the tool. Raises YamError: the values are out of range, or the arm is armed."""
+        """Set the payload at the tool. Raises YamError: a value is out of range, or the arm is armed."""
         if self.armed:
             raise ControllerError(
                 f"{self.config.name}: the arm is armed, and carries what it was armed with; `yam-waldo land` first"
@@ -149,12 +149,12 @@ class RealArm:
         self.config = dataclasses.replace(self.config, workspace=workspace)
 
     def arm(self) -> None:
-        """ENERGISE the arm, which then holds its pose. Waits; does nothing if the arm is armed and well.
+        """ENERGISE the arm, which then holds its pose. Blocks. Does nothing if the arm is armed and has no fault.
 
-        A failed arm is enabled again in its pose; if that does not help, it lands as far as it can, and is armed again.
+        A faulted arm is first re-enabled in its pose. If that fails, it is landed as far as possible, and armed again.
 
         Raises:
-            YamError: arming failed; nothing is energised that was not energised before.
+            YamError: arming failed, and energised nothing in addition.
         """
         if self._session is not None:
             why = self.trouble()
@@ -173,12 +173,12 @@ class RealArm:
         self._session = session
 
     def land(self) -> bool:
-        """Land the arm, cut torque, release the channel; return False if the arm is still in the air. Idempotent."""
+        """Land the arm, cut its torque and release the channel. Return False if the arm has not landed. Idempotent."""
         session, self._session = self._session, None
         return session is None or session.stop()
 
     def trouble(self) -> str:
-        """Return why the arm neither accepts targets nor floats as requested; empty if all is well."""
+        """Return why the arm neither accepts targets nor floats as requested; empty if it does."""
         try:
             self._taking()
         except YamError as error:
@@ -186,7 +186,7 @@ class RealArm:
         return ""
 
     def _taking(self) -> ArmState:
-        """Return the newest state. Raises YamError: the arm accepts no targets."""
+        """Return the newest state. Raises YamError: the arm neither accepts targets nor floats as requested."""
         state = self.client.newest()
         if state.mode is Mode.STOPPED:
             raise LifeCycleError(f"{self.config.name}: the emergency stop is latched; `yam-estop release` ends it")
@@ -218,7 +218,7 @@ class RealArm:
         self.floats = False
 
     def let_float(self) -> None:
-        """Let a hand move the arm, carried against gravity. Raises YamError: the arm does not float, and holds."""
+        """Let the arm float, with its weight compensated. Raises YamError: the arm cannot float."""
         self._taking()
         self.client.float()
         self.floats = True

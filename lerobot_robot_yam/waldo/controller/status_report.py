@@ -1,7 +1,7 @@
-"""Statuses of the controller's arm, 100 times a second, as plain values; and the queries that return parts of one.
+"""Statuses of the controller's arm as plain values, 100 per second, and queries for parts of a status.
 
-Lengths in mm, angles in deg, joint speeds in rad/s, torques in Nm, as in Commander's contract. A status also says
-which jog buttons are enabled: of joints off their limits, and of axes on which the tool can still move a little.
+Lengths in mm, angles in deg, joint speeds in rad/s, torques in Nm, as in Commander's contract. A status also lists
+the enabled jog buttons: for joints not at their limits, and for directions in which the tool can move a little.
 """
 
 import asyncio
@@ -20,21 +20,21 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.poses import FRAMES, check_frame, commanded, to_command
 from lerobot_robot_yam.waldo.program import swapped
 
-STATUS_HZ = 100  # rate of statuses, Hz: the contract's maximum, so that one late status makes no gap of 30 ms
-_PROBE_S = 0.2  # wait between two probes of the tool's directions, s
-_MOVED_RAD = 1e-3  # joint motion since the last probe that requires a new probe, rad
-_AHEAD_S = 1e-3  # step of the finite difference for the tool's speed, s
+STATUS_HZ = 100  # status rate, Hz: the contract's maximum, so that one late status makes no gap of 30 ms
+_PROBE_S = 0.2  # delay between two checks of the tool's free directions, s
+_MOVED_RAD = 1e-3  # joint motion since the last check that makes a new check necessary, rad
+_AHEAD_S = 1e-3  # time step of the finite difference for the tool's speed, s
 _LATE_S = 2.0 * TICK_S
 _IDLE, _EXECUTING, _ERROR = 0, 1, 2  # values of Commander's ActionState
 _TOOL_OFF, _TOOL_IDLE, _TOOL_ACTIVE = 0, 1, 2  # values of Commander's ToolState
-_FAULT_CODE, _STOP_CODE = 1, 2  # codes of warnings
+_FAULT_CODE, _STOP_CODE = 1, 2  # warning codes
 _BAND_RAD = np.radians(1.0)  # distance below which a joint counts as at its limit, rad
-_PROBES = np.array([5.0] * 3 + [1.0] * 3)  # probed steps, mm and degrees
-_JUMP_RAD = 0.5  # joint distance beyond which a solution belongs to another configuration of the arm, rad
+_PROBES = np.array([5.0] * 3 + [1.0] * 3)  # steps of the tool to check, mm and degrees
+_JUMP_RAD = 0.5  # joint distance beyond which an IK solution belongs to another arm configuration, rad
 
 
 class StatusReport:
-    """Statuses of one controller."""
+    """Status generator of one controller."""
 
     def __init__(self, controller: Controller, settings: SettingRequests):
         self._controller, self._settings = controller, settings
@@ -44,11 +44,11 @@ class StatusReport:
         self._ticks: deque[float] = deque(maxlen=500)
 
     def ticked(self) -> None:
-        """Record the time of a tick of the controller."""
+        """Record the time of a controller tick."""
         self._ticks.append(self._controller.now())
 
     async def probe_on(self) -> None:
-        """Probe the tool's directions repeatedly, in a thread, until cancelled."""
+        """Check repeatedly, in a thread, in which directions the tool can move. Runs until cancelled."""
         while True:
             q, tip = self._controller.reading.q.copy(), self._controller.tip
             moved = self._probed is None or np.abs(self._probed[0] - q).max() > _MOVED_RAD
@@ -99,7 +99,7 @@ class StatusReport:
             "angles": self.angles(),
             "speeds": _listed(reading.dq),
             "torques": _listed(reading.tau_nm),
-            "io": [1],  # only the e-stop circuit, closed; there are no digital pins
+            "io": [1],  # the e-stop circuit, always closed; there are no digital pins
             "tool": self._tool(),
             "joint_en": _listed(joints_enabled(controller.planner, reading.q)),
             "cart_en": self._open,
@@ -114,7 +114,7 @@ class StatusReport:
             "collision_active": False,
             "collision_pairs": [],
             "scene_epoch": self._settings.scene_epoch,
-            "homed": True,  # always: the motors know their angles without homing
+            "homed": True,  # the motors know their angles without homing
             "enabled": not controller.refusal,
             "warnings": warnings,
             "link_health": {},
@@ -141,7 +141,7 @@ class StatusReport:
         }
 
     def _warnings(self) -> list[tuple[int, int, str, str, str, str]]:
-        """Return (command, code, title, cause, effect, remedy) of each warning, a present fault first."""
+        """Return (command, code, title, cause, effect, remedy) for each warning. A current fault comes first."""
         controller, found = self._controller, []
         why = controller.fault
         if not why and controller.in_simulator and controller.real is not None and controller.real.armed:
@@ -163,7 +163,7 @@ class StatusReport:
             return {}
         return {
             "temperatures_c": _listed(state.temp_mos_c),
-            "currents_ma": None,  # unknown: these motors report torque
+            "currents_ma": None,  # unknown: these motors report torque only
             "bus_voltage_v": None,
             "faults": [
                 fault.name for fault in Fault if fault in state.fault and fault not in (Fault.NORMAL, Fault.DISABLED)
@@ -176,13 +176,13 @@ class StatusReport:
 
 
 def joints_enabled(planner: Planner, q: np.ndarray) -> np.ndarray:
-    """Return (2 n,) int32 for joint 1 up, 1 down, joint 2 up …: 1 if this jog is possible at q (n,) rad, else 0."""
+    """Return 1 for each possible joint jog at q (n,), rad, else 0: (2 n,) int32, joint 1 up, 1 down, joint 2 up …."""
     ways = np.stack([q < planner.upper - _BAND_RAD, q > planner.lower + _BAND_RAD], axis=1)
     return ways.ravel().astype(np.int32)
 
 
 def axes_enabled(planner: Planner, q: np.ndarray) -> dict[str, np.ndarray]:
-    """Return frame -> (12,) int32 for X+ X− Y+ Y− … RZ−: 1 if the tool can go 5 mm or turn 1° from q, else 0."""
+    """Return frame -> (12,) int32 for X+ X− Y+ Y− … RZ−: 1 if the tool can move 5 mm or turn 1° from q, else 0."""
     now, found = planner.pose(q), {}
     steps = [sign * _PROBES * axis for axis in np.eye(6) for sign in (1.0, -1.0)]
     for frame in FRAMES:

@@ -1,11 +1,11 @@
-"""Short commands that move the set-point tick by tick: jogs of joints, jogs of the tool, or the way to a target.
+"""Short commands that move the set-point tick by tick: joint jogs, tool jogs, and motions to a target.
 
-A new command replaces the present command, and starts at the arm's present speed.
+A new command replaces the current one, and starts at the arm's current speed.
 
-A jog keeps a speed for a short time, and then brakes; it also brakes at a limit and before an obstacle. A jog of the
-tool advances the tool's pose by the tool's speed, and the joints follow by inverse kinematics, so nothing drifts. Such
-a jog goes on only while the pose at which it would come to rest is free. Near a singularity, where joints have to turn
-fast, the jog slows down. At the end of the reach it stops.
+A jog keeps its speed for a short time and then brakes; it also brakes at a limit and before an obstacle. A tool jog
+integrates the tool's pose, and inverse kinematics gives the joints, so there is no drift. A tool jog continues only
+while the pose at which it could come to rest is reachable and free. Near a singularity, where joints have to turn fast,
+the jog slows down. At the limit of the arm's reach it stops.
 """
 
 from abc import ABC, abstractmethod
@@ -34,34 +34,34 @@ JOG_S = 0.1
 
 _SPEEDS = np.array([LINE_SPEED_M_S] * 3 + [LINE_SPEED_RAD_S] * 3)
 _RATES = (LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2)
-_JOINT_SHARE = 0.8  # share of the joints' speed limits for a jog of the tool
-_LEAST = 0.01  # least share of the tool's speed limits, used near a singularity
+_JOINT_SHARE = 0.8  # fraction of the joint speed limits available to a tool jog
+_LEAST = 0.01  # minimum fraction of the tool's speed limits, used near a singularity
 _TINY = 1e-9
-_JUMP_RAD = 0.6  # joint distance beyond which the pose at rest belongs to another configuration of the arm, rad
-_MOST_JOG_S = 10.0  # longest jog, s; our choice
+_JUMP_RAD = 0.6  # joint distance beyond which the pose at rest belongs to another arm configuration, rad
+_MOST_JOG_S = 10.0  # maximum duration of a jog, s; our choice
 
 State = tuple[np.ndarray, np.ndarray]
-"""A set-point (n,) rad and its speed (n,) rad/s."""
+"""Set-point (n,), rad, and its speed (n,), rad/s."""
 
 
 class Stream(ABC):
-    """Command that moves the set-point tick by tick, until the set-point rests."""
+    """Command that moves the set-point tick by tick until the set-point is at rest."""
 
     @abstractmethod
     def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> State:
-        """Return the set-point (n,) rad and its speed (n,) rad/s one tick of dt_s later."""
+        """Return the set-point (n,), rad, and its speed (n,), rad/s, one tick of dt_s later."""
 
     @abstractmethod
     def ended(self, now_s: float) -> bool:
-        """Return whether the command is over as soon as the set-point rests."""
+        """Return whether the command ends as soon as the set-point is at rest."""
 
     def renewed_by(self, newer: "Stream") -> bool:
-        """Adopt the end time of a newer command for the same motion; return False if the motion differs."""
+        """Adopt the end time of a newer command for the same motion. Return False if the motion differs."""
         return False
 
 
 class Play(Stream):
-    """Stream that plays a plan from the first tick on."""
+    """Stream that plays a plan, starting with the first tick."""
 
     def __init__(self, plan: Plan):
         self._plan, self._t_s = plan, 0.0
@@ -77,12 +77,12 @@ class Play(Stream):
 
 
 class Jog(Stream):
-    """Jog for `duration_s` from `now_s` on, which is renewed while a button is held.
+    """Jog that lasts `duration_s` from `now_s` on. It is renewed while a button is held.
 
     Args:
         planner: planner of the arm.
-        parts: signed shares −1 … 1 of the speed of each joint (n,) or axis (6,).
-        accel: share 0 … 1 of the acceleration limits for speeding up; braking always uses the full limits.
+        parts: signed fractions −1 … 1 of the speed of each joint (n,) or axis (6,).
+        accel: fraction 0 … 1 of the acceleration limits for speeding up. Braking always uses the full limits.
 
     Raises:
         PlanError: an argument is malformed.
@@ -96,7 +96,7 @@ class Jog(Stream):
         self._accel = shares(1.0, accel, 0.0)[1]
 
     def renewed_by(self, newer: Stream) -> bool:
-        """Do `Stream.renewed_by`. A jog that has met an obstacle stays stopped; a jog that has ended is not renewed."""
+        """Do `Stream.renewed_by`. A jog stopped by an obstacle stays stopped. A jog past its end is not renewed."""
         if not (isinstance(newer, Jog) and type(newer) is type(self) and newer._from_s <= self._until_s):
             return False
         if newer._in_tool != self._in_tool or not np.array_equal(newer._shares, self._shares):
@@ -109,7 +109,7 @@ class Jog(Stream):
 
 
 class JointJog(Jog):
-    """Jog of joints. `speeds`: joint (from 0) → signed share −1 … 1 of the jog speed; others as for `Jog`."""
+    """Jog of joints. `speeds`: joint (from 0) → signed fraction −1 … 1 of the jog speed; others as for `Jog`."""
 
     def __init__(
         self,
@@ -144,12 +144,12 @@ class JointJog(Jog):
 
 
 class LineJog(Jog):
-    """Jog of the tool. Arguments not listed are as for `Jog`.
+    """Jog of the tool. Arguments that are not listed are as for `Jog`.
 
     Args:
-        frame: frame of the axes: the base's or the tool's.
-        speeds: axis → signed share −1 … 1 of the tool's speed limit along or about this axis.
-        start: the present set-point.
+        frame: frame of the axes, base or tool.
+        speeds: axis → signed fraction −1 … 1 of the tool's speed limit along or about this axis.
+        start: current set-point and its speed.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class LineJog(Jog):
     def _begin(self, q: np.ndarray, dq: np.ndarray) -> None:
         self._pose, self._rest_q = self._planner.pose(q), q
         self._twist = self._planner.kinematics.twist(q, dq)
-        self._brake_ease = 1.0  # last ease with which the pose at rest was free, used for braking
+        self._brake_ease = 1.0  # last ease for which coming to rest was possible, for braking
 
     def step(self, q: np.ndarray, dq: np.ndarray, now_s: float, dt_s: float) -> State:
         if self._off_line:
@@ -190,7 +190,7 @@ class LineJog(Jog):
         return self._brake(q, dq, dt_s) if there is None else there
 
     def _wanted(self) -> np.ndarray:
-        """Return the tool's wanted speed (6,) in the axes of the base, m/s and rad/s."""
+        """Return the requested tool twist (6,) in base axes, m/s and rad/s."""
         wanted = _SPEEDS * self._shares
         if not self._in_tool:
             return wanted
@@ -198,14 +198,14 @@ class LineJog(Jog):
         return np.concatenate([turn @ wanted[:3], turn @ wanted[3:]])
 
     def _ease(self, twist: np.ndarray, q: np.ndarray) -> float:
-        """Return the share of the tool's speed limits, along a twist (6,), up to which no joint turns too fast at q."""
+        """Return the fraction of the tool's speed limits, along a twist (6,), at which no joint is too fast at q."""
         rates = self._planner.kinematics.rates(q, twist / max(_level(twist), _TINY))
         return min(1.0, float((_JOINT_SHARE * self._planner.limits.speed / np.maximum(np.abs(rates), _TINY)).min()))
 
     def _try(self, wanted: np.ndarray, ease: float, q: np.ndarray, dq: np.ndarray, dt: float) -> State | None:
-        """Return the set-point one tick later; None if this set-point or the pose at rest after it is not allowed.
+        """Return the set-point one tick later, or None if that set-point or the subsequent stop is not allowed.
 
-        `ease`: share of the acceleration limits that the joints can follow.
+        `ease`: fraction of the tool's acceleration limits that the joints can follow.
         """
         planner = self._planner
         speeds, spans = [], []
@@ -233,7 +233,7 @@ class LineJog(Jog):
         return there_q, speed
 
     def _brake(self, q: np.ndarray, dq: np.ndarray, dt: float) -> State:
-        """Bring each joint to rest on its own, when the tool's line cannot be kept."""
+        """Bring each joint to rest on its own, for the case that the tool cannot stay on its line."""
         step = STOP_FACTOR * self._planner.limits.acceleration * dt
         speed = dq - np.clip(dq, -step, step)
         lower, upper = np.minimum(self._planner.lower, q), np.maximum(self._planner.upper, q)
@@ -244,7 +244,7 @@ class LineJog(Jog):
 
 
 def _parts(what: str, names: Sequence[Any], known: str, speeds: Mapping[Any, float]) -> np.ndarray:
-    """Return the shares (k,) of all `names`, 0 without a speed. Raises PlanError: unknown name, or not a share."""
+    """Return the fractions (k,) for all `names`, 0 if not given. Raises PlanError: unknown name or bad value."""
     parts = np.zeros(len(names))
     for name, speed in speeds.items():
         if name not in names:
@@ -254,17 +254,17 @@ def _parts(what: str, names: Sequence[Any], known: str, speeds: Mapping[Any, flo
 
 
 def _speed_within(room: np.ndarray, deceleration: np.ndarray, dt: float) -> np.ndarray:
-    """Return the speed v with which one more tick leaves room to brake:  v dt + v² / 2a = room;  0 without room."""
+    """Return the speed v at which one more tick leaves room to brake:  v dt + v² / 2a = room;  0 without room."""
     return deceleration * (np.sqrt(dt**2 + 2.0 * np.maximum(room, 0.0) / deceleration) - dt)
 
 
 def _level(twist: np.ndarray) -> float:
-    """Return the speed of a twist (6,) as a share of the tool's speed limits."""
+    """Return the magnitude of a twist (6,) as a fraction of the tool's speed limits."""
     return max(float(np.linalg.norm(twist[:3])) / LINE_SPEED_M_S, float(np.linalg.norm(twist[3:])) / LINE_SPEED_RAD_S)
 
 
 def _moved(pose: np.ndarray, twist: np.ndarray, linear_s: float, angular_s: float) -> np.ndarray:
-    """Return a pose (4, 4) moved with a twist (6,), for separate times of shift and turn."""
+    """Return a pose (4, 4) moved by a twist (6,), for linear_s of translation and angular_s of rotation."""
     out = pose.copy()
     out[:3, 3] += twist[:3] * linear_s
     out[:3, :3] = rotation_matrix(twist[3:] * angular_s) @ pose[:3, :3]

@@ -1,14 +1,14 @@
-"""A straight line of the tool, as a motion of the joints: first the joints along the line, then the timing.
+"""Straight line of the tool as a joint motion: first the joint path along the line, then its timing.
 
     p(s) = p0 + s Δp        R(s) = exp(s φ) R0        0 ≤ s ≤ 1,  φ the rotation vector from start to end
 
-The joints at some shares come from inverse kinematics, each solution seeded from the one before; between the shares,
-joints move on cubics through q and dq/ds = J⁻¹ (Δp, φ). The middle of each piece is checked, and pieces are halved
-until all are straight. If halving fails, or joints would be too fast, the line passes a singularity: two configurations
-of the arm meet there, and the arm cannot go on at a finite speed.
+Inverse kinematics gives the joints at some values of s, each solution seeded from the previous one. In between, the
+joints follow cubics through q and dq/ds = J⁻¹ (Δp, φ). The straightness is checked in the middle of each piece, and all
+pieces are halved until all are straight. If halving does not help, or a joint would be too fast, the line passes a
+singularity. Two arm configurations meet there, and the arm cannot continue at a finite speed.
 
-At the share s of the way, joints turn with q' ds/dt and accelerate with q'' (ds/dt)² + q' d²s/dt². A whole line has
-one speed: the highest that the tool's limits allow, and that each joint can follow everywhere on the line.
+At s, the joints move with speed q' ds/dt and acceleration q'' (ds/dt)² + q' d²s/dt². A line is followed at one
+speed: the highest that the tool's limits allow, and that every joint can follow on the whole line.
 """
 
 import math
@@ -32,20 +32,20 @@ from lerobot_robot_yam.waldo.planning.motion_plan import (
 from lerobot_robot_yam.waldo.planning.tool_kinematics import ToolKinematics
 
 STRAIGHT_M, STRAIGHT_RAD = 1e-4, 1e-3
-"""Largest error in the middle of a piece: a fifth of the promised 0.5 mm and 0.3°."""
+"""Maximum error in the middle of a piece: a fifth of the promised 0.5 mm and 0.3°."""
 
-_PIECE_M, _PIECE_RAD = 0.01, 0.05  # largest length and turn of a piece in the first division, m and rad
-_DIVISIONS = 3  # largest number of halvings
-_AHEAD_RAD = 0.5  # largest extrapolation of a joint from one share to the next, rad
+_PIECE_M, _PIECE_RAD = 0.01, 0.05  # maximum length and rotation of a piece in the first division, m and rad
+_DIVISIONS = 3  # maximum number of halvings
+_AHEAD_RAD = 0.5  # maximum extrapolation of a joint from one piece to the next, rad
 _AT_LIMIT_RAD = 1e-6
-# Least share of the tool's full speed that the joints' limits must allow; a line that allows less is too near to a
+# Minimum fraction of the tool's full speed that the joint limits must allow. A line that allows less is too close to a
 # singularity, and is refused.
 _SLOWEST = 0.1
 _TINY = 1e-9
 
 
 class Line(NamedTuple):
-    """Line from a pose (4, 4) of the tool: way (3,), m, and turn (3,), a rotation vector in the base's axes, rad."""
+    """Line from a tool pose (4, 4): translation (3,), m, and rotation vector (3,) in base axes, rad."""
 
     start: np.ndarray
     way: np.ndarray
@@ -53,16 +53,16 @@ class Line(NamedTuple):
 
     @classmethod
     def between(cls, start: np.ndarray, end: np.ndarray) -> "Line":
-        """Return the line between two poses (4, 4), with the shorter turn."""
+        """Return the line between two poses (4, 4), with the smaller of the two possible rotations."""
         return cls(start, end[:3, 3] - start[:3, 3], rotation_vector(end[:3, :3] @ start[:3, :3].T))
 
     @property
     def size(self) -> tuple[float, float]:
-        """Length, m, and turn, rad."""
+        """Length, m, and rotation angle, rad."""
         return float(np.linalg.norm(self.way)), float(np.linalg.norm(self.turn))
 
     def at(self, share: float) -> np.ndarray:
-        """Return the pose (4, 4) of the tool at a share of the way."""
+        """Return the tool pose (4, 4) at a fraction of the line."""
         pose = self.start.copy()
         pose[:3, :3] = rotation_matrix(share * self.turn) @ self.start[:3, :3]
         pose[:3, 3] = self.start[:3, 3] + share * self.way
@@ -70,19 +70,19 @@ class Line(NamedTuple):
 
     @property
     def twist(self) -> np.ndarray:
-        """Change of the pose per share (6,): way, m, and rotation vector, rad."""
+        """Derivative of the pose with respect to s (6,): translation, m, and rotation vector, rad."""
         return np.concatenate([self.way, self.turn])
 
 
 def joint_path(arm: ToolKinematics, line: Line, start_q: np.ndarray, names: list[str]) -> Plan:
-    """Return the joints along a line, as a `Plan` whose times are shares of the way.
+    """Return the joint path along a line, as a `Plan` whose times are the fractions s, 0 … 1.
 
     Args:
-        start_q: joints (n,) at the line's start, rad; a joint outside its range may only come back.
+        start_q: joints (n,) at the line's start, rad. A joint outside its range may stay there or come back.
         names: names of the joints, for messages.
 
     Raises:
-        PlanError: the line leaves the reach or a joint's range, or passes a singularity.
+        PlanError: the line leaves the arm's reach or a joint's range, or passes a singularity.
     """
     length, turn = line.size
     pieces = max(math.ceil(length / _PIECE_M), math.ceil(turn / _PIECE_RAD), 2)
@@ -99,13 +99,13 @@ def joint_path(arm: ToolKinematics, line: Line, start_q: np.ndarray, names: list
 def timed(
     path: Plan, line: Line, joints: Limits, share: tuple[float, float], duration_s: float, names: list[str]
 ) -> Plan:
-    """Return the motion along a line, as fast as the tool and each joint may go.
+    """Return the motion along a line, as fast as the limits of the tool and of each joint allow.
 
     Args:
-        path: the joints along the line, see `joint_path`.
-        joints: limits of the joints' motion.
-        share: shares of the limits of speed and of acceleration.
-        duration_s: wanted duration, s; 0: as short as the limits allow.
+        path: joint path along the line, see `joint_path`.
+        joints: motion limits of the joints.
+        share: fractions of the speed and acceleration limits to use.
+        duration_s: required duration, s; 0: as short as the limits allow.
         names: names of the joints, for messages.
 
     Raises:
@@ -135,7 +135,7 @@ def timed(
 
 
 def _divided(arm: ToolKinematics, line: Line, start_q: np.ndarray, names: list[str], pieces: int) -> Plan:
-    """Return the path through `pieces` equal pieces; if the joints jump, the path is not straight in between."""
+    """Return the path through `pieces` equal pieces. If the joints jump, the path is not straight in between."""
     shares = np.linspace(0.0, 1.0, pieces + 1)
     q, rate = np.empty((2, pieces + 1, len(start_q)))
     q[0], rate[0] = start_q, arm.rates(start_q, line.twist)
@@ -158,7 +158,7 @@ def _straight(arm: ToolKinematics, line: Line, path: Plan) -> bool:
 
 
 def _why_not(arm: ToolKinematics, q: np.ndarray, names: list[str], share: float) -> str:
-    """Return the reason why there was no solution; q (n,) is the nearest attempt, rad."""
+    """Return why no solution was found. q (n,), rad, is the closest attempt."""
     room = np.minimum(q - arm.lower, arm.upper - q)
     where = f"at {100 * share:.0f} % of the line"
     stopped = [f"{names[i]} at {math.degrees(q[i]):.1f}°" for i in np.flatnonzero(room <= _AT_LIMIT_RAD).tolist()]

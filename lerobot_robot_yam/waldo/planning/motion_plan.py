@@ -1,14 +1,14 @@
-"""Planned motions: the dry run draws a plan, the simulator plays it, and a real arm follows it.
+"""Planned motions. The dry run draws a plan, the simulator plays it, and a real arm follows it.
 
-ruckig makes motions time-optimal under limits of speed, acceleration and jerk. From rest to rest, all coordinates keep
-the same share of their way (phase synchronisation), so the way is a straight line in joint space and does not depend
-on the speed. From a moving start, coordinates only end at the same time.
+ruckig computes time-optimal motions within limits of speed, acceleration and jerk. From rest to rest, all coordinates
+are phase-synchronised: at any time, each has covered the same fraction of its distance. So the path is a straight line
+in joint space and does not depend on the speed. From a moving start, the coordinates only end at the same time.
 
-Two motions become one if the second begins before the first has come to rest. The corner between them is rounded:
+Two motions are joined by starting the second one before the first one is at rest. This rounds the corner between them:
 
     q(t) = first(t) + second(t − t_b) − corner
 
-so the joined motion leaves the first motion and enters the second smoothly, and differs from both only while the tool
+The joined motion leaves the first motion and enters the second one smoothly. It differs from both only while the tool
 is within a radius of the corner.
 """
 
@@ -24,48 +24,48 @@ from lerobot_robot_yam.waldo.poses import number
 
 JOINT_ACCELERATION_RAD_S2 = 6.0  # our choice: 1.5 rad/s after 0.35 s; the control loop's set-point allows 30
 JOINT_JERK_RAD_S3 = 60.0  # our choice: full acceleration after 0.1 s
-STOP_FACTOR = 2.0  # factor on the accelerations for a stop: from 1.5 rad/s to rest in 0.13 s
-LINE_SPEED_M_S, LINE_SPEED_RAD_S = 0.25, 1.2  # our choice: slow enough that a hand can follow the arm
+STOP_FACTOR = 2.0  # acceleration factor for a stop: from 1.5 rad/s to rest in 0.13 s
+LINE_SPEED_M_S, LINE_SPEED_RAD_S = 0.25, 1.2  # our choice: slow enough for a person's hand to follow the arm
 LINE_ACCELERATION_M_S2, LINE_ACCELERATION_RAD_S2 = 1.0, 5.0  # our choice: full speed after 0.35 s
 LINE_RAMP_S = 0.1  # duration of the ramp to full acceleration, s
-JOG_SHARE = 0.5  # share of the joints' speed limits for jogging
-DEFAULT_SPEED = 0.5  # share of the speed limits for a command with speed 0
-LEAST_ACCELERATION = 0.05  # least share of the acceleration limits: Commander's slider goes down to 0
+JOG_SHARE = 0.5  # fraction of the joint speed limits used for jogging
+DEFAULT_SPEED = 0.5  # fraction of the speed limits for commands with speed 0
+LEAST_ACCELERATION = 0.05  # minimum fraction of the acceleration limits: Commander's slider goes down to 0
 HOME_RAD = np.radians([0.0, 60.0, 60.0, -29.0, 0.0, 0.0])
-"""Pose of `home`, away from limits and gimbal lock: the upper arm raised, the tool 29° below the level."""
+"""Pose of `home`, away from limits and gimbal lock: the upper arm is raised, the tool points 29° below horizontal."""
 
-_LONGEST_S = 3600.0  # longest duration of a motion, s
-_SAMPLE_S = 0.01  # time between two points of a plan, s: cubics through the points are off by less than 1e-5 rad
-_LOOKS = 100  # number of intervals of each motion whose ends are compared with the radius
-_LATE = 1.05  # factor on the wanted duration beyond which a motion counts as too slow
+_LONGEST_S = 3600.0  # maximum duration of a motion, s
+_SAMPLE_S = 0.01  # time between two points of a plan, s: cubics through the points are accurate to 1e-5 rad
+_LOOKS = 100  # number of intervals per motion at whose ends the distance to the corner is compared with the radius
+_LATE = 1.05  # duration above this multiple of the required one is refused
 _TINY = 1e-9
 _JERK_SHARES = (1.0, 0.999, 0.99, 0.9)
 
 
 class Limits(NamedTuple):
-    """Limits of n coordinates: speed (n,) unit/s, acceleration (n,) unit/s², jerk (n,) unit/s³."""
+    """Motion limits of n coordinates: speed (n,) unit/s, acceleration (n,) unit/s², jerk (n,) unit/s³."""
 
     speed: np.ndarray
     acceleration: np.ndarray
     jerk: np.ndarray
 
     def scaled(self, speed: float, acceleration: float) -> "Limits":
-        """Return these shares of the limits; the jerk has the acceleration's share."""
+        """Return the limits scaled by fractions of speed and acceleration. The jerk is scaled like the acceleration."""
         return Limits(speed * self.speed, acceleration * self.acceleration, acceleration * self.jerk)
 
 
 def joint_limits(speed_rad_s: np.ndarray) -> Limits:
-    """Return the limits of joints that may turn with speed_rad_s (n,)."""
+    """Return the motion limits for joints with speed limits speed_rad_s (n,)."""
     n = len(speed_rad_s)
     return Limits(speed_rad_s.copy(), np.full(n, JOINT_ACCELERATION_RAD_S2), np.full(n, JOINT_JERK_RAD_S3))
 
 
 def shares(speed: float, accel: float, duration_s: float) -> tuple[float, float]:
-    """Return a command's shares of the speed and acceleration limits.
+    """Return the fractions of the speed and acceleration limits that a command uses.
 
     Args:
-        speed, accel: shares 0 … 1; a speed of 0 is `DEFAULT_SPEED`.
-        duration_s: wanted duration, s; above 0, the duration replaces the speed.
+        speed, accel: fractions 0 … 1; speed 0 means `DEFAULT_SPEED`.
+        duration_s: required duration, s; if above 0, it replaces the speed.
 
     Raises:
         PlanError: an argument is not a number, or outside its range.
@@ -76,10 +76,10 @@ def shares(speed: float, accel: float, duration_s: float) -> tuple[float, float]
 
 
 class Plan(NamedTuple):
-    """Motion of n joints through k ≥ 2 points; between two points each joint moves on a cubic.
+    """Motion of n joints through k ≥ 2 points. Between two points, each joint follows a cubic.
 
     Attributes:
-        times_s: (k,) rising times from 0, s.
+        times_s: (k,) increasing times, s, starting at 0.
         q: (k, n) joint angles, rad.
         dq: (k, n) joint speeds, rad/s.
     """
@@ -94,7 +94,7 @@ class Plan(NamedTuple):
         return float(self.times_s[-1])
 
     def at(self, t_s: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return q (n,) rad and dq (n,) rad/s at a time, clamped to the plan; both are (m, n) for times (m,)."""
+        """Return q (n,), rad, and dq (n,), rad/s, at a time clamped to the plan; both are (m, n) for times (m,)."""
         t = np.clip(t_s, 0.0, self.times_s[-1])
         i = np.clip(np.searchsorted(self.times_s, t, side="right") - 1, 0, len(self.times_s) - 2)
         h = np.asarray(self.times_s[i + 1] - self.times_s[i])[..., None]
@@ -114,21 +114,21 @@ class Plan(NamedTuple):
 
 
 def standing(q: np.ndarray) -> Plan:
-    """Return a plan of 1 ms that stays at q (n,) rad."""
+    """Return a plan of 1 ms that stays at q (n,), rad."""
     return Plan(np.array([0.0, 1e-3]), np.array([q, q]), np.zeros((2, len(q))))
 
 
 def sample_times(duration_s: float) -> np.ndarray:
-    """Return evenly spaced times (k,) from 0 to a duration, at most `_SAMPLE_S` apart, s."""
+    """Return evenly spaced times (k,), s, from 0 to duration_s, at most `_SAMPLE_S` apart."""
     return np.linspace(0.0, duration_s, max(math.ceil(duration_s / _SAMPLE_S), 1) + 1)
 
 
 def overlap_s(first: Plan, second: Plan, pose: Callable[[np.ndarray], np.ndarray], radius_m: float) -> float:
-    """Return the time for which the two motions may overlap, s, at most half of each motion.
+    """Return the maximum time for which two successive motions may overlap, s: at most half of each motion.
 
     Args:
-        pose: function from joints (k, n) rad to poses (k, 4, 4) m of the tool.
-        radius_m: distance to the corner within which the tool may leave the two motions, m.
+        pose: function from joints (k, n), rad, to tool poses (k, 4, 4), m.
+        radius_m: distance to the corner within which the tool may deviate from the two motions, m.
     """
     looks = [plan.at(np.linspace(0.0, plan.duration_s, _LOOKS + 1))[0] for plan in (first, second)]
     first_m, second_m = (pose(q)[:, :3, 3] for q in looks)
@@ -142,7 +142,7 @@ def overlap_s(first: Plan, second: Plan, pose: Callable[[np.ndarray], np.ndarray
 
 
 def superposed(first: Plan, second: Plan, overlap: float) -> Plan:
-    """Return both motions as one plan; the second begins `overlap` s before the first ends."""
+    """Return both motions as one plan. The second motion starts `overlap` s before the first one ends."""
     begin = first.duration_s - overlap
     times = sample_times(begin + second.duration_s)
     (q, dq), (further, further_dq) = first.at(times), second.at(times - begin)
@@ -150,9 +150,9 @@ def superposed(first: Plan, second: Plan, overlap: float) -> Plan:
 
 
 def move(start: np.ndarray, speed: np.ndarray, target: np.ndarray, limits: Limits, duration_s: float = 0.0) -> Plan:
-    """Plan a motion from start (n,), moving with speed (n,), to rest at target (n,).
+    """Plan a motion from `start` (n,), moving with `speed` (n,), to rest at `target` (n,).
 
-    `duration_s`: wanted duration, s; 0: as short as the limits allow.
+    `duration_s`: required duration, s; 0: as short as the limits allow.
 
     Raises:
         PlanError: the motion takes longer than `duration_s`.
@@ -161,7 +161,7 @@ def move(start: np.ndarray, speed: np.ndarray, target: np.ndarray, limits: Limit
         return standing(start)
     given = ruckig.InputParameter(len(start))
     given.current_position, given.current_velocity, given.target_position = start, speed, target
-    # ruckig refuses a start above its speed limit, but a set-point may be faster, by rounding or from a faster motion.
+    # ruckig refuses a start above the speed limit, but rounding or a faster previous motion may cause such a start.
     given.max_velocity = np.maximum(limits.speed, np.abs(speed))
     given.max_acceleration, given.max_jerk = limits.acceleration, limits.jerk
     given.synchronization = ruckig.Synchronization.Phase
@@ -171,7 +171,7 @@ def move(start: np.ndarray, speed: np.ndarray, target: np.ndarray, limits: Limit
     times = sample_times(trajectory.duration)
     rows = [trajectory.at_time(t) for t in times.tolist()]
     plan = Plan(times, np.array([row[0] for row in rows]), np.array([row[1] for row in rows]))
-    plan.q[-1], plan.dq[-1] = target, 0.0  # exact, since the target may be a limit
+    plan.q[-1], plan.dq[-1] = target, 0.0  # exact, since the target may be a joint limit
     if 0.0 < duration_s * _LATE < plan.duration_s:
         raise PlanError(
             f"this takes at least {plan.duration_s:.2f} s within the limits, not {duration_s:.2f} s; "
@@ -181,9 +181,9 @@ def move(start: np.ndarray, speed: np.ndarray, target: np.ndarray, limits: Limit
 
 
 def brake(start: np.ndarray, speed: np.ndarray, deceleration: np.ndarray) -> Plan:
-    """Plan a stop from start (n,), moving with speed (n,); each coordinate brakes with its own deceleration (n,).
+    """Plan a stop from `start` (n,), moving with `speed` (n,). Each coordinate brakes with its own deceleration (n,).
 
-    The deceleration starts at once, without a ramp, so the stop is never longer than a motion's own braking.
+    The deceleration starts at once, without a ramp, so the stop never takes longer than a motion's own braking.
     """
     lasts_s = np.abs(speed) / deceleration
     if lasts_s.max() < _TINY:
@@ -195,7 +195,7 @@ def brake(start: np.ndarray, speed: np.ndarray, deceleration: np.ndarray) -> Pla
 
 
 def _trajectory(given: ruckig.InputParameter) -> ruckig.Trajectory:
-    """Compute a trajectory; where ruckig fails at the exact border of two of its cases, slightly less jerk helps."""
+    """Compute a trajectory. ruckig can fail at the border between two of its cases; less jerk is then tried."""
     trajectory = ruckig.Trajectory(given.degrees_of_freedom)
     jerk = np.array(given.max_jerk)
     for share in _JERK_SHARES:

@@ -1,6 +1,6 @@
 """Planner of one arm: the only place where commands become motions, for dry run, simulator and real arm.
 
-The planner reads no clock and no motor, so the same calls give the same plans. Impossible commands are refused before
+The planner reads no clock and no motor, so equal calls give equal plans. Impossible commands are refused before
 anything moves.
 """
 
@@ -29,31 +29,31 @@ from lerobot_robot_yam.waldo.planning.motion_plan import (
 from lerobot_robot_yam.waldo.planning.tool_kinematics import ToolKinematics
 from lerobot_robot_yam.waldo.poses import numbers
 
-_ROUNDING_RAD = 1e-4  # allowed excess over a limit, rad: degrees in text are rounded
-_SAME_M, _SAME_RAD = 1e-6, 1e-6  # length and turn up to which a line counts as a point, m and rad
-_SAME_S = 1e-3  # braking time up to which the arm counts as at rest, s
+_ROUNDING_RAD = 1e-4  # tolerance beyond a joint limit, rad: degrees in text are rounded
+_SAME_M, _SAME_RAD = 1e-6, 1e-6  # length and rotation below which a line counts as a point, m and rad
+_SAME_S = 1e-3  # braking time below which the arm counts as at rest, s
 _RESTS_RAD_S = 1e-6
 _SPEED_ROUNDING = 1.001
-_LOOK_RAD = 0.05  # joint motion between two collision checks, rad; `Clearance` checks more closely near obstacles
+_LOOK_RAD = 0.05  # joint motion between two collision checks, rad; `Clearance` checks more densely near obstacles
 
 
 class Planner:
     """Planner of an arm's motions. Not thread-safe.
 
-    All angles in rad, lengths in m; poses (4, 4) are of the tool's tip in the frame of the arm's base.
+    Angles are in rad, lengths in m. Poses (4, 4) are those of the tool's tip in the arm's base frame.
 
     Args:
         hardware: the arm.
-        workspace: limits in space; None: the workspace in the arm's config.
+        workspace: workspace limits; None: the workspace in the arm's config.
 
     Attributes:
-        kinematics: kinematics of arm and tool; at first of the bare flange.
+        kinematics: kinematics of arm and tool, initially of the bare flange.
         lower, upper: (n,) limits of the joints.
-        limits: limits of the joints' motion.
+        limits: motion limits of the joints.
         home_q: (n,) target of `home`.
 
     Raises:
-        ConfigError: the arm does not have six joints, or its workspace cannot be used.
+        ConfigError: the arm does not have six joints, or its workspace is invalid.
     """
 
     def __init__(self, hardware: ResolvedArm, workspace: WorkspaceConfig | None = None):
@@ -68,17 +68,17 @@ class Planner:
         self.keep_clear(hardware.config.workspace if workspace is None else workspace)
 
     def keep_clear(self, workspace: WorkspaceConfig) -> None:
-        """Set the limits in space for further plans: floor, boxes, and the arm itself with its gripper open.
+        """Set the obstacles for subsequent plans: floor, boxes, and the arm itself with its gripper open.
 
         Raises:
-            ConfigError: the workspace cannot be used; the old limits stay.
+            ConfigError: the workspace is invalid. The previous one is kept.
         """
         hardware = self.hardware
         guarded = GuardedArm(hardware.name, hardware.arm, hardware.gripper, workspace, hardware.tilt_rad)
         self._clearance = Clearance([guarded]) if workspace.limits_anything else None
 
     def conflict(self, q: np.ndarray) -> tuple[str, str] | None:
-        """Return the names of the first two parts that come too close on the way (k, n); None for a clear way."""
+        """Return the names of the first two parts that come too close on a joint path (k, n), or None."""
         if self._clearance is None:
             return None
         kept = [0]
@@ -99,13 +99,13 @@ class Planner:
             )
 
     def pose(self, q: np.ndarray) -> np.ndarray:
-        """Return the poses (…, 4, 4) of the tool's tip at joints (…, n)."""
+        """Return the poses (…, 4, 4) of the tool's tip for joints (…, n)."""
         return self.kinematics.pose(q)
 
     def inverse(self, pose: np.ndarray, near_q: np.ndarray, turn_over: bool = True) -> np.ndarray:
-        """Return joints (n,) that put the tool's tip at a pose, if possible near `near_q`.
+        """Return joints (n,) that bring the tool's tip to a pose, if possible near `near_q`.
 
-        `turn_over`: whether to search far from `near_q`, too.
+        `turn_over`: whether to also search far from `near_q`.
 
         Raises:
             PlanError: the pose is out of reach.
@@ -130,14 +130,14 @@ class Planner:
         duration: float | None = 0.0,
         start_dq: np.ndarray | None = None,
     ) -> Plan:
-        """Plan a move of the joints, which from rest is a straight line in joint space.
+        """Plan a joint move. From rest, it is a straight line in joint space.
 
         Args:
-            start_q: (n,) present set-point, rad.
-            target_q: (n,) joints at the end, rad.
-            speed, accel: shares 0 … 1 of the limits; a speed of 0 is `motion_plan.DEFAULT_SPEED`.
-            duration: wanted duration, s; above 0, the duration replaces `speed`.
-            start_dq: (n,) speed of the present set-point, rad/s; None: at rest.
+            start_q: (n,) current set-point, rad.
+            target_q: (n,) target joints, rad.
+            speed, accel: fractions 0 … 1 of the limits; speed 0 means `motion_plan.DEFAULT_SPEED`.
+            duration: required duration, s; if above 0, it replaces `speed`.
+            start_dq: (n,) speed of the current set-point, rad/s; None: at rest.
 
         Raises:
             PlanError: the target is malformed or beyond a limit, or the move is too fast or blocked.
@@ -160,14 +160,14 @@ class Planner:
         accel: float = 1.0,
         duration: float | None = 0.0,
     ) -> Plan:
-        """Plan a move of the tool's tip from rest along a straight line, turning evenly.
+        """Plan a move of the tool's tip, from rest, along a straight line with uniform rotation.
 
         Args:
-            target: pose (4, 4) at the end.
+            target: target pose (4, 4).
             speed, accel, duration: as for `joints`; the speed also scales the tool's limits.
 
         Raises:
-            PlanError: the line leaves the reach or meets a singularity, or the move is malformed, too fast or blocked.
+            PlanError: the line leaves the reach or passes a singularity, or the move is malformed, too fast or blocked.
         """
         duration_s = duration or 0.0
         share = shares(speed, accel, duration_s)
@@ -180,17 +180,17 @@ class Planner:
         return timed(path, line, self.limits, share, duration_s, self._names)
 
     def home(self, start_q: np.ndarray) -> Plan:
-        """Plan a move of the joints to `home_q`, as `joints` does."""
+        """Plan a joint move to `home_q`, see `joints`."""
         return self.joints(start_q, self.home_q)
 
     def stop(self, q: np.ndarray, dq: np.ndarray) -> Plan:
-        """Plan a stop from a set-point (n,) that moves with dq (n,) rad/s, braking harder than a move."""
+        """Plan a stop from a set-point q (n,) that moves with dq (n,), rad/s. It brakes harder than a move does."""
         return motion_plan.brake(q, dq, STOP_FACTOR * self.limits.acceleration)
 
     def stop_on(self, plan: Plan, t_s: float) -> Plan:
-        """Plan a stop on the path of a running plan, from its time t_s on.
+        """Plan a stop on the path of a running plan, starting at time t_s of that plan.
 
-        The plan's time slows down as  τ = t + u − u² / 2T,  and stands still after T.
+        With T the braking time, the plan's time slows down as  τ = t + u − u² / 2T  and stands still after u = T.
         """
         q, dq = plan.at(t_s)
         lasts_s = float((np.abs(dq) / self.limits.acceleration).max())
@@ -203,9 +203,9 @@ class Planner:
         return Plan(times, way, speed * (1.0 - times / lasts_s)[:, None])
 
     def joined(self, first: Plan, second: Plan, radius_m: float) -> Plan:
-        """Join two successive moves, and round the corner between them within `radius_m`.
+        """Join two successive moves, rounding the corner between them within `radius_m`.
 
-        The corner is rounded less, or not at all, if rounding would exceed a limit or come too close to an obstacle.
+        If rounding would exceed a limit or come too close to an obstacle, the corner is rounded less or not at all.
         """
         overlap = overlap_s(first, second, self.pose, radius_m)
         for share in (1.0, 0.5, 0.25):
@@ -217,7 +217,7 @@ class Planner:
         return superposed(first, second, 0.0)
 
     def within(self, q: np.ndarray) -> np.ndarray:
-        """Return `q` as (n,) floats, with rounding beyond the limits removed.
+        """Return `q` as an array (n,) of floats, clamped to the limits if only rounding errors exceed them.
 
         Raises:
             PlanError: `q` is malformed, or a joint is beyond its limit; the message names the joint.
@@ -234,7 +234,7 @@ class Planner:
         return np.clip(given, self.lower, self.upper)
 
     def _outside(self, q: np.ndarray) -> np.ndarray:
-        """Return each joint's largest excess (n,) over its range in q (…, n), rad; negative inside the range."""
+        """Return each joint's maximum excess (n,) over its range in q (…, n), rad; negative if within the range."""
         over = np.maximum(self.lower - q, q - self.upper)
         return over.reshape(-1, over.shape[-1]).max(axis=0)
 
