@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _plugged(args: argparse.Namespace) -> list[Plugged]:
-    """Return the cameras that are plugged in. Raises CameraError: there are none."""
+    """Return the connected cameras. Raises CameraError: no camera is connected."""
     cameras = plugged_cameras(args.root)
     if not cameras:
         raise CameraError(_NONE)
@@ -125,7 +125,11 @@ def _tune(args: argparse.Namespace) -> int:
 
 
 def _chosen(args: argparse.Namespace) -> Plugged:
-    """Return the camera to tune. Raises CameraError: the camera is missing, or none of several was named."""
+    """Return the camera to tune.
+
+    Raises:
+        CameraError: the named camera is missing, or no camera was named and not exactly one is connected.
+    """
     if args.camera is not None:
         roles = named_cameras(read_config(args.config)) if args.config else {}
         return find_camera(str(roles.get(args.camera, {}).get("serial_number_or_name", args.camera)), args.root)
@@ -148,7 +152,7 @@ def _name(args: argparse.Namespace) -> int:
 
 
 def _asked(args: argparse.Namespace) -> dict[str, Plugged]:
-    """Ask the person for the role of each camera; return role -> camera."""
+    """Ask the user for the role of each camera; return role -> camera, without the cameras that were skipped."""
     cameras = _plugged(args)
     need_terminal(False)
     found: dict[str, Plugged] = {}
@@ -162,13 +166,13 @@ def _asked(args: argparse.Namespace) -> dict[str, Plugged]:
 
 
 def _roles(config: Path | None) -> dict[str, str]:
-    """Read the cameras of a config; return serial number -> role."""
+    """Return serial number -> role of the cameras in a run config; empty without a config."""
     cameras = named_cameras(read_config(config)) if config else {}
     return {str(fields.get("serial_number_or_name")): role for role, fields in cameras.items()}
 
 
 def _write(args: argparse.Namespace, cameras: Mapping[str, Mapping[str, Any]]) -> None:
-    """Show how the config would change, ask, and change the config."""
+    """Show the changes to the config, ask for confirmation (not with --yes), and write (not with --dry-run)."""
     before = read_config(args.config)
     after = with_cameras(before, cameras)
     if after == before:

@@ -1,4 +1,4 @@
-"""Where the packaged LeRobot run configs are, and how to get a copy to edit.
+"""List the packaged LeRobot run configs, print their paths, or copy them for editing.
 
 yam-configs                 lists them with their paths
 yam-configs copy my_lab     copies them into the directory my_lab
@@ -16,7 +16,7 @@ from lerobot_robot_yam.system.paths import user_path
 
 
 def configs_dir() -> Path:
-    """Return the directory of the run configs: inside an installed package, beside an editable one.
+    """Return the directory of the run configs: in the package, or for an editable install beside the package.
 
     Raises:
         ConfigError: the installation lacks the run configs.
@@ -32,7 +32,7 @@ def config_path(name: str) -> Path:
     """Return the path of the config called `name`, such as "sim/record".
 
     Raises:
-        ConfigError: there is no such config; the message lists the names.
+        ConfigError: no config is called `name`; the message lists the available names.
     """
     path = configs_dir() / f"{name.removesuffix('.yaml')}.yaml"
     if not path.is_file():
@@ -47,10 +47,10 @@ def config_names() -> list[str]:
 
 
 def copy_configs(target: Path) -> list[Path]:
-    """Copy all configs below `target`; return the paths of the copies.
+    """Copy all configs into subdirectories of `target`; return the paths of the copies.
 
     Raises:
-        ConfigError: a file of the same name exists already; nothing was copied.
+        ConfigError: a copy would overwrite an existing file; nothing was copied.
     """
     copies = {config_path(name): target / f"{name}.yaml" for name in config_names()}
     present = [str(path) for path in copies.values() if path.exists()]

@@ -1,4 +1,4 @@
-"""Is the rig fit to be used? Reads and asks, sends no command, energises nothing.
+"""Check whether a rig is fit for use. Only reads state: moves nothing and energises nothing.
 
 yam-doctor                                             all CAN interfaces, cameras, this computer
 yam-doctor --config_path=configs/real/record.yaml      the arms and cameras of a LeRobot run config
@@ -36,7 +36,7 @@ _SAMPLES = 200
 
 
 def examine(plan: Plan, samples: int = _SAMPLES, sysfs: Path = SYSFS) -> Report:
-    """Examine everything in the plan; if the plan has no target, examine all CAN interfaces of this computer."""
+    """Check everything in the plan; if the plan has no target, check all CAN interfaces of this computer."""
     targets, report = list(plan.targets), empty_report()
     links: dict[str, Link] | None = None
     if plan.real:
@@ -50,7 +50,7 @@ def examine(plan: Plan, samples: int = _SAMPLES, sysfs: Path = SYSFS) -> Report:
         check_cameras(video_devices(sysfs=sysfs), plan.cameras, DEV, report["cameras"])
     for target in targets:
         link = links.get(target.channel) if links is not None and target.real else None
-        if link is not None or links is None or not target.real:  # else the interface does not exist
+        if link is not None or links is None or not target.real:  # otherwise the interface does not exist
             examine_channel(target, link, samples, report, lambda text: tell(f"yam-doctor: {text} …"))
     check_calibrations(targets, calibration_root(), report["gripper_calibration"])
     check_host(sysfs, report["host"])
@@ -58,9 +58,9 @@ def examine(plan: Plan, samples: int = _SAMPLES, sysfs: Path = SYSFS) -> Report:
 
 
 def _read_links(wanted: Sequence[str], sysfs: Path, section: Section) -> dict[str, Link] | None:
-    """Return name -> link as the system's tools show it, or None when the tools fail.
+    """Return name -> link as reported by the tools ip and tc, or None if ip fails.
 
-    The section gets the findings about the wanted links; if `wanted` is empty, about all links.
+    Adds the findings about the wanted links to `section`; if `wanted` is empty, about all links.
     """
     text, reason = tool_output(IP_COMMAND)
     try:
@@ -116,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     report = examine(plan, args.samples, args.sysfs)
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # the terminal may lack a character, such as "…"
+        sys.stdout.reconfigure(errors="replace")  # the terminal's encoding may lack characters such as "…"
     sys.stdout.write((as_json(report) if args.json else as_text(report, args.verbose)) + "\n")
     return exit_status(report)
 
@@ -127,7 +127,7 @@ def _plan(args: argparse.Namespace) -> Plan:
     if args.config_path is not None:
         if args.channel:
             raise ConfigError("give --channel or --config_path, not both")
-        # imported late: this module imports LeRobot, which takes seconds
+        # imported late: config_refusal imports LeRobot, which takes seconds
         from lerobot_robot_yam.face.lerobot_command.config_refusal import check_options
 
         return from_config(args.config_path, args.rig, check_options)

@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _here(options: argparse.Namespace) -> int:
-    """Do the action in the runtime directories of this computer; return the exit status."""
+    """Latch, release or show the emergency stops of this computer; return the exit status."""
     action = options.action
     stops = [EmergencyStop(directory) for directory in _directories(action)]
     before = {stop.directory: stop.reason() for stop in stops if stop.latched and action == "release"}
@@ -81,23 +81,23 @@ def _here(options: argparse.Namespace) -> int:
             )
     if action == "status":
         return int(bool(latched))
-    # A stop must reach the arms of all users to succeed; a release only those of the calling user.
+    # Latching succeeds only if it reaches the arms of all users; releasing, if it reaches the calling user's arms.
     return int(bool(missed) if action == "latch" else stops[0].directory in missed)
 
 
 def _directories(action: str) -> list[Path]:
-    """Return the directories to act in. "latch" creates the user's own, so that sessions started later see the stop."""
+    """Return the runtime directories to act in. "latch" creates the user's own, so that later sessions see the stop."""
     found = runtime_dirs()
     if os.getuid() == 0 and len(found) > 1 and not found[0].exists():
         return found[1:]  # root drives no arm, and other users could not read files in root's directory
     if action == "latch":
-        with contextlib.suppress(ConfigError):  # a faulty directory is reported when the stop is written to it
+        with contextlib.suppress(ConfigError):  # an unusable directory is reported when the stop is written
             runtime_dir()
     return found
 
 
 def _act(stops: Sequence[EmergencyStop], action: str, why: str) -> dict[Path, OSError]:
-    """Latch or release all stops; return directory -> error where a stop could not be changed or a directory read."""
+    """Latch, release or look up all stops; return directory -> error of each stop that cannot be changed or read."""
     missed = {}
     for stop in stops:
         try:
@@ -113,7 +113,7 @@ def _act(stops: Sequence[EmergencyStop], action: str, why: str) -> dict[Path, OS
 
 
 def _say(reached: Sequence[EmergencyStop], released: Mapping[Path, str]) -> None:
-    """Print for each directory whether its stop is latched, and which sessions a release lets go on."""
+    """Print for each directory whether its stop is latched and, after a release, which arms are driven."""
     for stop in reached:
         where = f" in {stop.directory}" if len(reached) > 1 else ""
         what = f"latched{where}: {stop.reason()}" if stop.latched else f"not latched{where}"
@@ -129,7 +129,7 @@ def _named(sessions: Iterable[tuple[str, str]]) -> str:
 
 
 def _on_host(options: argparse.Namespace) -> int:
-    """Do the action on the computer that has the arms; return the exit status."""
+    """Latch, release or show the emergency stop of the host that has the arms; return the exit status."""
     try:
         answer = ask_host(options, "estop", action=options.action, why=options.why, who=f"{getpass.getuser()}@{node()}")
     except YamError as error:

@@ -4,8 +4,8 @@ yam-feel --leader can_leader_l --follower can_follower_l               a running
 yam-feel --leader leader_left --follower follower_left --rig NAME      the same on a virtual rig
 yam-feel data/NAME --episode 3 --plot feel.png                         an episode of a data set, and a picture
 
-A session is only watched: nothing is written, and nothing is asked on a bus. A data set tells lag, tracking and jerk
-only, at its own rate. Exit status: 0 done; 1 it cannot be done; 2 wrong arguments.
+A session is only observed: nothing is written to it, and nothing is sent on a bus. A data set yields only lag, tracking
+and jerk, at its own rate. Exit status: 0 done; 1 it cannot be done; 2 wrong arguments.
 """
 
 import argparse
@@ -28,9 +28,9 @@ from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _HEAD = ("joint", "moved rad", "lag ms", "tracking mrad", "jerk ratio", "feedback Nm", "largest", "backdrive Nm")
-_LOOK_S = 0.0005  # period of polling the published states, s: an eighth of a tick
-_SILENT_S = 0.5  # largest age of the last state at the end, s
-_LEAST_FRAMES = 30  # shortest episode that is measured, frames
+_LOOK_S = 0.0005  # polling interval of the published states, s: an eighth of a tick
+_SILENT_S = 0.5  # maximum age of the newest state when recording ends, s
+_LEAST_FRAMES = 30  # minimum length of an episode, frames
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -54,10 +54,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _watch(args: argparse.Namespace) -> int:
-    """Report on a session that runs; return the exit status.
+    """Report on a running session; return the exit status.
 
     Raises:
-        YamError: an arm is driven by no session, the session ends, or the profile is not the leader's.
+        YamError: no session drives an arm, a session ends, or the profile does not fit the leader.
     """
     arm, gripper = resolve_profiles(args.arm, args.gripper)
     place = place_of(args.interface, args.rig)
@@ -78,15 +78,15 @@ def _watch(args: argparse.Namespace) -> int:
 
 
 def _record_states(keys: Mapping[str, str], seconds: float, begins: Callable[[], None]) -> list[np.ndarray]:
-    """Record the states of some arms for a time, from outside their session; return `STATE_DTYPE` (k,) of each arm.
+    """Record the published states of arms for a given time; return an array (k,) of `STATE_DTYPE` for each arm.
 
     Args:
-        keys: name of the arm in messages -> key of its channel.
+        keys: arm's name in messages -> key of the arm's channel.
         seconds: duration of the recording, s.
-        begins: called when the states of all arms have been found.
+        begins: called once the states of all arms are found.
 
     Raises:
-        ConfigError: no session drives an arm.
+        ConfigError: an arm is driven by no session.
         BusError: a session ended during the recording.
     """
     blocks: list[SharedBlock] = []
@@ -119,10 +119,10 @@ def _record_states(keys: Mapping[str, str], seconds: float, begins: Callable[[],
 
 
 def _look_back(args: argparse.Namespace) -> int:
-    """Report on an episode of a data set, with actions as leader, states as follower; return the exit status.
+    """Report on an episode of a data set, with actions as leader and states as follower; return the exit status.
 
     Raises:
-        ConfigError: the data set or episode is missing, or its actions are not joints; the message says which.
+        ConfigError: the data set or episode is missing, the episode is too short, or its actions are not joint angles.
     """
     from lerobot_robot_yam.face.datasets.check.motion_checks import arms_of
     from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, open_dataset
@@ -180,7 +180,7 @@ def _shown(value: float, places: int) -> str:
 
 
 def _save_plot(path: Path, motion: Motion, effort: Effort | None, periods: Mapping[str, np.ndarray]) -> None:
-    """Draw both arms, their difference, feedback and loop periods. Raises ConfigError: see `plot_file`."""
+    """Plot both arms, their difference, feedback and loop periods to a file. Raises ConfigError: see `plot_file`."""
     n = len(motion.names)
     rows = 2 + (effort is not None) + bool(periods)
     with plot_file(path, (3.2 * n, 3.2 * rows), dpi=100) as figure:

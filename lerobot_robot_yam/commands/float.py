@@ -1,10 +1,10 @@
-"""Let one or two arms float, carried against gravity; record what your hand does with them, and replay it.
+"""Let one or two arms float, compensated for gravity; record motions that you guide by hand, and replay them.
 
 yam-float --channel can_follower_l                                   one arm, by keys
 yam-float --channel can_follower_l can_follower_r                    two arms, recorded and replayed together
 yam-float --channel can_follower_l --load wave.npy --output new.npy  what l and s read and write
 
-HAZARD: this ENERGISES the arms. Files are of the form of the vendor's example. However it ends, the arms land.
+HAZARD: this ENERGISES the arms. Files have the format of the vendor's example. The arms land however the command ends.
 """
 
 import argparse
@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _float(args: argparse.Namespace) -> int:
-    """Energise the arms, obey the keys, and land the arms in any case; return the exit status."""
+    """Energise the arms, process keys until the user quits, and always land the arms; return the exit status."""
     if not sys.stdin.isatty():
         raise ConfigError("it is driven by keys, and there is no terminal to type them; nothing was energised")
     loaded = None if args.load is None else load_trajectory(args.load)
@@ -75,7 +75,7 @@ def _float(args: argparse.Namespace) -> int:
 
 
 def _hazard(configs: Sequence[ArmConfig]) -> str:
-    """Return a text about what will happen, for the person who has to confirm."""
+    """Return the hazard warning that the user has to confirm."""
     channels = " and ".join(config.channel for config in configs)
     text = (
         f"HAZARD: this energises the arm on {channels}. It floats: it weighs nothing to your hand, and stays where you "
@@ -88,14 +88,14 @@ def _hazard(configs: Sequence[ArmConfig]) -> str:
 
 
 class FloatConsole:
-    """Console that drives arms by keys until somebody quits. The caller stops the session.
+    """Console that drives arms by single keys until the user quits. The caller stops the session.
 
     Args:
-        session: started session, whose arms hold.
+        session: started session with all arms in mode HOLD.
         names: names of the session's arms.
         terminal: source of single keys.
-        output: file to save to.
-        trajectory: trajectory that was loaded before, if any.
+        output: file that `s` saves to.
+        trajectory: trajectory to start with, or None.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class FloatConsole:
         self._trajectory = trajectory
         self._recorder: StateRecorder | None = None
         self._playback: Playback | None = None
-        self._typed: str | None = None  # typed part of a file's name; None: no name is being typed
+        self._typed: str | None = None  # file name typed so far; None: no name is being typed
         self._said = ""
         self._keys: dict[str, Callable[[], None]] = {
             "f": self._float,
@@ -123,10 +123,10 @@ class FloatConsole:
         self._tables = [_Table(client) for client in self._clients]
 
     def run(self) -> None:
-        """Let the arms float, and obey the keys until `q` is typed or the terminal is closed.
+        """Let the arms float, and process keys until `q` is typed or the terminal is closed.
 
         Raises:
-            StaleStateError: a control loop is silent.
+            StaleStateError: a control loop has stopped publishing states.
         """
         clock = self._session.clock
         shown_s = clock.now() - _SHOWN_S
@@ -150,7 +150,11 @@ class FloatConsole:
                 self._show(states)
 
     def _state(self, client: ArmClient) -> ArmState:
-        """Return an arm's state, also of a failed arm, since a person watches. Raises StaleStateError: silent loop."""
+        """Return an arm's latest state, also in mode FAULT: a person is watching.
+
+        Raises:
+            StaleStateError: the control loop has stopped publishing states.
+        """
         state = client.published()
         age_s = self._session.clock.now() - state.published_s
         if state.mode is not Mode.OFF and age_s > client.config.max_state_age_s:
@@ -167,7 +171,7 @@ class FloatConsole:
             self._said = str(error)
 
     def _wake(self) -> None:
-        """Start the session again if all arms have landed; enable arms again that have failed."""
+        """Restart the session if all arms are in mode OFF; otherwise re-enable the arms in mode FAULT."""
         self._playback = None
         modes = [client.mode() for client in self._clients]
         if all(mode is Mode.OFF for mode in modes):
@@ -230,12 +234,12 @@ class FloatConsole:
         self._said = f"saved to {self._output}"
 
     def _ask_for_file(self) -> None:
-        if self._playback is not None:  # hold first: the next keys spell a name, so no key could end the replay
+        if self._playback is not None:  # hold first: while a name is typed, no key can end the replay
             self._hold()
         self._typed = ""
 
     def _type(self, key: str) -> None:
-        """Process one key of a file's name."""
+        """Process one key typed while entering a file name."""
         assert self._typed is not None
         if key in _ENTER:
             name, self._typed = self._typed, None
@@ -267,7 +271,7 @@ class FloatConsole:
 
 
 class _Table:
-    """Table of an arm's joints: angle, speed, torque, gravity, temperatures; below a headline with the loop period."""
+    """Table of an arm's joints (angle, speed, torque, gravity, temperatures), with mode and loop period above."""
 
     def __init__(self, client: ArmClient):
         self._client, self._gravity = client, gravity_model(client.hardware)

@@ -1,4 +1,4 @@
-"""Look at a leader's teaching handle and set it up. Energises nothing.
+"""Show and set up a leader's teaching handle. Energises nothing.
 
 yam-handle show --channel can_leader_l                          firmware, report mode, trigger, buttons
 yam-handle live --channel can_leader_l                          trigger and buttons live, until Enter
@@ -24,7 +24,7 @@ from lerobot_robot_yam.system.paths import user_path
 
 HANDLE = "yam_teaching_handle"
 _LIVE_S = 0.05
-_LEARN_S = 8.0  # default time for squeezing and releasing the trigger, s: as in lerobot-calibrate
+_LEARN_S = 8.0  # default duration of squeezing and releasing the trigger, s: as in lerobot-calibrate
 _BAR = 20
 _Work = Callable[[argparse.Namespace, HandleAccess], None]
 
@@ -127,14 +127,14 @@ def _range(args: argparse.Namespace, handle: HandleAccess) -> None:
 
 
 def _share(args: argparse.Namespace, report: HandleReport) -> float:
-    """Return the trigger, 0 released … 1 squeezed, over the range in the calibration file if one was given."""
+    """Return the trigger position, 0 released … 1 squeezed, scaled to the calibrated range if a file is given."""
     if args.calibration is None:
         return report.trigger
     return load_range(args.channel, args.calibration, args.gripper or HANDLE).share(report.trigger)
 
 
 def _reports(handle: HandleAccess, seconds: float | None) -> Iterator[HandleReport]:
-    """Request reports until the time has passed, or Enter is pressed."""
+    """Yield requested reports until `seconds` have passed (None: no limit) or Enter is pressed."""
     end_s, terminal = math.inf if seconds is None else handle.clock.now() + seconds, sys.stdin.isatty()
     while True:
         yield handle.report()

@@ -1,4 +1,4 @@
-"""Which arm is on this channel? Read its marks, bind it to a name, check it against its binding, or see it move.
+"""Identify the arm on a channel: read its fingerprint, bind it to a name, check its binding, or see it move.
 
 yam-identify --channel can_follower_l                               shows what answers; read-only
 yam-identify --channel can_follower_l --name left --bind left.json  remembers it as "left"
@@ -37,7 +37,7 @@ _QUESTION = "Which arm moved? Its name, or just Enter to see it again:"
 
 
 def describe(channel: str, found: Fingerprint, role: str) -> str:
-    """Return the fingerprint as a table."""
+    """Return the fingerprint as text: role, table of motors, handle and adapter."""
 
     def shown(value: object) -> str:
         return "?" if value is None else str(value)
@@ -110,7 +110,7 @@ def _identify(args: argparse.Namespace) -> int:
 
 
 def _watch_it_move(args: argparse.Namespace, config: ArmConfig, found: Fingerprint, arm: ArmProfile) -> str:
-    """Wiggle the arm; return the name that the user gives to the arm that moved."""
+    """Wiggle the arm; return the name that the user gives to the arm that moved (with --yes: the config's name)."""
     if not arm.joint_count:
         raise ConfigError(f"{config.name}: arm {config.arm!r} has no joint to turn")
     gripper = args.gripper
@@ -134,7 +134,7 @@ def _watch_it_move(args: argparse.Namespace, config: ArmConfig, found: Fingerpri
 
 
 def hazard(config: ArmConfig) -> str:
-    """Return a text about what will happen, for the person who has to confirm."""
+    """Return the hazard warning that the user has to confirm."""
     text = (
         f"HAZARD: this energises the arm on channel {config.channel}, which then holds its pose, turns its last joint "
         f"by ±{WIGGLE_RAD} rad at up to {SPEED_RAD_S} rad/s, lands and goes limp. Keep hands off all arms and the "
@@ -148,12 +148,12 @@ def hazard(config: ArmConfig) -> str:
 
 
 def _wiggle(config: ArmConfig, question: str | None) -> str:
-    """Energise the arm, hold, wiggle until the question is answered, and land; return the answer.
+    """Energise the arm, hold, wiggle until the user answers `question`, and land; return the answer.
 
-    Without a question the arm wiggles once, and the answer is empty.
+    If `question` is None, the arm wiggles once, and the answer is empty.
 
     Raises:
-        YamError: something failed; the arm has landed, or was never energised.
+        YamError: the arm could not be started or moved; it has landed, or was never energised.
     """
     with YamArm(config, start="hold") as arm:
         home = arm.observe().setpoint_q

@@ -1,4 +1,4 @@
-"""Say what in a data set would harm a training or a replay: a table of episodes, and what was found.
+"""Check a data set for defects that would harm training or replay: print a table of episodes and all findings.
 
 yam-dataset-check data/NAME                       looks at one picture per second of each camera
 yam-dataset-check data/NAME --pictures all        looks at every picture, which takes longer
@@ -48,7 +48,7 @@ def check(root: Path, pictures: str, arm: str | None, as_json: bool) -> int:
     """Check a data set; return the exit status.
 
     Raises:
-        ConfigError: `root` is not a data set of format v3, or there is no such arm.
+        ConfigError: `root` is not a data set of format v3, or no arm profile is called `arm`.
     """
     from lerobot_robot_yam.face.datasets.check.dataset_report import check_dataset
 

@@ -1,4 +1,4 @@
-"""Shared by the commands that write a changed copy of a data set: paths, a progress bar."""
+"""Path arguments and progress bar of the commands that work on data sets."""
 
 import argparse
 import os
@@ -10,15 +10,15 @@ from lerobot_robot_yam.system.paths import user_path
 
 
 def add_paths(parser: argparse.ArgumentParser, suffix: str) -> None:
-    """Add the paths of the data set and of the copy; by default the copy is beside it, named with `suffix`."""
+    """Add the arguments for the paths of the data set and its copy, whose default is the data set's path + `suffix`."""
     parser.add_argument("path", type=user_path, help="directory of the data set (--dataset.root of the recording)")
     parser.add_argument("--output", type=user_path, help=f"directory of the copy (default: PATH{suffix})")
 
 
 def paths(parser: argparse.ArgumentParser, args: argparse.Namespace, suffix: str, writes: bool) -> tuple[Path, Path]:
-    """Return the paths of the data set and its copy; end the command with an error if one of them cannot be used.
+    """Return the paths of the data set and its copy; exit with a usage error if either path cannot be used.
 
-    Afterwards LeRobot does not search the Hub for files that are missing on disk.
+    Also sets HF_HUB_OFFLINE, so that LeRobot does not search the Hub for files that are missing on disk.
     """
     root = args.path.resolve()
     target = (args.output or root.with_name(f"{root.name}{suffix}")).resolve()
@@ -33,7 +33,7 @@ def paths(parser: argparse.ArgumentParser, args: argparse.Namespace, suffix: str
 
 
 def bar(items: Iterable[Any], what: str) -> Iterable[Any]:
-    """Return the items with a progress bar, shown on a terminal if the work takes longer than a second."""
+    """Wrap the items in a progress bar, shown on a terminal if the work takes longer than 1 s."""
     from tqdm import tqdm
 
     return tqdm(items, what, delay=1.0, leave=False, disable=None)

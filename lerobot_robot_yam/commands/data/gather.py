@@ -2,8 +2,8 @@
 
     yam-gather configs/train/lift_and_place_eval.yaml --root outputs/lift_and_place/data --episodes 200
 
-The environment is that of a `lerobot-eval` config, so that what is learnt is what is evaluated. The scripted operator
-does the task once per seed; failed attempts are dropped. Run it again and it goes on where it stopped.
+The environment is taken from a `lerobot-eval` config, so that training and evaluation share it. A scripted operator
+does the task once per seed; failed attempts are dropped. To continue an interrupted run, start the command again.
 """
 
 import sys
@@ -13,7 +13,7 @@ from lerobot_robot_yam.commands.lib.command_line import command_parser
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.system.paths import user_path
 
-FIRST_SEED = 100_000  # first seed of gathering: far from the seeds of evaluations, which LeRobot begins at 1000
+FIRST_SEED = 100_000  # first seed for gathering, far from the seeds of evaluations, which start at 1000 in LeRobot
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -26,14 +26,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="of a new data set (default %(default)s)")
     options = parser.parse_args(arguments)
 
-    import av  # imported late: these imports load LeRobot with torch, and --help must not wait for that
+    import av  # imported late: these modules load LeRobot with torch, and --help must not wait for torch
     import datasets
     from lerobot.utils.utils import init_logging
 
     from lerobot_robot_yam.commands.data.gathering import environment, gather
 
     init_logging()
-    av.logging.set_libav_level(av.logging.ERROR)  # libav's messages about every episode would break our progress bar
+    av.logging.set_libav_level(av.logging.ERROR)  # libav's messages about each episode would break the progress bar
     datasets.disable_progress_bars()
     try:
         config = environment(options.eval_config)

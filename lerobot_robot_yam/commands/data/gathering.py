@@ -1,6 +1,6 @@
-"""Demonstrations of a virtual rig's task, gathered in lock-step as a LeRobot data set: what `yam-gather` does.
+"""Recording of demonstrations of a virtual rig's task, in lock-step, as a LeRobot data set, for `yam-gather`.
 
-The environment is that of a `lerobot-eval` config, so that what is learnt is what is evaluated. The scripted operator
+The environment is taken from a `lerobot-eval` config, so that training and evaluation share it. A scripted operator
 does the task once per seed; failed attempts are dropped.
 """
 
@@ -30,13 +30,13 @@ from lerobot_robot_yam.yam_env import YamEnv
 
 logger = logging.getLogger(__name__)
 
-_SEEDS = "seeds.json"  # name of the file beside the data: seed -> whether its attempt succeeded
-_GIVE_UP = 20  # number of failures in a row after which gathering ends
+_SEEDS = "seeds.json"  # file in the data set's directory: seed -> whether the attempt with that seed succeeded
+_GIVE_UP = 20  # consecutive failures after which gathering stops
 _ENCODER = {"vcodec": "h264", "preset": "ultrafast", "crf": 18}
 
 
 class Frame(NamedTuple):
-    """One step: the observation before the step, the action (m,) really sent, and whether the step brought success."""
+    """One step: observation before the step, action (m,) as sent to the robot, and whether the task has succeeded."""
 
     observation: dict[str, Any]
     action: np.ndarray
@@ -44,11 +44,11 @@ class Frame(NamedTuple):
 
 
 def demonstrate(env: YamEnv, seed: int) -> Iterator[Frame]:
-    """Yield the steps of the operator's attempt at the environment's task, which is laid out by `seed`.
+    """Yield the steps of the scripted operator's attempt at the task; `seed` determines the layout of the scene.
 
     Raises:
-        ConfigError: the environment is not in lock-step, or its task has no operator.
-        YamError: robot, rig or operator fail.
+        ConfigError: the environment is not in lock-step, or its task has no scripted operator.
+        YamError: the robot, the rig or the operator fails.
     """
     observation, _ = env.reset(seed=seed)
     rig, task = env.lockstep_task()
@@ -67,7 +67,7 @@ def demonstrate(env: YamEnv, seed: int) -> Iterator[Frame]:
 
 
 def features_of(config: YamEnvConfig) -> dict[str, dict[str, Any]]:
-    """Return the data set's features as `lerobot-record` writes them for the environment's robot."""
+    """Return the data set's features, identical to those that `lerobot-record` writes for the environment's robot."""
     robot = cast(Any, config.robot)
     features: dict[str, dict[str, Any]] = {}
     for key, names in ((ACTION, robot.action_keys()), (OBS_STATE, robot.state_keys())):
@@ -79,10 +79,10 @@ def features_of(config: YamEnvConfig) -> dict[str, dict[str, Any]]:
 
 
 def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_seed: int) -> dict[int, bool]:
-    """Gather until the data set in `root` has enough episodes; return seed -> success for all seeds tried.
+    """Gather until the data set in `root` has `episodes` episodes; return seed -> success for all seeds tried.
 
     Raises:
-        RigError: the operator fails again and again.
+        RigError: the operator failed `_GIVE_UP` times in a row.
         YamError: the environment fails.
     """
     seeds_path = root / _SEEDS
@@ -91,7 +91,7 @@ def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_
     dataset: LeRobotDataset | None = None
     failures = 0
     try:
-        env.reset(seed=first_seed)  # first, so that an environment that cannot start leaves no data set behind
+        env.reset(seed=first_seed)  # before `_open`: if the environment cannot start, no data set is left behind
         dataset = _open(config, root, repo_id, env._max_episode_steps)
         with tqdm(total=episodes, initial=dataset.num_episodes, unit="episode") as bar:
             while dataset.num_episodes < episodes:
@@ -99,7 +99,7 @@ def gather(config: YamEnvConfig, root: Path, repo_id: str, episodes: int, first_
                 won = _attempt(env, seed, dataset)
                 tried[seed] = won
                 with finished_first("saving the episode"):
-                    write_whole(seeds_path, json.dumps(tried))  # first, so that no later run repeats the seed
+                    write_whole(seeds_path, json.dumps(tried))  # before saving: no later run may repeat the seed
                     if won:
                         dataset.save_episode()
                         bar.update()
@@ -127,12 +127,12 @@ def _attempt(env: YamEnv, seed: int, dataset: LeRobotDataset) -> bool:
 
 def _open(config: YamEnvConfig, root: Path, repo_id: str, steps: int) -> LeRobotDataset:
     encoding: dict[str, Any] = {"rgb_encoder": RGBEncoderConfig(**_ENCODER), "streaming_encoding": True}
-    encoding |= {"encoder_threads": 1, "encoder_queue_maxsize": steps + 1}  # LeRobot drops frames that do not fit
+    encoding |= {"encoder_threads": 1, "encoder_queue_maxsize": steps + 1}  # LeRobot drops frames beyond the queue
     robot, features = cast(Any, config.robot), features_of(config)
     robot_type = recorded_name(robot.type, robot.use_degrees, robot.action_space)
     if not (root / "meta" / "info.json").exists():
         return LeRobotDataset.create(repo_id, config.fps, features, root, robot_type=robot_type, **encoding)
-    if wrong := damage(root):  # LeRobot would count the rows of an interrupted episode twice, and shift all others
+    if wrong := damage(root):  # LeRobot would count an interrupted episode's rows twice and shift all others
         raise ConfigError(
             f"{root}: gathering was killed ({wrong}); run `yam-repair-dataset {root}` and put the repaired copy in its "
             "place to go on"
@@ -150,7 +150,7 @@ def _open(config: YamEnvConfig, root: Path, repo_id: str, steps: int) -> LeRobot
 
 
 def damage(root: Path) -> str:
-    """Return the first defect that a kill has left in the data set in `root`; empty when the data set is whole."""
+    """Return the first defect that a killed run left in the data set in `root`; empty if the data set is intact."""
     if not any((root / "data").glob("*/*.parquet")):
         return ""
     findings = inspect(root, lambda episodes: ())  # without decoding the videos
@@ -164,14 +164,14 @@ def _refuse_another(what: str, held: object, wanted: object, root: Path) -> None
 
 
 def environment(path: Path) -> YamEnvConfig:
-    """Return the environment of a `lerobot-eval` config.
+    """Return the environment config from the `lerobot-eval` config at `path`.
 
     Raises:
-        ConfigError: the config cannot be read, or its environment is not ours or not in lock-step.
+        ConfigError: the config cannot be read, or its environment is not of type yam, or not in lock-step.
     """
     try:
         config = draccus.parse(EvalPipelineConfig, path, args=[]).env
-    except (OSError, DecodingError, ParsingError, AttributeError) as error:  # AttributeError: not a mapping
+    except (OSError, DecodingError, ParsingError, AttributeError) as error:  # AttributeError: the file is not a mapping
         raise ConfigError(f"{path} is no config of lerobot-eval: {error.__cause__ or error}") from error
     if not isinstance(config, YamEnvConfig) or not config.lockstep:
         raise ConfigError(f"{path}: yam-gather needs an environment of type yam with lockstep: true")

@@ -31,7 +31,7 @@ _BY = "yam-label"
 
 
 def _edit(text: str) -> tuple[range, str | None]:
-    """Parse a text such as 5-7=discard; return the episodes and their outcome, None to remove it."""
+    """Parse a label edit such as 5-7=discard; return the episodes and their outcome, None to remove the outcome."""
     match = _EDIT.fullmatch(text)
     if match is None or match[3] not in (*KINDS, _NONE):
         raise argparse.ArgumentTypeError(
@@ -46,10 +46,10 @@ def _edit(text: str) -> tuple[range, str | None]:
 def _edited(
     count: int, labels: Mapping[int, Outcome], edits: Sequence[tuple[range, str | None]], rest: str | None
 ) -> list[Outcome]:
-    """Return the outcomes to write.
+    """Return the outcomes to append: `edits`, then the outcome `rest` for each episode that is still unlabelled.
 
     Raises:
-        ConfigError: the data set does not have one of the episodes.
+        ConfigError: an edit names an episode that the data set does not have.
     """
     wanted: dict[int, str | None] = {}
     for episodes, outcome in edits:
@@ -63,7 +63,7 @@ def _edited(
 
 
 def _show(root: Path, count: int, labels: Mapping[int, Outcome]) -> None:
-    from lerobot_robot_yam.face.datasets.check.opened_dataset import open_dataset  # late: loads pyarrow
+    from lerobot_robot_yam.face.datasets.check.opened_dataset import open_dataset  # imported late: loads pyarrow
 
     lengths = {episode.number: episode.metadata.get("length", "–") for episode in open_dataset(root).episodes}
     rows = []
@@ -83,10 +83,10 @@ def label(
     rest: str | None,
     target: Path | None,
 ) -> int:
-    """Edit and show outcomes, and apply them if there is a `target`; return the exit status.
+    """Edit and show the outcomes, and apply them to a copy at `target` if given; return the exit status.
 
     Raises:
-        YamError: the data set or its outcomes cannot be read, an episode does not exist, or nothing would be left.
+        YamError: the data set or its outcomes cannot be read, an episode does not exist, or the copy would be empty.
     """
     count = episodes_in(root)
     if count is None:

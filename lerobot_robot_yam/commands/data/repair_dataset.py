@@ -20,7 +20,7 @@ _SUFFIX = "_repaired"
 
 
 def _ranges(numbers: list[int]) -> str:
-    """Return whole numbers as ranges, such as "0–4, 7"."""
+    """Format sorted integers as ranges, such as "0–4, 7"."""
     spans: list[list[int]] = []
     for number in numbers:
         if spans and number == spans[-1][1] + 1:
@@ -31,7 +31,7 @@ def _ranges(numbers: list[int]) -> str:
 
 
 def repair(root: Path, target: Path, dry_run: bool = False) -> int:
-    """Repair a data set into a new directory; return the exit status.
+    """Write a repaired copy of the data set `root` to `target`; return the exit status.
 
     Raises:
         YamError: the data set cannot be read, or its repaired copy does not load.

@@ -1,4 +1,4 @@
-"""Functions shared by the commands about one arm: the arm's options, its config, exclusive use of its channel."""
+"""Functions shared by arm commands: options, config, and exclusive access to the channel."""
 
 import argparse
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ _PER_ARM = ("channel", "arm", "gripper", "name", "calibration")
 
 
 def add_arm_arguments(parser: argparse.ArgumentParser, several: bool = False, required: bool = True) -> None:
-    """Add the options that name an arm: channel, interface, hardware. `several`: one or two arms, see `each_arm`."""
+    """Add the options that select an arm: channel, interface, hardware. `several`: one or two arms, see `each_arm`."""
     more: dict[str, Any] = {"nargs": "+"} if several else {}
     parser.add_argument("--channel", required=required, **more, help="CAN channel, such as can_follower_l")
     add_place_arguments(parser)
@@ -35,19 +35,19 @@ def add_arm_arguments(parser: argparse.ArgumentParser, several: bool = False, re
 
 
 def add_place_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say where channels are: interface and virtual rig, for `place_of`."""
+    """Add the options for the CAN interface and the virtual rig; `place_of` evaluates them."""
     parser.add_argument("--interface", help=f"python-can interface (default {SOCKETCAN}, with --rig {VIRTUAL})")
     parser.add_argument("--rig", help="name of a virtual rig")
 
 
 def place_of(interface: str | None, rig: str | None) -> dict[str, Any]:
-    """Return the fields of `ArmConfig` that say where channels are: on SocketCAN, or on a virtual rig."""
+    """Return the fields of `ArmConfig` that select the interface of the channels: SocketCAN or a virtual rig."""
     interface = interface or (VIRTUAL if rig else SOCKETCAN)
     return {"interface": interface, "can_options": {"rig": rig_name(rig)[0]} if interface == VIRTUAL or rig else {}}
 
 
 def each_arm(args: argparse.Namespace) -> list[argparse.Namespace]:
-    """Split the arguments of a command for several arms by arm; one value for several arms holds for all of them.
+    """Split the arguments into one namespace per arm; an option with a single value applies to all arms.
 
     Raises:
         ConfigError: there are more than two arms, or an option has neither one value nor one per arm.
@@ -66,7 +66,7 @@ def each_arm(args: argparse.Namespace) -> list[argparse.Namespace]:
 
 
 def arm_config(args: argparse.Namespace, **fields: Any) -> ArmConfig:
-    """Return the config of the arm that the arguments describe, with `fields` where the arguments say nothing."""
+    """Return the config of the arm that the arguments describe; --gripper, if given, replaces `fields["gripper"]`."""
     if args.gripper is not None:
         fields["gripper"] = args.gripper
     place = place_of(args.interface, args.rig)
@@ -74,10 +74,10 @@ def arm_config(args: argparse.Namespace, **fields: Any) -> ArmConfig:
 
 
 def with_answering_gripper(args: argparse.Namespace, bus: can.BusABC, **fields: Any) -> ArmConfig:
-    """Return the config as `arm_config` does; a gripper that was not given is the one that answers on the open bus.
+    """Return the config like `arm_config`; without --gripper, detect the gripper on the open bus.
 
     Raises:
-        BusError: the channel is gone.
+        BusError: the channel is disconnected.
     """
     if args.gripper is not None:
         return arm_config(args, **fields)
@@ -85,7 +85,7 @@ def with_answering_gripper(args: argparse.Namespace, bus: can.BusABC, **fields: 
 
 
 def with_likely_gripper(args: argparse.Namespace, **fields: Any) -> ArmConfig:
-    """Return the config as `arm_config` does; find out and print a gripper that was not given. Energises nothing.
+    """Return the config like `arm_config`; without --gripper, detect and print the gripper. Energises nothing.
 
     Raises:
         BusError: the channel cannot be opened, or another program drives the arm.
@@ -103,7 +103,7 @@ def own_bus(config: ArmConfig) -> Iterator[can.BusABC]:
     """Open the arm's channel for exclusive use.
 
     Raises:
-        ChannelInUseError: another process of ours, or another driver on the wire, uses the channel.
+        ChannelInUseError: another process of this package holds the channel, or another program drives the motors.
         BusError: the channel cannot be opened.
     """
     key = channel_key(config.interface, config.channel, config.can_options.get("rig"))

@@ -1,4 +1,4 @@
-"""Looking through cameras from a command: a settled picture of each, their sheet, the search for an exposure."""
+"""Camera tests for `yam-cameras`: settled pictures, a sheet with all pictures, and the search for an exposure."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -14,13 +14,13 @@ from lerobot_robot_yam.cameras.picture_source import PictureSource, Wanted
 from lerobot_robot_yam.errors import SetupError
 from lerobot_robot_yam.system.paths import write_whole
 
-_SETTLE = 20  # number of pictures until a camera's automatic exposure has settled
-_TAKES = 5  # number of pictures until a new exposure takes effect
-_WIDTH, _HEIGHT, _WORDS = 480, 360, 44  # width and height of a picture on the sheet, height of the words below, pixels
+_SETTLE = 20  # pictures to read until the automatic exposure has settled
+_TAKES = 5  # pictures to read until a new exposure takes effect
+_WIDTH, _HEIGHT, _WORDS = 480, 360, 44  # _WIDTH, _HEIGHT: picture size on the sheet, px; _WORDS: caption height, px
 _GREY, _WHITE = 40, (255, 255, 255)
-CLIPPED_AT = 250  # least value of a colour, 0 to 255, at which a pixel counts as clipped
-MOST_CLIPPED = 0.02  # largest accepted share of clipped pixels
-TARGET, CLOSE = 0.45, 0.04  # wanted mean brightness, 0 to 1, and its tolerance: middle grey in sRGB
+CLIPPED_AT = 250  # colour value, 0 to 255, from which a pixel counts as clipped
+MOST_CLIPPED = 0.02  # maximum accepted share of clipped pixels
+TARGET, CLOSE = 0.45, 0.04  # TARGET: wanted mean brightness, 0 to 1, middle grey in sRGB; CLOSE: its tolerance
 MOST_TRIES = 12
 _LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue in brightness, ITU-R BT.601
 
@@ -36,17 +36,17 @@ class Brightness:
         return f"brightness {self.mean:.2f}, {self.clipped:.1%} clipped"
 
     def bad(self, target: float) -> float:
-        """Return the distance from the wanted brightness, ≥ 0; 1 % too many clipped pixels add 0.1."""
+        """Return the deviation from the wanted brightness, ≥ 0; each 1 % of clipped pixels above the limit adds 0.1."""
         return abs(self.mean - target) + 10.0 * max(0.0, self.clipped - MOST_CLIPPED)
 
 
 def brightness_of(colour: np.ndarray) -> Brightness:
-    """Measure a picture, (height, width, 3) uint8 RGB."""
+    """Return the brightness of a picture, (height, width, 3) uint8 RGB."""
     return Brightness(float((colour @ _LUMA).mean()) / 255.0, float((colour.max(axis=2) >= CLIPPED_AT).mean()))
 
 
 class Bench:
-    """Collector of pictures from cameras, which are opened one at a time, in one size and rate.
+    """Picture collector that opens cameras one at a time, all with the same size and rate.
 
     Args:
         width, height: size of the pictures, pixels.
@@ -61,17 +61,17 @@ class Bench:
         """Take a settled picture for the sheet; return its brightness.
 
         Raises:
-            CameraError, ConfigError: the camera fails or cannot be configured so.
+            CameraError, ConfigError: the camera fails, or does not support the size or rate.
         """
         with closing(self._opened(camera)) as source:
             return self._take(source, _SETTLE, title)
 
     def miss(self, title: str) -> None:
-        """Leave a field of the sheet empty."""
+        """Add a field without a picture to the sheet."""
         self._pictures.append((f"{title}\nno picture", None))
 
     def tune(self, camera: Plugged, target: float, tell: Callable[[str], None]) -> tuple[Brightness, int, Brightness]:
-        """Find an exposure; return the brightness before, the exposure, and the brightness with that exposure.
+        """Find an exposure; return the brightness before, the exposure, and the brightness after.
 
         Raises:
             CameraError, ConfigError: the camera fails, or its exposure cannot be set.
@@ -114,15 +114,15 @@ class Bench:
 def find_exposure(
     measure: Callable[[int], Brightness], limits: tuple[int, int], target: float = TARGET
 ) -> list[tuple[int, Brightness]]:
-    """Halve the range of exposures, on a logarithmic scale, until the brightness is right or the range is one value.
+    """Find an exposure by bisection on a logarithmic scale, until the brightness is close to the target.
 
     Args:
         measure: function that sets an exposure and measures the picture.
-        limits: least and greatest exposure of the camera.
-        target: mean brightness, 0 to 1; with a window or lamp in the picture, the result is up to half as dark.
+        limits: minimum and maximum exposure of the camera.
+        target: mean brightness, 0 to 1; if parts of the picture clip, such as a window, down to half as much.
 
     Returns:
-        Each exposure that was tried, at most `MOST_TRIES`, the best last.
+        The exposures tried, at most `MOST_TRIES`, and their brightness; the best exposure is last.
     """
     low, high = max(1, limits[0]), limits[1]
     tried: dict[int, Brightness] = {}
@@ -139,7 +139,7 @@ def find_exposure(
 
 
 def _settled(source: PictureSource, count: int) -> tuple[np.ndarray, Brightness]:
-    """Read `count` pictures; return the last one and its brightness."""
+    """Read `count` pictures; return the last picture and its brightness."""
     for _ in range(count):
         colour = source.read().colour
     assert colour is not None, "colour was asked for"
@@ -147,10 +147,10 @@ def _settled(source: PictureSource, count: int) -> tuple[np.ndarray, Brightness]
 
 
 def _sheet(pictures: Sequence[tuple[str, np.ndarray | None]]) -> np.ndarray:
-    """Draw the sheet, (rows · 404, columns · 480, 3) uint8 RGB: a field per picture, grey where a picture is missing.
+    """Return the sheet, (rows · 404, columns · 480, 3) uint8 RGB, with a field per picture; missing pictures are grey.
 
     Args:
-        pictures: words of each field (a newline begins a second line), and its picture (height, width, 3).
+        pictures: caption (at most two lines) and picture (height, width, 3) of each field.
     """
     columns = math.ceil(math.sqrt(len(pictures)))
     rows = math.ceil(len(pictures) / columns)

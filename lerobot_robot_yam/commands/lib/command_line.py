@@ -1,4 +1,4 @@
-"""The frame of a console command: its parser, its exit status, errors as one line."""
+"""Parser, exit status and error output of a console command."""
 
 import argparse
 import logging
@@ -13,21 +13,21 @@ _INTERRUPTED = 130  # exit status after Ctrl-C, as in the shell
 
 
 def command_parser(program: str, text: str | None, **more: Any) -> argparse.ArgumentParser:
-    """Return the parser of a command whose help is `text`, line by line. `more`: arguments of ArgumentParser."""
+    """Return the parser of a command. `text`: help, printed line by line; `more`: arguments of ArgumentParser."""
     form = argparse.RawDescriptionHelpFormatter
     return argparse.ArgumentParser(prog=program, description=text, formatter_class=form, **more)
 
 
 def seconds(text: str) -> float:
-    """Parse a duration on the command line, s. Raises argparse.ArgumentTypeError: not finite or not above 0."""
+    """Parse a duration on the command line, s. Raises argparse.ArgumentTypeError: it is not finite or not above 0."""
     found = float(text)
-    if not 0.0 < found < math.inf:  # refuses NaN, too
+    if not 0.0 < found < math.inf:  # also refuses NaN
         raise argparse.ArgumentTypeError(f"give a number of seconds above 0, not {text}")
     return found
 
 
 def run_command(program: str, work: Callable[[], int]) -> int:
-    """Do the work of a command and return its exit status; our own errors become one line and status 1."""
+    """Run a command's work and return its exit status; a YamError is printed as one line and gives status 1."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     try:
         return work()

@@ -1,4 +1,4 @@
-"""Dialogue with the person at the terminal: output, tables, questions and their answers."""
+"""Terminal input and output of the commands: messages, tables, questions and confirmations."""
 
 import os
 import select
@@ -11,20 +11,20 @@ CLEAR_SCREEN = "\x1b[H\x1b[J"
 
 
 def need_terminal(yes: bool) -> None:
-    """Require a terminal or --yes, before anything is done.
+    """Check that the command can ask for confirmation, or needs none because of --yes.
 
     Raises:
-        ConfigError: standard input is no terminal, and --yes was not given.
+        ConfigError: standard input is not a terminal, and --yes was not given.
     """
     if not yes and not sys.stdin.isatty():
         raise ConfigError("there is no terminal to confirm at; run it in one, or give --yes")
 
 
 def ask(question: str) -> str:
-    """Read one line from the terminal; the question goes to standard error, so that standard output stays clean.
+    """Ask a question and return the line typed. The question goes to standard error, to keep standard output clean.
 
     Raises:
-        ConfigError: the terminal has gone.
+        ConfigError: the terminal was closed.
     """
     tell(question, end=" ")
     line = sys.stdin.readline()
@@ -34,12 +34,12 @@ def ask(question: str) -> str:
 
 
 def agreed(question: str) -> bool:
-    """Ask; return whether the person answers yes, or just Enter. Raises ConfigError: the terminal has gone."""
+    """Return whether the user answers yes or presses Enter alone. Raises ConfigError: the terminal was closed."""
     return ask(f"{question} [Y/n]").lower() in ("", "y", "yes")
 
 
 def typed_line(timeout_s: float) -> str | None:
-    """Return a line that is typed within a time, or None. Raises ConfigError: the terminal has gone."""
+    """Return the line typed within `timeout_s`, or None. Raises ConfigError: the terminal was closed."""
     if not select.select([sys.stdin], [], [], timeout_s)[0]:
         return None
     line = os.read(sys.stdin.fileno(), 4096)
@@ -49,37 +49,37 @@ def typed_line(timeout_s: float) -> str | None:
 
 
 def confirm_word(yes: bool, word: str, question: str, left: str = "nothing was energised") -> None:
-    """Require --yes, or that the person types the word.
+    """Require --yes, or that the user types `word`.
 
     Raises:
-        ConfigError: another word was typed; `left` is the end of the message.
+        ConfigError: the user typed something else; `left` ends the message.
     """
     if not yes and ask(question) != word:
         raise ConfigError(f"not confirmed; {left}")
 
 
 def tell(text: str, end: str = "\n") -> None:
-    """Show words to the person at the terminal, on standard error."""
+    """Print a message for the user to standard error."""
     sys.stderr.write(text + end)
     sys.stderr.flush()
 
 
 def say(text: str) -> None:
-    """Write a command's output, with a newline."""
+    """Print a command's result to standard output."""
     sys.stdout.write(f"{text}\n")
     sys.stdout.flush()
 
 
 def tell_landed(landed: bool) -> int:
-    """Print whether the arms are down, as returned by `ArmSession.stop`; return the exit status."""
-    from lerobot_robot_yam.session.arm_session import still_in_the_air  # loaded by the caller already
+    """Print whether the arms have landed, as returned by `ArmSession.stop`; return the exit status."""
+    from lerobot_robot_yam.session.arm_session import still_in_the_air  # no extra import cost: the caller has loaded it
 
     tell("the arms have landed" if landed else still_in_the_air("THE ARMS ARE"))
     return 0 if landed else 1
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a text table, with its columns right-aligned except the first."""
+    """Return a text table; all columns except the first are right-aligned."""
     lines = [head, *rows]
     widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
     return "\n".join(

@@ -1,4 +1,4 @@
-"""Figures of how a leader and its follower feel, from their states or from a data set. Pure: no files, no clock."""
+"""Metrics of how a leader and its follower feel, from their states or from a data set. Pure: no files, no clock."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,17 +11,17 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.modes import Mode
 
 SPEED_RAD_S = 0.5  # joint speed at which the drag of the motors is reported, rad/s
-_STEP_S = 0.002  # step of the time grid to which the samples of leader and follower are interpolated, s
-_LEAST_S = 1.0  # least overlap of the two records in time, s
-_MOVED_RAD = 0.1  # least motion of a joint for which drag is fitted, rad
+_STEP_S = 0.002  # step of the common time grid for samples of leader and follower, s
+_LEAST_S = 1.0  # minimum time overlap of the two records, s
+_MOVED_RAD = 0.1  # minimum motion of a joint for fitting its drag, rad
 _MOVES_RAD_S = 0.05
-_SMOOTH_S = 0.04  # window of the mean, applied twice before the jerk, s: keeps what a hand feels and a camera sees
+_SMOOTH_S = 0.04  # window of the mean, applied twice before the jerk, s: keeps motions that a hand can feel
 _LAG_MOST_S = 0.15
-_FOLLOWED_RAD = 0.05  # least motion of a joint for which lag is computed, rad
+_FOLLOWED_RAD = 0.05  # minimum motion of a joint for computing its lag, rad
 
 
 class Motion(NamedTuple):
-    """Joints of leader and follower at the same times.
+    """Joint angles of leader and follower at the same times.
 
     Attributes:
         names: (n,) names of the joints.
@@ -36,10 +36,10 @@ class Motion(NamedTuple):
 
 
 def motion(leader: np.ndarray, follower: np.ndarray) -> Motion:
-    """Interpolate records of the states of two arms to common times.
+    """Interpolate the recorded states of two arms to common times.
 
     Raises:
-        ConfigError: the arms have different numbers of joints, or the records hardly overlap in time.
+        ConfigError: the arms' joint counts differ or are 0, or the records overlap for at most `_LEAST_S`.
     """
     counts = [int(states["joints"][-1]) for states in (leader, follower)]
     if counts[0] != counts[1] or not counts[0]:
@@ -58,11 +58,11 @@ def motion(leader: np.ndarray, follower: np.ndarray) -> Motion:
 
 
 class Effort(NamedTuple):
-    """Torques of a leader's motors while it floats. NaN where a joint was not moved.
+    """Torques of a floating leader's motors. NaN for joints that were not moved.
 
     Attributes:
         dq: (k, n) joint speeds, rad/s.
-        feedback_nm: (k, n) the feedback r of `effort`, Nm.
+        feedback_nm: (k, n) feedback r as defined in `effort`, Nm.
         drag_nm: (n,) drag of the motors, a + b |dq| at `SPEED_RAD_S`, Nm; negative: the motors help.
         friction_nm: (n,) dry friction from the profile, Nm.
     """
@@ -74,7 +74,7 @@ class Effort(NamedTuple):
 
     @property
     def backdrive_nm(self) -> np.ndarray:
-        """Torque (n,) that a hand needs to move each joint at `SPEED_RAD_S`, without the inertia, Nm."""
+        """Hand torque (n,) that moves each joint at `SPEED_RAD_S`, without the part for inertia, Nm."""
         return self.drag_nm + self.friction_nm
 
 
@@ -82,11 +82,11 @@ def effort(leader: np.ndarray, arm: ArmProfile, gripper: GripperProfile) -> Effo
     """Fit the torques of a floating leader's motors to records of its states.
 
     The leader's motors apply τ = k g(q) − a sign(dq) − b dq + r. k, a and b are fitted for each joint by least squares.
-    The drag of the motors, a + b |dq|, has to be overcome by the hand in addition to friction, which motors do not
-    measure. The feedback r, with which the follower pulls at the leader, is the remainder.
+    The hand has to overcome the motors' drag, a + b |dq|, in addition to friction, which motors do not measure. The
+    remainder r is the feedback: the torque with which the follower pulls the leader.
 
     Raises:
-        ConfigError: the profile has another number of joints.
+        ConfigError: the profile's joint count differs from the leader's.
     """
     n = int(leader["joints"][-1])
     if n != arm.joint_count:
@@ -108,19 +108,19 @@ def effort(leader: np.ndarray, arm: ArmProfile, gripper: GripperProfile) -> Effo
 
 
 def periods_s(states: np.ndarray) -> np.ndarray:
-    """Return the times between successive ticks of a control loop, s, from records of its states."""
+    """Return the times between successive ticks of a control loop, s. `states`: recorded states of the loop."""
     following = np.diff(states["tick"]) == 1
     return np.diff(states["stamp_s"])[following]
 
 
 class Likeness(NamedTuple):
-    """Comparison of n joints of a follower with its leader's. NaN where a joint has not moved.
+    """Comparison of a follower's n joints with its leader's. Lag and ratios are NaN for joints that did not move.
 
     Attributes:
-        lag_s: (n,) delay that makes the follower fit the leader best, s.
-        error_rad: (n,) RMS of the difference at that delay, rad.
+        lag_s: (n,) delay of the follower that minimises the RMS difference, s.
+        error_rad: (n,) RMS difference at that delay, rad.
         jerk_ratio: RMS jerk of the follower over all joints, divided by the leader's.
-        joint_jerk_ratio: (n,) the same ratio of each joint.
+        joint_jerk_ratio: (n,) the same ratio per joint.
     """
 
     lag_s: np.ndarray
@@ -145,7 +145,7 @@ def _lag(step_s: float, leader: np.ndarray, follower: np.ndarray) -> tuple[float
     errors = np.array([_rms(follower[shift:] - leader[: len(leader) - shift]) for shift in range(most)])
     best = int(errors.argmin())
     lag = float(best)
-    if 0 < best < most - 1:  # refine by the vertex of a parabola through three errors
+    if 0 < best < most - 1:  # refine: vertex of the parabola through three squared errors
         before, here, after = errors[best - 1 : best + 2] ** 2
         lag += 0.5 * (before - after) / (before - 2.0 * here + after)
     return lag * step_s, float(errors[best])

@@ -1,15 +1,15 @@
-"""The options `--host` and `--key` of commands that also work on the arms of another computer."""
+"""Options `--host` and `--key` of commands that can also work on the arms of another computer."""
 
 import argparse
 import sys
 
 from lerobot_robot_yam.errors import YamError
 
-_TOOL_S = 150.0  # wait for a tool on the host, s: the host ends its tools after 120 s
+_TOOL_S = 150.0  # timeout for a tool on the host, s: above the host's own timeout of 120 s
 
 
 def add_host_arguments(parser: argparse.ArgumentParser, name: str = "--host") -> None:
-    """Add the options; `name` replaces --host in a command where --host means something else."""
+    """Add the options; `name` replaces --host in commands where --host has another meaning."""
     parser.add_argument(
         name, dest="arms_host", metavar="ADDRESS", help="the arms are of the computer where this yam-host runs"
     )
@@ -17,21 +17,21 @@ def add_host_arguments(parser: argparse.ArgumentParser, name: str = "--host") ->
 
 
 def ask_host(args: argparse.Namespace, op: str, within_s: float = 2.0, **fields: object) -> dict:
-    """Send a question to the host that the arguments name; return the answer.
+    """Send a request to the host named by the arguments; return the reply.
 
     Raises:
-        YamError: the host does not answer, or refuses.
+        YamError: the host does not reply, or refuses the request.
     """
     from lerobot_robot_yam.remote.host_address import HostAddress
-    from lerobot_robot_yam.remote.host_question import Host  # late: needs pyzmq
+    from lerobot_robot_yam.remote.host_question import Host  # imported late: needs pyzmq
 
     return Host(HostAddress.of(args.arms_host), args.key).ask(op, within_s, **fields)
 
 
 def run_tool(program: str, args: argparse.Namespace, **fields: object) -> int:
-    """Have the host run the same command, print the output, and return its exit status.
+    """Run the same command on the host, print its output, and return its exit status.
 
-    The exit status is 2 if the host does not answer, or refuses.
+    The exit status is 2 if the host does not reply, or refuses the request.
     """
     try:
         done = ask_host(args, "tool", _TOOL_S, json=args.json, **fields)

@@ -1,4 +1,4 @@
-"""The motors of one arm for yam-motors: their names from the profile, what answers under each id, their settings."""
+"""Motors of one arm for yam-motors: their names from the profile, their replies under each id, their settings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,9 +26,9 @@ from lerobot_robot_yam.damiao.tables import REGISTER_ID, TIMEOUT_COUNT_S, fault_
 from lerobot_robot_yam.errors import ConfigError, MotorError
 
 SAFE_COUNTS = 8000
-"""TIMEOUT of the maker, 0.4 s; sessions refuse an arm with another."""
+"""Factory value of TIMEOUT, 0.4 s; sessions refuse an arm with any other value."""
 ANSWERS_BEYOND = 16
-"""A motor of an arm answers as its id plus this."""
+"""Offset from the CAN id of an arm's motor to the identifier of the motor's replies."""
 _GRIPPER = "gripper"
 _MARKS = (Register.GR, Register.PMAX, Register.VMAX, Register.TMAX)  # registers that identify the type of a motor
 _HEAD = [
@@ -51,7 +51,7 @@ class MotorBench:
 
     Args:
         config: config of the arm.
-        bus: open bus that nobody else uses.
+        bus: open bus, for exclusive use.
     """
 
     def __init__(self, config: ArmConfig, bus: can.BusABC):
@@ -64,18 +64,18 @@ class MotorBench:
         return self.names.get(can_id, f"motor {can_id}")
 
     def ids(self, chosen: Sequence[str] | None) -> list[int]:
-        """Return the CAN ids of motors that are given by name or id; if none is given, of all motors that answer.
+        """Return the CAN ids of the `chosen` motors (names or ids); if `chosen` is empty, of all motors that reply.
 
         Raises:
-            ConfigError: there is no such motor.
-            MotorError: no motor is given and none answers.
+            ConfigError: an entry of `chosen` is neither a motor's name nor a CAN id.
+            MotorError: `chosen` is empty, and no motor replies.
         """
         if not chosen:
             present = [can_id for can_id in self.names if self.access.replies(can_id, Register.ESC_ID)]
             if not present:
                 raise MotorError(nothing_answers(self.channel))
             missing = [name for can_id, name in self.names.items() if can_id not in present and name != _GRIPPER]
-            if missing:  # without the gripper's motor, which a leader lacks
+            if missing:  # never lists the gripper's motor, which a leader lacks
                 tell(f"note: without {', '.join(missing)}: no answer")
             return present
         by_name = {name: can_id for can_id, name in self.names.items()}
@@ -85,7 +85,7 @@ class MotorBench:
         return list(dict.fromkeys(by_name[word] if word in by_name else int(word) for word in chosen))
 
     def contents(self, can_id: int) -> Contents:
-        """Read all registers of a motor. Raises MotorError: the motor does not answer."""
+        """Read all registers of a motor. Raises MotorError: the motor does not reply."""
         found = read_contents(self.access, can_id)
         if Register.MST_ID not in found:
             raise MotorError(
@@ -95,18 +95,18 @@ class MotorBench:
         return found
 
     def kind(self, contents: Contents) -> str:
-        """Return the motor type that has this gear ratio and these ranges."""
+        """Return the motor type with this gear ratio and these ranges; "?" if `contents` is empty."""
         ratio, position, speed, torque = map(contents.get, _MARKS)
         return MotorPrint(ratio, position, speed, torque, None, None, None, None).kind if contents else "?"
 
     def require_settable(self, ids: Sequence[int]) -> None:
-        """Check that each motor is limp and the only one with its id. Raises MotorError: one is not."""
+        """Check that each motor is limp and the only one with its CAN id. Raises MotorError: a motor is not."""
         for can_id in ids:
             require_alone(self.access, can_id, self.name(can_id))
             require_limp(self.access, can_id, self.name(can_id))
 
     def scan(self, ids: Sequence[int]) -> dict[int, Found]:
-        """Read everything about the motors with these ids; return id -> what was found, without silent ids."""
+        """Read registers and state of the motors with these ids; return id -> findings, without silent ids."""
         found = {}
         for can_id in ids:
             replies = self.access.find(can_id)
@@ -118,7 +118,7 @@ class MotorBench:
         return found
 
     def notes(self, found: dict[int, Found]) -> list[str]:
-        """Return a line for each problem of the motors that were found, with the command that repairs it."""
+        """Return one line per problem of the found motors, with the command that fixes the problem."""
         lines, where = [], self.config.on_command_line
         for can_id, motor in found.items():
             name, (first, *more), wanted = self.name(can_id), motor.replies, can_id + ANSWERS_BEYOND
@@ -145,7 +145,7 @@ class MotorBench:
         return lines
 
     def row(self, can_id: int, motor: Found) -> dict[str, Any]:
-        """Return the row of a motor in the output of `scan`, for JSON."""
+        """Return a motor's row in the output of `yam-motors scan`, for JSON."""
         held, state = motor.contents.get, motor.state
         counts = held(Register.TIMEOUT)
         return {
@@ -163,7 +163,7 @@ class MotorBench:
         }
 
     def show(self, found: dict[int, Found]) -> str:
-        """Return the table of `scan`."""
+        """Return the findings of `scan` as a text table."""
         rows = []
         for can_id, motor in found.items():
             row, state = self.row(can_id, motor), ["no feedback", "?", "?", "?"]
@@ -176,13 +176,13 @@ class MotorBench:
 
 
 def motor_names(config: ArmConfig) -> dict[int, str]:
-    """Return the names of an arm's motors by CAN id. Raises ConfigError: there is no such arm."""
+    """Return CAN id -> name of an arm's motors. Raises ConfigError: the arm's profile does not exist."""
     arm = load_arm(config.arm)
     return {motor.can_id: motor.name for motor in arm.motors} | {gripper_id(arm): _GRIPPER}
 
 
 def nothing_answers(channel: str) -> str:
-    """Return a message that says why a whole channel may be silent."""
+    """Return the message for a channel without any reply, with the possible causes."""
     return (
         f"nothing answers on channel {channel}; check motor power and the emergency stop, the CAN cable and the "
         "bit-rate (classic CAN, 1 Mbit/s)"

@@ -1,4 +1,4 @@
-"""Changes that yam-motors makes: registers, time-outs and ids. A command changes all of its motors, or none."""
+"""Changes that yam-motors makes: registers, timeouts and ids. A command changes all of its motors, or none."""
 
 import argparse
 import contextlib
@@ -18,7 +18,8 @@ from lerobot_robot_yam.system.signals import finished_first
 
 _WRITING = "registers are being written"
 _NEVER = "never"
-_LEAST_S, _MOST_S = 0.05, 10.0  # accepted time-outs, s: below, a late tick trips them; above, a dead arm holds too long
+# Range of accepted timeouts, s: a shorter one trips at a late tick; with a longer one a dead arm holds too long.
+_LEAST_S, _MOST_S = 0.05, 10.0
 _ELSEWHERE = {
     Register.ESC_ID: "change it with yam-motors set-id",
     Register.MST_ID: "change it with yam-motors set-id",
@@ -27,15 +28,15 @@ _ELSEWHERE = {
 }
 _SCALES = frozenset({Register.PMAX, Register.VMAX, Register.TMAX, Register.CTRL_MODE})
 _ANSWERS_MOST = 0xFF
-_ATTEMPTS = 3  # number of attempts to write a motor's new id
+_ATTEMPTS = 3  # attempts to write a motor's new id
 
 
 def _confirm(args: argparse.Namespace, bench: MotorBench, ids: Sequence[int], word: str, question: str) -> None:
-    """Require that the person types the word, or --yes.
+    """Require --yes, or that the user types `word`; after waiting for the user, check the motors again.
 
     Raises:
-        ConfigError: another word is typed.
-        MotorError: while the question waited, a motor was energised, or another motor with the same id appeared.
+        ConfigError: the user typed something else.
+        MotorError: in the meantime a motor was energised, or a second motor with the same id appeared.
     """
     if not args.yes:
         confirm_word(False, word, f"Type {word} to {question}:", "nothing was changed")
@@ -46,7 +47,7 @@ def _confirm(args: argparse.Namespace, bench: MotorBench, ids: Sequence[int], wo
 
 
 def write_registers(args: argparse.Namespace, bench: MotorBench, settings: Contents) -> int:
-    """Do `yam-motors write`: write the same settings to each of the chosen motors."""
+    """Run `yam-motors write`: write the same settings to each of the chosen motors."""
     if not args.motor:
         raise ConfigError("name the motors to write to (--motor joint_3)")
     for register, value in settings.items():
@@ -61,7 +62,7 @@ def write_registers(args: argparse.Namespace, bench: MotorBench, settings: Conte
 
 
 def store_motors(args: argparse.Namespace, bench: MotorBench) -> int:
-    """Do `yam-motors store`: copy the registers of motors from RAM to flash."""
+    """Run `yam-motors store`: copy the registers of motors from RAM to flash."""
     ids = bench.ids(args.motor)
     bench.require_settable(ids)
     named = ", ".join(map(bench.name, ids))
@@ -75,7 +76,7 @@ def store_motors(args: argparse.Namespace, bench: MotorBench) -> int:
 
 
 def restore_arm(args: argparse.Namespace, bench: MotorBench) -> int:
-    """Do `yam-motors restore`: write back and store what differs from a file."""
+    """Run `yam-motors restore`: write and store the values of a dump that differ from the motors' values."""
     stored = load_dump(args.file)
     held = {can_id: bench.contents(can_id) for can_id in stored}
     wanted: dict[int, Contents] = {}
@@ -101,11 +102,11 @@ def restore_arm(args: argparse.Namespace, bench: MotorBench) -> int:
     return apply(args, bench, wanted, "restore", store_too=True)
 
 
-# time-outs
+# timeouts
 
 
 def timeout(args: argparse.Namespace, bench: MotorBench) -> int:
-    """Do `yam-motors timeout`: show the motors' time-outs, or set them in RAM and flash."""
+    """Run `yam-motors timeout`: show the motors' timeouts, or set them in RAM and flash."""
     if args.seconds is None:
         rows = []
         for can_id in bench.ids(args.motor):
@@ -125,7 +126,7 @@ def timeout(args: argparse.Namespace, bench: MotorBench) -> int:
 
 
 def _check_seconds(seconds: float) -> None:
-    if seconds and not _LEAST_S <= seconds <= _MOST_S:  # refuses NaN, too
+    if seconds and not _LEAST_S <= seconds <= _MOST_S:  # also refuses NaN
         raise ConfigError(
             f"the time-out is {seconds:g} s: give seconds, {_LEAST_S:g} to {_MOST_S:g}, or 0 for never. The register "
             f"counts 50 µs: its factory value of {SAFE_COUNTS} is {SAFE_COUNTS * TIMEOUT_COUNT_S:g} s"
@@ -138,12 +139,12 @@ def _check_seconds(seconds: float) -> None:
 def apply(
     args: argparse.Namespace, bench: MotorBench, wanted: Mapping[int, Contents], word: str, *, store_too: bool
 ) -> int:
-    """Show the changes, ask, write them, read them back and store them. Values that a motor already holds are skipped.
+    """Show the changes, ask, write, read back and store them. Values that a motor already holds are skipped.
 
     Raises:
-        ConfigError: the person did not confirm.
-        MotorError, BusError: a motor did not accept a value. Motors that were not yet stored have their old values
-            again, or the message names them.
+        ConfigError: the user did not confirm.
+        MotorError, BusError: a motor did not accept a value. Motors that were not yet stored are back at their old
+            values, or the message names them.
     """
     held = {can_id: bench.contents(can_id) for can_id in wanted}
     new: dict[int, Contents] = {}
@@ -175,7 +176,7 @@ def apply(
 
 
 def _store_each(bench: MotorBench, written: Mapping[int, Contents]) -> None:
-    """Store motor by motor. `written`: motor -> its old values, which unstored motors get back if a store fails."""
+    """Store motor by motor. `written`: motor -> old values, which unstored motors get back if a store fails."""
     done: dict[int, list[str]] = {}
     for can_id in written:
         try:
@@ -185,7 +186,7 @@ def _store_each(bench: MotorBench, written: Mapping[int, Contents]) -> None:
             stored = f" Stored before that: {', '.join(map(bench.name, done))}." if done else ""
             left = put_back(bench.access, rest) or "The other motors are as before"
             raise MotorError(f"{error}.{stored} {left}") from error
-    for can_id, again in done.items():  # output comes after all stores, since the terminal may have gone
+    for can_id, again in done.items():  # print only after all stores: the terminal may be closed
         if again:
             tell(
                 f"note: storing put other registers of {bench.name(can_id)} back; {', '.join(again)} was written and "
@@ -197,7 +198,7 @@ def _store_each(bench: MotorBench, written: Mapping[int, Contents]) -> None:
 
 
 def set_id(args: argparse.Namespace, bench: MotorBench) -> int:
-    """Do `yam-motors set-id`: give the only motor with the old id its new id and reply identifier, and store both."""
+    """Run `yam-motors set-id`: give the only motor with the old id a new id and reply identifier, and store both."""
     old, new = args.old, args.new
     answers = new + ANSWERS_BEYOND if args.answers is None else args.answers
     if not 0 <= old < REGISTER_ID:
@@ -233,10 +234,10 @@ def set_id(args: argparse.Namespace, bench: MotorBench) -> int:
 
 
 def _move(bench: MotorBench, old: int, new: int, answered: int, answers: int) -> None:
-    """Change a motor's id and its reply identifier in RAM, or neither of them.
+    """Change a motor's id and reply identifier in RAM; if one of them fails, restore both.
 
     Raises:
-        MotorError: the motor did not accept the ids; the message says whether it has its old ids again.
+        MotorError: the motor did not accept the ids; the message says whether the old ids were restored.
     """
     access = bench.access
     try:

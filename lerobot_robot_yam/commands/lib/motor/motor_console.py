@@ -1,6 +1,6 @@
-"""Console that turns one motor by the arrow keys: the only action of yam-motors that energises anything.
+"""Console that turns one motor by the arrow keys: the only action of yam-motors that energises a motor.
 
-If this program is killed, the motor's watchdog switches the motor off after its time-out.
+If this program is killed, the motor's watchdog switches the motor off after the motor's timeout.
 """
 
 import argparse
@@ -27,9 +27,9 @@ SPEED_RAD_S = 0.5  # speed limit of the set-point, rad/s
 _STEPS = (0.01, 0.02, 0.05, 0.1, 0.2)  # steps by which an arrow key can move the target, rad
 _GAIN_FACTOR = 1.25
 _KP_RANGE, _KD_RANGE = (1.0, 100.0), (0.1, 5.0)
-_TORQUE_SHARE = 0.3  # limit of the torque for the position error, as a share of the motor's greatest torque
+_TORQUE_SHARE = 0.3  # limit of the torque for the position error, as a share of the motor's maximum torque
 _PERIOD_S = 0.01
-_LONGEST_S = 0.03  # longest period for which the set-point moves, s: after a longer period it must not jump
+_LONGEST_S = 0.03  # maximum time step of the set-point, s: the set-point must not jump after a delay
 _SHOWN_S = 0.1
 _SILENT_S = 0.2
 _AT_REST_RAD = 0.15
@@ -38,7 +38,7 @@ _LET_DOWN_S, _LET_DOWN_KD, _DISABLES = 1.5, 5.0, 3
 
 @dataclass
 class Knob:
-    """Target of one motor, in motor coordinates, which the keys move.
+    """Target of one motor, in motor coordinates, moved by keys.
 
     tau = kp (q* − q) − kd dq. The set-point q* moves to the target at a limited speed, and stays so close to q that
     kp |q* − q| is within the torque limit.
@@ -46,7 +46,7 @@ class Knob:
     Args:
         kind: motor type.
         start_rad: angle of the motor at the start, rad; the target stays within `range_rad` of this angle.
-        torque_nm: greatest torque for the position error, Nm.
+        torque_nm: maximum torque for the position error, kp |q* − q|, Nm.
     """
 
     kind: str
@@ -66,7 +66,7 @@ class Knob:
         return _STEPS[self._step]
 
     def press(self, key: str) -> None:
-        """Process one key; keys that are not in `HELP` do nothing."""
+        """Process one key; keys that are not in `HELP` are ignored."""
         if key in (LEFT, RIGHT):
             self._aim(self.target + (self.step if key == RIGHT else -self.step))
         elif key in (UP, DOWN):
@@ -79,11 +79,11 @@ class Knob:
             self.kd = _turned(self.kd, key == "D", _KD_RANGE)
 
     def stay(self) -> None:
-        """Set the target to the present set-point, so that the motor stays."""
+        """Set the target to the current set-point, which stops the motor."""
         self._aim(self.setpoint_rad)
 
     def command(self, q: float, elapsed_s: float) -> bytes:
-        """Return the next command's 8 bytes. `q`: motor angle, rad; `elapsed_s`: time since the last command, s."""
+        """Return the next MIT command, 8 bytes. `q`: motor angle, rad; `elapsed_s`: time since the last command, s."""
         way = SPEED_RAD_S * elapsed_s
         lead = self.torque_nm / self.kp
         moved = min(max(self.target, self.setpoint_rad - way), self.setpoint_rad + way)
@@ -99,7 +99,7 @@ def _turned(gain: float, up: bool, ends: tuple[float, float]) -> float:
 
 
 def console(args: argparse.Namespace, bench: MotorBench) -> int:
-    """Do `yam-motors console`: turn one motor by the arrow keys."""
+    """Run `yam-motors console`: turn one motor by the arrow keys."""
     if not args.motor or len(args.motor) != 1:
         raise ConfigError("name one motor (--motor joint_6)")
     if not 0.0 < args.range <= math.pi:
@@ -114,7 +114,7 @@ def console(args: argparse.Namespace, bench: MotorBench) -> int:
     kind = bench.kind(contents)
     most_nm = _TORQUE_SHARE * motor_type(kind).torque_max_nm  # raises for an unknown type
     _confirm(args, bench, name)
-    refuse_stopped(name, EmergencyStop())  # checked again, since the person may have taken a long time to confirm
+    refuse_stopped(name, EmergencyStop())  # checked again: confirming may have taken long
     bench.require_settable([can_id, *others])
     state = read_state(bench.access, can_id)
     if state is None:
@@ -133,7 +133,7 @@ def console(args: argparse.Namespace, bench: MotorBench) -> int:
 
 
 def _require_watchdog(bench: MotorBench, name: str, counts: float | None) -> None:
-    """Check the motor's time-out, after which it stops if this program dies. Raises MotorError: too long or none."""
+    """Check the timeout that stops the motor if this program dies. Raises MotorError: it is above 0.4 s, or unset."""
     if counts is None or not 0 < counts <= SAFE_COUNTS:
         lasts = f"for {counts * TIMEOUT_COUNT_S:g} s" if counts else "for ever"
         raise MotorError(
@@ -143,7 +143,7 @@ def _require_watchdog(bench: MotorBench, name: str, counts: float | None) -> Non
 
 
 def _confirm(args: argparse.Namespace, bench: MotorBench, name: str) -> None:
-    """Print what will be energised and whether the arm hangs in the air, and ask for confirmation."""
+    """Print which motor will be energised and which joints are off their rest pose, and ask for confirmation."""
     tell(
         f"HAZARD: this energises {name} alone; every other motor of the arm stays limp. When it ends, or is killed, "
         f"{name} goes limp, too. Keep hands off, and the switch of the supply within reach."
@@ -156,7 +156,7 @@ def _confirm(args: argparse.Namespace, bench: MotorBench, name: str) -> None:
 
 
 def _off_rest(args: argparse.Namespace, bench: MotorBench) -> str:
-    """Return a text about the joints that are not at rest; empty when the arm lies on its rest."""
+    """Return a text that lists the joints that are not at rest; empty if the arm lies in its rest pose."""
     hardware = ResolvedArm(with_answering_gripper(args, bench.bus))
     off = []
     for index, spec in enumerate(hardware.motors[: hardware.joints]):
@@ -196,12 +196,12 @@ class _Motor:
         self._access.special(self._id, SpecialCommand.ENABLE)
 
     def exchange(self, data: bytes) -> MotorState | None:
-        """Send a command; return the motor's answer, or None if none came."""
+        """Send a command; return the motor's reply, or None if no reply arrived."""
         answer = self._access.exchange(self._id, self._answers, self._id, data, _PERIOD_S)
         return None if answer is None else MotorState(*unpack_feedback(ranges_of(self._kind), answer)[1:])
 
     def let_down(self) -> None:
-        """Damp the motor for `_LET_DOWN_S`, and switch it off. Raises MotorError: the motor is still energised."""
+        """Damp the motor for `_LET_DOWN_S`, then disable it. Raises MotorError: the motor may still be energised."""
         damping = encode_mit(self._kind, 0.0, 0.0, 0.0, _LET_DOWN_KD, 0.0)
         deadline = self.clock.now() + _LET_DOWN_S
         while self.clock.now() < deadline:
@@ -218,10 +218,10 @@ class _Motor:
 
 
 def _follow_keys(motor: _Motor, knob: Knob, terminal: KeyTerminal) -> None:
-    """Send the knob's commands until `q` is typed or the terminal is closed.
+    """Send the knob's commands to the motor until `q` is typed or the terminal is closed.
 
     Raises:
-        MotorError: the motor is silent, or reports a fault.
+        MotorError: the motor has stopped replying, or reports a fault.
     """
     stop, q, stopped = EmergencyStop(), knob.start_rad, False
     heard_s = sent_s = motor.clock.now()
@@ -235,7 +235,7 @@ def _follow_keys(motor: _Motor, knob: Knob, terminal: KeyTerminal) -> None:
                 knob.press(key)
         if stopped and not before:
             knob.stay()
-        last_s, sent_s = sent_s, motor.clock.now()  # measured, since fast typing shortens the period
+        last_s, sent_s = sent_s, motor.clock.now()  # measured: fast typing shortens the period
         state = motor.exchange(knob.command(q, min(sent_s - last_s, _LONGEST_S)))
         now = motor.clock.now()
         if state is None:
