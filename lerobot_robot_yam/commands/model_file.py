@@ -4,7 +4,7 @@ yam-model --format mjcf yam.xml                       for MuJoCo: a yam arm with
 yam-model --format urdf yam.urdf                      for everything else, such as LeRobot's kinematics
 yam-model --format urdf --arm yam_pro --gripper crank_4310
 
-Without a file it goes to standard output. Exit status: 0 written; 1 it cannot be done; 2 wrong arguments.
+Without a file, the model goes to standard output. Exit status: 0 written; 1 it cannot be done; 2 wrong arguments.
 """
 
 import sys
@@ -23,7 +23,7 @@ def write(path: Path | None, arm: str, gripper: str, form: str) -> int:
     """Write the model to a file, or to standard output if `path` is None; return the exit status.
 
     Raises:
-        ConfigError: there is no such arm or gripper, or the file cannot be written.
+        ConfigError: no profile is called `arm` or `gripper`, or the file cannot be written.
     """
     from lerobot_robot_yam.arm.export.model_export import mjcf, urdf
     from lerobot_robot_yam.arm.mounting import resolve_profiles

@@ -1,4 +1,4 @@
-"""Look at the motors of an arm and set them up: ids, registers, time-out, dumps. Only `console` energises anything.
+"""Show and set up the motors of an arm: ids, registers, time-out, dumps. Only `console` energises anything.
 
 yam-motors scan --channel can_follower_l                             who answers: type, firmware, limits, faults, heat
 yam-motors read --channel can_follower_l --motor joint_3 TIMEOUT     registers by name; all of them without a name

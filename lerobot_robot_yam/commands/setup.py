@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _check(args: argparse.Namespace) -> int:
-    from lerobot_robot_yam.commands.lib.new_rig.rig_check import check_rig  # late: imports LeRobot, takes seconds
+    from lerobot_robot_yam.commands.lib.new_rig.rig_check import check_rig  # imported late: LeRobot takes seconds
 
     try:
         lines = check_rig(args.file)
@@ -97,7 +97,7 @@ def _set_up(args: argparse.Namespace) -> int:
 
 
 def _agreed(args: argparse.Namespace, changes: str) -> bool:
-    """Return whether the file may be written: an earlier file is replaced only with --yes or after a question."""
+    """Return whether the file may be written: an earlier file is replaced only with --yes or after confirmation."""
     if not args.file.exists() or args.yes:
         return True
     tell(changes)
@@ -105,7 +105,7 @@ def _agreed(args: argparse.Namespace, changes: str) -> bool:
 
 
 def _repair(plan: RigPlan, args: argparse.Namespace) -> None:
-    """Print yam-doctor's findings about the arms, and run our commands that repair them."""
+    """Print yam-doctor's findings about the arms, and run the yam commands that fix these findings."""
     findings = _inspected(plan)
     commands = _repairs_of(findings)
     repaired = [finding for some in commands.values() for finding in some]
@@ -120,7 +120,7 @@ def _repair(plan: RigPlan, args: argparse.Namespace) -> None:
 
 
 def _inspected(plan: RigPlan) -> list[Finding]:
-    """Return the problems and warnings of the arms with motors. Reads only; energises nothing."""
+    """Return the problems and warnings about the arms with motors. Reads only; energises nothing."""
     report = empty_report()
     for arm in [*plan.followers.values(), *plan.leaders.values()]:
         options = {key: value for key, value in arm.options.items() if key in ArmConfig.__dataclass_fields__}
@@ -132,7 +132,7 @@ def _inspected(plan: RigPlan) -> list[Finding]:
 
 
 def _repairs_of(findings: list[Finding]) -> dict[str, list[Finding]]:
-    """Return command -> findings that it repairs; one command covers all motors of an arm."""
+    """Return command -> findings that the command fixes; one command covers all motors of an arm."""
     commands: dict[str, list[Finding]] = {}
     for finding in findings:
         if (match := _COMMAND.search(finding.remedy)) is not None:
@@ -141,7 +141,7 @@ def _repairs_of(findings: list[Finding]) -> dict[str, list[Finding]]:
 
 
 def _run_repair(command: str, sure: bool) -> bool:
-    """Run a command, which asks its own questions at this terminal; return whether the command succeeded."""
+    """Run a command, which may ask for confirmation at this terminal; return whether the command succeeded."""
     words = shlex.split(command)
     program = [sys.executable, "-m", f"lerobot_robot_yam.commands.{_REPAIRS[' '.join(words[:2])]}"]
     yes = ["--yes"] if sure and words[1] != "report" else []

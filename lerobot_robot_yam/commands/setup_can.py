@@ -1,4 +1,4 @@
-"""Name the CAN adapters for good, have their links brought up, and give the rights that driving arms takes.
+"""Give the CAN adapters permanent names, have their links brought up, and give the rights needed for driving arms.
 
 sudo "$(which yam-setup-can)"                       asks for one adapter after another; rights for who calls sudo
 sudo "$(which yam-setup-can)" --wrist               asks to turn each arm's wrist instead; the arms need power
@@ -8,7 +8,7 @@ yam-setup-can --list                                shows adapters and names
 sudo "$(which yam-setup-can)" --reset               takes all links down and up; with names, only these
 sudo "$(which yam-setup-can)" --undo                takes back all that it has ever changed
 
-A name is tied to the adapter's serial number, or to its USB port if the serial number is not the only one. Energises
+A name is tied to the adapter's serial number, or to its USB port if the serial number is not unique. Energises
 nothing. Exit status: 0 done; 1 it cannot be done; 2 wrong arguments; 130 interrupted: run it again, it goes on.
 """
 
@@ -82,11 +82,11 @@ class Naming:
 
     @property
     def adapters(self) -> list[CanAdapter]:
-        """Adapters that are plugged in now."""
+        """Adapters that are plugged in at the moment."""
         return read_adapters(self.files.root / "sys")
 
     def adapter(self, interface: str) -> CanAdapter:
-        """Return the adapter that has this name now. Raises SetupError: no adapter has this name."""
+        """Return the adapter with this interface name. Raises SetupError: no adapter has this name."""
         adapters = {adapter.name: adapter for adapter in self.adapters}
         if interface not in adapters:
             there = ", ".join(adapters) or "none; plug one in (`lsusb` lists what is plugged in)"
@@ -94,10 +94,10 @@ class Naming:
         return adapters[interface]
 
     def assign(self, wanted: Mapping[str, str]) -> bool:
-        """Give names to interfaces, after a question; return whether the person agreed.
+        """Give names to interfaces (`wanted`: name -> interface), after confirmation; return whether the user agreed.
 
         Raises:
-            SetupError: an adapter is missing, a name is taken, or adapters look the same; nothing was changed.
+            SetupError: an adapter is missing, a name is taken, or adapters are indistinguishable; nothing was changed.
             ChannelInUseError: a session drives an arm through one of the adapters.
         """
         named, adapters = self.named, self.adapters
@@ -121,7 +121,7 @@ class Naming:
         return True
 
     def make(self, changes: Sequence[Change], undo: bool = False) -> bool:
-        """Show changes, ask, and make the changes; return whether the person agreed. `undo`: they undo the set-up.
+        """Show changes, ask, and apply them; return whether the user agreed. `undo`: the changes undo earlier ones.
 
         Raises:
             SetupError: a file cannot be written.
@@ -139,14 +139,14 @@ class Naming:
         return True
 
     def guide(self, names: Sequence[str], place: Mapping[str, Any] | None) -> None:
-        """Ask for the adapter of each name, one after another, and name each adapter before the next question.
+        """Ask for the adapter of each name in turn, and name the adapter before the next question.
 
         Args:
             names: names for the adapters, in the order of the questions.
-            place: where the arms are, to find each arm by a turn of its wrist; None: by plugging its adapter in.
+            place: fields of `place_of`, to find an arm by a turn of its wrist; None: to find an adapter by plugging in.
 
         Raises:
-            YamError: the terminal has gone, or no arm answers. The names given so far stay.
+            YamError: the terminal was closed, or no arm replies. The names given so far are kept.
         """
         for name in names:
             while True:
@@ -160,7 +160,7 @@ class Naming:
                     tell(f"{error}")
 
     def _found(self, name: str, place: Mapping[str, Any] | None) -> str:
-        """Return the interface that the person shows or types; "q" to quit, "" to skip this name."""
+        """Return the interface that the user shows or types; "q" to quit, "" to skip this name."""
         there = ", ".join(adapter.name for adapter in self.adapters)
         question = f"\n{name}: {{}}.\nOr type its present name{f' ({there})' if there else ''}; Enter skips it, q ends."
         if place is not None:
@@ -183,7 +183,7 @@ class Naming:
         return ask(f"This adapter has {len(plugged)} channels. Which one is for {name}?")
 
     def table(self) -> str:
-        """Return a table of all names and adapters, with the property by which each name finds its adapter."""
+        """Return a table of all names and adapters, with the properties that identify each adapter."""
         adapters = self.adapters
         rows = []
         for adapter in adapters:

@@ -1,10 +1,10 @@
-"""Find out what an arm weighs and how it rubs, and write a tuning that its config names.
+"""Measure an arm's weight and friction, and write a tuning file for the arm's config.
 
 yam-tune --channel can_follower_l --out left.yaml                        ENERGISES the arm: slow ways there and back
 yam-tune --channel can_follower_l --out left.yaml --guided               the same through poses that you lead it to
 yam-tune --channel can_follower_l --out held.yaml --payload left.yaml    what its tool carries now, beside left.yaml
 
-It asks first (--yes for scripts). Afterwards the arm moves once more, with the tuning, to show what it brings.
+The command asks first (--yes for scripts). Afterwards the arm moves once more, with the tuning, to show its effect.
 Ctrl-C lands the arm; the file is written at the very end or not at all.
 """
 
@@ -44,12 +44,12 @@ from lerobot_robot_yam.session.arm_session import Isolation
 from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.system.paths import user_path
 
-LEGS = 12  # number of legs of an automatic run, which takes 80 s
+LEGS = 12  # path segments of an automatic run, which takes 80 s
 _WORD = "tune"
-_HOLD_POSES = 4  # number of poses at which the new tuning is tried
+_HOLD_POSES = 4  # poses at which the new tuning is tested
 _REMEDY_LEGS = 2
 _GUIDED_MOST = 20
-_LEAST_MOVED_RAD = 0.15  # least travel of a joint that reveals its friction, rad
+_LEAST_MOVED_RAD = 0.15  # minimum travel of a joint for determining its friction, rad
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -101,15 +101,15 @@ def _tune(args: argparse.Namespace) -> int:
 
 
 def tune(config: ArmConfig, args: argparse.Namespace, isolation: Isolation = "process", legs: int = LEGS) -> int:
-    """Measure an arm, fit its tuning, try it and write it; return the exit status.
+    """Measure an arm, then fit, test and write its tuning; return the exit status.
 
     Args:
         config: the arm, without a tuning.
-        args: out, force, guided, payload, floor_z and plot of the command line.
+        args: command-line arguments out, force, guided, payload, floor_z and plot.
         isolation, legs: see `Tuner`.
 
     Raises:
-        YamError: something failed; the arm has landed or was never energised, and nothing was written.
+        YamError: a step failed; the arm has landed or was never energised, and nothing was written.
     """
     require_engine()
     if args.plot is not None:
@@ -130,14 +130,14 @@ def tune(config: ArmConfig, args: argparse.Namespace, isolation: Isolation = "pr
 
 
 class Tuner:
-    """Driver of one arm: measures its weight and friction, then how well it holds with the tuning.
+    """Measurement of one arm: its weight and friction, then its hold errors with the tuning.
 
     Args:
         config: the arm, without a tuning.
         isolation: where the arm's control loop runs, see `ArmSession`.
         workspace: obstacles that the arm's motions keep clear of.
-        bare: the arm's tuning without a payload, if a payload is to be found.
-        legs: number of legs of an automatic run; each is travelled in both directions.
+        bare: tuning of the arm without a payload; if given, only the payload and friction are fitted.
+        legs: path segments of an automatic run; the arm moves along each segment in both directions.
 
     Raises:
         ConfigError: the arm cannot be tuned with these arguments.
@@ -152,7 +152,7 @@ class Tuner:
             raise ConfigError(f"{config.name}: arm {config.arm!r} has no joints to tune")
         profiles = hardware.arm, hardware.gripper
         if bare is not None:
-            bare.tuned(*profiles)  # raises if the tuning is of another arm
+            bare.tuned(*profiles)  # raises if the tuning belongs to another arm
         self._terms = GravityTerms(*profiles, tilt_rad=hardware.tilt_rad)
         self._route = Route(hardware, self._terms, workspace)
 
@@ -160,8 +160,8 @@ class Tuner:
         """Move the arm; return the fit, the hold errors (m, n) rad, and the poses (k, n) rad.
 
         Raises:
-            ConfigError: a pose would hit something, or the poses leave a parameter unknown; the message says which.
-            YamError: the arm stops, is stopped or is silent.
+            ConfigError: a path would hit something, or the poses leave a parameter unknown; the message says which.
+            YamError: the arm faults or is stopped, or its control loop is silent.
         """
         with YamArm(self._config, isolation=self._isolation, start="hold") as arm:
             start = arm.observe().q
@@ -176,7 +176,7 @@ class Tuner:
         return self._fit(samples, poses), holds, poses
 
     def hold(self, tuning: Tuning, poses: np.ndarray) -> np.ndarray:
-        """Hold the arm with a tuning at some of the poses; return its joints' distances from set-points, (m, n) rad."""
+        """Hold the arm with a tuning at the first poses; return the joints' deviations from set-points, (m, n) rad."""
         few = poses[:_HOLD_POSES]
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "tuning.yaml"
@@ -187,7 +187,7 @@ class Tuner:
                 return sweep(arm, few, partial(_progress, "trying"))[1]
 
     def _fit(self, samples: Samples, poses: np.ndarray) -> Fit:
-        """Fit the samples. Raises ConfigError: they leave a parameter unknown; the message lists poses to add."""
+        """Fit the samples. Raises ConfigError: a parameter stays unknown; the message lists poses to add."""
         try:
             return fit(self.hardware, samples, self._bare)
         except NotToldError as error:
@@ -205,7 +205,7 @@ def _progress(doing: str, share: float) -> None:
 
 
 def _led_poses(arm: YamArm) -> list[np.ndarray]:
-    """Return the poses to which a person leads the floating arm; the arm holds afterwards."""
+    """Return the poses to which the user leads the floating arm; the arm holds afterwards."""
     tell("The arm floats. Lead it to poses that are clear of everything; the ways between them will be straight.")
     arm.float()
     poses: list[np.ndarray] = []

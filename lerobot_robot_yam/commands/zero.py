@@ -3,7 +3,7 @@
 yam-zero --channel can_follower_l                    all joints
 yam-zero --channel can_follower_l --joint joint_2 joint_3
 
-HAZARD: every later session believes the zero that is set here. A zero set in a wrong pose makes the arm drive into its
+HAZARD: every later session relies on the zero that is set here. A zero set in a wrong pose makes the arm drive into its
 stops in the next session. Nothing is energised.
 """
 
@@ -32,11 +32,11 @@ from lerobot_robot_yam.damiao.tables import Fault, fault_text
 from lerobot_robot_yam.errors import ConfigError, MotorError
 
 _WORD = "zero"
-_LIVE_S = 0.2  # period of showing the angles, s
+_LIVE_S = 0.2  # display period of the angles, s
 _UNSAID = "where its model has it at 0 (the profile says nothing more)"
-_CHANGE_RAD = 0.05  # largest change of a zero that is expected, rad: a careful hand may be off by this
-_READ_BACK_RAD = 0.01  # tolerance of a reading after zeroing, rad: from 0, or from before for other motors
-_READ_BACK_S = 0.5  # wait for the readings after zeroing, s: a motor that writes its flash may be silent
+_CHANGE_RAD = 0.05  # maximum expected change of a zero, rad: accuracy of careful placing by hand
+_READ_BACK_RAD = 0.01  # tolerance after zeroing, rad: for zeroed motors around 0, for others around the old reading
+_READ_BACK_S = 0.5  # timeout for the readings after zeroing, s: a motor may be silent while it writes its flash
 _STILL_RAD, _STILL_S, _SAMPLE_S = 0.005, 0.5, 0.02
 
 
@@ -72,7 +72,7 @@ def _zero(args: argparse.Namespace) -> int:
             _wait_until_placed(zeroing)
         present = zeroing.read().joint_rad
         far = [f"{zeroing.names[i]} by {-present[i]:+.2f}" for i in zeroing.chosen if abs(present[i]) > _CHANGE_RAD]
-        if far:  # a large change is wanted after a repair, and a mistake otherwise
+        if far:  # a large change is intended after a repair, and a mistake otherwise
             tell(f"WARNING: this changes where these joints are taken to be, in rad: {', '.join(far)}")
         question = f"Type {_WORD} to make the present pose the zero of these joints:"
         confirm_word(args.yes, _WORD, question, "nothing was zeroed")
@@ -91,7 +91,7 @@ def _zero(args: argparse.Namespace) -> int:
 
 
 def _wait_until_placed(zeroing: "Zeroing") -> None:
-    """Show the angles of the chosen joints live until the person presses Enter."""
+    """Show the angles of the chosen joints live until the user presses Enter."""
     tell("Press Enter when they are in place.")
     while not select.select([sys.stdin], [], [], _LIVE_S)[0]:
         motor = zeroing.read().motor_rad
@@ -115,9 +115,9 @@ class Reading(NamedTuple):
     """Angles of all motors of an arm, (n,): the joints, then the gripper's motor if there is one.
 
     Attributes:
-        motor_rad: angles that the motors report.
-        joint_rad: joint angles, on the turn within their range; NaN where the turn is unclear, and for the gripper.
-        problems: name of a joint whose turn is unclear -> reason from `resolve_turn`.
+        motor_rad: angles that the motors report, rad.
+        joint_rad: joint angles, rad, with full turns added to be within range; NaN if ambiguous, and for the gripper.
+        problems: name of a joint with an ambiguous number of turns -> reason from `resolve_turn`.
     """
 
     motor_rad: np.ndarray
@@ -128,15 +128,15 @@ class Reading(NamedTuple):
 class Zeroing:
     """Procedure that makes limp motors store their angle as zero, and verifies that nothing else changed.
 
-    A ZERO command moves the origin of a limp motor; a limp motor obeys no other command.
+    A limp motor executes the ZERO command, which moves the motor's origin, but no motion command.
 
     Args:
         config: the arm, with the gripper that is fitted.
-        bus: open bus that nobody else uses.
+        bus: open bus, for exclusive use.
         joints: names of the joints to zero, such as "joint_2".
 
     Raises:
-        ConfigError: there is no such joint, or its range does not contain 0.
+        ConfigError: the arm has no joint of this name, or the joint's range does not contain 0.
     """
 
     def __init__(self, config: ArmConfig, bus: can.BusABC, joints: Sequence[str]):
@@ -158,7 +158,7 @@ class Zeroing:
         self._clock = self._chain.clock
 
     def guidance(self) -> str:
-        """Return a text that says where to put the chosen joints, with their ranges."""
+        """Return instructions for placing the chosen joints at zero, with their ranges."""
         lines = ["Put these joints by hand where the profile says zero is, and support the arm so that it stays there:"]
         for index in self.chosen:
             name, (low, high) = self.names[index], self._arm.arm.joint_limits_rad[index]
@@ -176,15 +176,15 @@ class Zeroing:
         return table(["motor", "motor rad", "joint rad", ""], rows)
 
     def inspect(self) -> None:
-        """Check that every motor answers, has the right type and is limp. Raises MotorError: one is not."""
+        """Check that every motor replies, has the right type and is limp. Raises MotorError: a motor does not."""
         self._chain.refresh()
-        self._check_limp()  # checks the motors that answer: an energised arm is reported before other problems
+        self._check_limp()  # first check of the motors that reply: an energised arm is reported before other problems
         verify(self._chain)
         self._refresh()
         self._check_limp()
 
     def read(self) -> Reading:
-        """Read the present angles. Raises MotorError: a motor does not answer."""
+        """Read the current angles. Raises MotorError: a motor does not reply."""
         self._refresh()
         motor = self._chain.position_rad.copy()
         joint = motor * self._arm.direction
@@ -199,10 +199,10 @@ class Zeroing:
         return Reading(motor, joint, problems)
 
     def require_still(self) -> None:
-        """Watch the chosen joints for `_STILL_S`.
+        """Check that the chosen joints are still for `_STILL_S`.
 
         Raises:
-            MotorError: a joint moved by more than `_STILL_RAD`, or a motor was silent; nothing was zeroed.
+            MotorError: a joint moved by more than `_STILL_RAD`, or a motor did not reply; nothing was zeroed.
         """
         seen = []
         deadline = self._clock.now() + _STILL_S
@@ -221,14 +221,14 @@ class Zeroing:
         """Zero the chosen joints and verify; return the readings before and after. Call `require_still` right before.
 
         Raises:
-            MotorError: a motor is energised, did not take the zero, or another motor's angle changed with it.
+            MotorError: a motor is energised or did not accept the zero, or the angle of another motor changed.
         """
         before = self.read()
         self._check_limp()
         self._chain.special(SpecialCommand.ZERO, motors=self.chosen)
         deadline = self._clock.now() + _READ_BACK_S
         while True:
-            self._chain.feedback.restart()  # the origin jumped: without this, it would be counted as motion
+            self._chain.feedback.restart()  # the origin has jumped: without a restart, the jump would count as motion
             try:
                 after = self.read()
             except MotorError as error:
@@ -267,7 +267,7 @@ class Zeroing:
         self._check_limp()
 
     def _refresh(self) -> None:
-        """Read every motor anew; several attempts, since one lost frame does not make a motor silent."""
+        """Read every motor again. Several attempts, since a single lost frame does not make a motor silent."""
         asked = self._clock.now()
         self._chain.feedback.believe(range(len(self._chain)))  # accept jumps: hands move limp joints freely
         for _ in range(5):

@@ -1,4 +1,4 @@
-"""The picture that a command draws with matplotlib into the file of its option `--plot`."""
+"""Figures that commands draw with matplotlib and save to the file of their option `--plot`."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ from lerobot_robot_yam.system.own_commands import install_extra
 
 
 def require_plot() -> Any:
-    """Return matplotlib's pyplot, set to draw into files. Raises ConfigError: matplotlib is missing."""
+    """Return matplotlib's pyplot, set up to draw to files. Raises ConfigError: matplotlib is missing."""
     try:
         import matplotlib
     except ImportError as error:
@@ -23,7 +23,7 @@ def require_plot() -> Any:
 
 @contextmanager
 def plot_file(path: Path, size: tuple[float, float], dpi: int) -> Iterator[Any]:
-    """Yield a figure of `size` inches to draw in; save it afterwards in the format of `path`'s ending.
+    """Yield a figure of `size`, inches; save the figure after the block, in the format of `path`'s suffix.
 
     Raises:
         ConfigError: matplotlib is missing, or the file cannot be written.

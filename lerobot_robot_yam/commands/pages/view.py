@@ -11,7 +11,7 @@ yam-view --desktop                 MuJoCo's own viewer instead of a browser; it 
 
 The page has an emergency stop, and buttons that end a LeRobot command. Ctrl-C ends the page; other sessions go on.
 
-HAZARD: with --config_path or --channel a person at the page can ENERGISE the arms. However the page ends, they land.
+HAZARD: with --config_path or --channel a person at the page can ENERGISE the arms. They land however the page ends.
 """
 
 import argparse
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
     from lerobot_robot_yam.viewer.serving.page import Page, Part
 
-_WORD = "drive"  # word that the person types before `--desktop` energises arms
+_WORD = "drive"  # word that the user types before `--desktop` energises arms
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _view(args: argparse.Namespace) -> int:
     try:
-        import viser  # noqa: F401  imported late, so that --help works without
+        import viser  # noqa: F401  imported late: --help must work without viser
     except ImportError as error:
         raise ConfigError(f"yam-view needs viser ({error}); {install_extra('view')}") from error
     if args.config_path is not None and args.channel is not None:
@@ -98,10 +98,10 @@ def _desktop(args: argparse.Namespace) -> int:
     """Show the window of `--desktop`; return the exit status.
 
     Raises:
-        ConfigError: there is no screen, or nobody confirmed.
+        ConfigError: there is no display, or the user did not confirm.
         YamError: the arms cannot be driven.
     """
-    from lerobot_robot_yam.session.arm_session import ArmSession  # late: loads MuJoCo and its viewer
+    from lerobot_robot_yam.session.arm_session import ArmSession  # imported late: loads MuJoCo and its viewer
     from lerobot_robot_yam.viewer.desktop_window import DragControl, need_display, run_desktop
 
     need_display()
@@ -129,10 +129,10 @@ def _desktop(args: argparse.Namespace) -> int:
 
 
 def driving_plan(args: argparse.Namespace) -> "DrivingPlan | None":
-    """Return the plan for the arms that the arguments name, by channel or config; None if they name no arm.
+    """Return the plan for the arms that the arguments name by channel or config, or None if they name no arm.
 
     Raises:
-        ConfigError: the config cannot be used.
+        ConfigError: the config is not valid.
         BusError: the channel cannot be opened.
     """
     from lerobot_robot_yam.viewer.moving.driving_plan import plan_of_arm, plan_of_file
@@ -145,7 +145,7 @@ def driving_plan(args: argparse.Namespace) -> "DrivingPlan | None":
 
 
 def _watched(args: argparse.Namespace) -> contextlib.AbstractContextManager[None]:
-    """Return a context that shows the arms of `--remote` on this computer."""
+    """Return a context manager that shows the arms of `--remote` on this computer."""
     if args.arms_host is None:
         return contextlib.nullcontext()
     from lerobot_robot_yam.remote.host_address import HostAddress

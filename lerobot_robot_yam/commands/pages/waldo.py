@@ -1,12 +1,12 @@
-"""An arm for Waldo Commander: a page to jog, teach and program it in a browser.
+"""Serve an arm to Waldo Commander, a page to jog, teach and program the arm in a browser.
 
 yam-waldo                                       a simulated arm, and Commander's page if it is installed
 yam-waldo --hardware --channel can_follower_l   the same for a real arm, which is not energised by this
 yam-waldo arm                                   in another terminal: ENERGISE it; it holds where it is
 yam-waldo land                                  bring it down and cut torque
 
-HAZARD: `yam-waldo arm` energises the arm, and from then on whoever reaches Commander's page moves it. Its e-stop is
-software: the arm holds, and torque stays on. It lands when `yam-waldo --hardware` ends.
+HAZARD: `yam-waldo arm` energises the arm; from then on anybody who reaches Commander's page can move it. Commander's
+e-stop is software: the arm holds, and torque stays on. The arm lands when `yam-waldo --hardware` ends.
 """
 
 import argparse
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _serve(args: argparse.Namespace) -> int:
-    from lerobot_robot_yam.waldo.controller.controller_process import serve  # late: other acts do not need it
+    from lerobot_robot_yam.waldo.controller.controller_process import serve  # imported late: only `serve` needs it
 
     config = _real(args) if args.hardware else None
     choice = ArmChoice(args.arm, args.gripper or ArmChoice().gripper)
@@ -105,7 +105,7 @@ def _land(args: argparse.Namespace) -> int:
 
 
 def hazard(channel: str, seeks: bool) -> str:
-    """Return a text about what arming will do, for the person who has to confirm.
+    """Return the hazard warning that the user has to confirm before the arm is energised.
 
     Args:
         channel: channel of the arm.

@@ -1,11 +1,11 @@
-"""Have the arms of this computer driven from another one, by LeRobot's own commands there (docs/two-machines.md).
+"""Let another computer drive the arms of this computer, with LeRobot's own commands (docs/two-machines.md).
 
 yam-host --config_path=rig.yaml           serve the arms of a rig's file, to programs of this computer
 yam-host --config_path=rig.yaml --listen 192.168.1.20      to paired computers, too
 yam-host pair workstation                 make keys for a computer; carry the file to it
 yam-host status                           say what the host that runs here serves, and who has it
 
-HAZARD: a paired computer can ENERGISE the arms. Starting yam-host energises nothing. However it ends, they land.
+HAZARD: a paired computer can ENERGISE the arms. Starting yam-host energises nothing. The arms land however it ends.
 """
 
 import argparse
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 
 _LAND_AFTER_S = 30.0
 _LOCAL = "127.0.0.1"
-_RT_PRIORITY = 15  # real-time priority, below the control loops', which a flood of messages thus cannot delay
-_SWITCH_S = 0.0005  # Python's switch interval, s: threads that send states and receive commands alternate quickly
+_RT_PRIORITY = 15  # real-time priority, below the control loops', so that a flood of messages cannot delay these loops
+_SWITCH_S = 0.0005  # Python's thread switch interval, s: short, so that sending states hardly delays receiving commands
 _TOOL_TIMEOUT_S = 120.0
-_MOST_BYTES = 200_000  # most bytes of a tool's output that are sent to the client; the rest is cut off
+_MOST_BYTES = 200_000  # maximum size of a tool's output sent to the client, bytes; the rest is cut off
 
 logger = logging.getLogger(__name__)
 
@@ -75,7 +75,7 @@ def _serve(args: argparse.Namespace) -> int:
     groups = groups_of(args.config_path)
     address = HostAddress.of(args.listen or _LOCAL)
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # anybody can open many connections to the port
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # anybody can connect, which takes a descriptor
     keys = args.keys or keys_directory()
     keys = keys if paired(keys) else None
     channels = {channel: words for group in groups for channel, words in group.channels.items()}
@@ -95,7 +95,7 @@ def _serve(args: argparse.Namespace) -> int:
 
 
 def _note() -> Path:
-    """Return the path where a host writes its address and key for `yam-host status`."""
+    """Return the path of the file with the running host's address and key, for `yam-host status`."""
     from lerobot_robot_yam.system.runtime_files import runtime_dir
 
     return runtime_dir() / "host-address"
@@ -122,10 +122,10 @@ def _say_ready(address: "HostAddress", groups: "Sequence[HostedGroup]", keyed: b
 
 
 def groups_of(path: Path) -> "list[HostedGroup]":
-    """Read a rig's file in another process, since LeRobot's parser loads torch, 700 MB that would stay in memory.
+    """Read a rig's file in a subprocess: LeRobot's parser loads torch, whose 700 MB would otherwise stay in memory.
 
     Raises:
-        ConfigError: there is no such file, or no session would start with its arms.
+        ConfigError: the file does not exist, or no session would start with its arms.
     """
     from lerobot_robot_yam.system.paths import user_path
 
@@ -143,7 +143,7 @@ def groups_of(path: Path) -> "list[HostedGroup]":
 
 
 def make_groups(found: Sequence[Mapping[str, Any]]) -> "list[HostedGroup]":
-    """Make the groups from the result of `rig_reader.groups_in`."""
+    """Create the groups from the result of `rig_reader.groups_in`."""
     from lerobot_robot_yam.arm.config import LeadArmConfig
     from lerobot_robot_yam.remote.hosted_group import HostedGroup
 
@@ -195,7 +195,7 @@ class HostTools:
 
     Args:
         rig_file: file that describes this host's arms.
-        channels: CAN channel that may be identified -> options that name it on a command line.
+        channels: CAN channel that may be identified -> command-line options that select this channel.
     """
 
     def __init__(self, rig_file: Path, channels: Mapping[str, str]):
@@ -205,17 +205,17 @@ class HostTools:
         self._asked: Hashable = None
 
     def run(self, asked: Hashable, tool: str, channel: str, as_json: bool) -> dict[str, Any] | None:
-        """Start a tool, or return its exit status and output once it has ended; None while it runs.
+        """Start a tool; return its exit status and output once it has ended, or None while it runs.
 
         Args:
-            asked: key of the client's question; the client repeats the question until the tool has ended.
+            asked: key of the client's request; the client repeats the request until the tool has ended.
             tool: "doctor" or "identify".
             channel: channel to identify.
             as_json: whether the output is JSON.
 
         Raises:
-            ConfigError: there is no such channel.
-            LifeCycleError: another tool runs, or this one takes too long.
+            ConfigError: the host has no such tool or channel.
+            LifeCycleError: another tool is running, or this tool exceeded its timeout.
         """
         if self._running is None or asked != self._asked:
             if self._running is not None and not self._running.done():

@@ -4,8 +4,8 @@ yam-policy-server --policy.path=outputs/train/my_policy/checkpoints/last/pretrai
 yam-policy-server --policy.path=my_policy --policy.device=cuda --policy.n_action_steps=25
 yam-policy-server --policy.path=my_policy --host=0.0.0.0 --api-key-env=POLICY_KEY    for other computers
 
-Further --policy.… options are those that lerobot-rollout takes for the checkpoint. Any openpi client can ask it; ours
-is --policy.type=yam_openpi of lerobot-rollout. Ctrl-C ends it.
+Further --policy.… options are those that lerobot-rollout takes for the checkpoint. Any openpi client can connect; this
+package's client is --policy.type=yam_openpi of lerobot-rollout. Ctrl-C ends the server.
 """
 
 import argparse
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _serve(args: argparse.Namespace, fields: Sequence[str]) -> int:
-    from lerobot.configs.parser import PluginLoadError, load_plugin  # late: loads torch
+    from lerobot.configs.parser import PluginLoadError, load_plugin  # imported late: loads torch
 
     from lerobot_robot_yam.face.openpi.chunk_server import ChunkServer
     from lerobot_robot_yam.face.openpi.served_policy import ServedPolicy
@@ -84,7 +84,7 @@ def _serve(args: argparse.Namespace, fields: Sequence[str]) -> int:
 
 
 def _names(text: str) -> dict[str, str]:
-    """Parse a dictionary of names on the command line. Raises argparse.ArgumentTypeError: it is something else."""
+    """Parse a mapping of names on the command line. Raises argparse.ArgumentTypeError: the text is no such mapping."""
     found = yaml.safe_load(text)
     if not isinstance(found, dict) or not all(isinstance(name, str) for pair in found.items() for name in pair):
         raise argparse.ArgumentTypeError(f"give a dictionary of names, such as {{observation.image: …}}, not {text}")

@@ -1,4 +1,4 @@
-"""Reader of a rig's file by LeRobot's parser, for yam-host.
+"""Reader of rig files for yam-host, based on LeRobot's parser.
 
 `python -m lerobot_robot_yam.commands.servers.rig_reader RIG` prints one JSON line: the groups of arms, or an error.
 """
@@ -28,10 +28,10 @@ _SECTIONS: dict[str, tuple[Any, str, str]] = {
 
 
 def groups_in(path: Path) -> list[dict[str, Any]]:
-    """Return each group's role and device, its arms (prefix -> config), and options (prefix -> LeRobot's options).
+    """Return for each group: role, device, arms (prefix -> config) and options (prefix -> LeRobot's options).
 
     Raises:
-        ConfigError: no session would start with an arm of the file.
+        ConfigError: the file has no arms, or no session would start with one of its arms.
     """
     document, groups = read_yaml(path), []
     for section, (registry, folder, role) in _SECTIONS.items():

@@ -1,4 +1,4 @@
-"""The file that holds the registers of an arm's motors, for people to read and for `yam-motors restore`."""
+"""Dump file of the registers of an arm's motors, for people to read and for `yam-motors restore`."""
 
 import contextlib
 import os
@@ -23,14 +23,14 @@ _HEAD = "# Registers of Damiao motors, written by yam-motors. `yam-motors restor
 
 
 def shown(register: Register, value: float | int | None) -> float | int | str:
-    """Return the shortest number that has the same four bytes in the register; a text if the value is unknown."""
+    """Return the shortest number with the same four bytes as the register; a text if the value is unknown."""
     if value is None:
         return "not told"
     return int(value) if register.kind == "uint32" else float(str(np.float32(value)))
 
 
 def save_dump(path: Path, channel: str, motors: Mapping[int, Contents]) -> None:
-    """Write the file; a crash in the middle leaves the old one. Raises ConfigError: it cannot be written."""
+    """Write a dump atomically. Raises ConfigError: the file cannot be written."""
     registers = {can_id: {r.name: shown(r, value) for r, value in held.items()} for can_id, held in motors.items()}
     document = {"version": _VERSION, "channel": channel, "motors": registers}
     try:
@@ -40,7 +40,7 @@ def save_dump(path: Path, channel: str, motors: Mapping[int, Contents]) -> None:
 
 
 def load_dump(path: Path) -> dict[int, Contents]:
-    """Read a dump; return CAN id -> registers. Raises ConfigError: unreadable, or with values no motor can hold."""
+    """Read a dump; return CAN id -> registers. Raises ConfigError: unreadable, or a value that no motor can hold."""
     document = read_yaml(path)
     version, motors = document.get("version"), document.get("motors")
     if version != _VERSION or not isinstance(motors, dict) or not motors:
@@ -63,11 +63,11 @@ def load_dump(path: Path) -> dict[int, Contents]:
 
 @contextlib.contextmanager
 def kept_until_stored(channel: str, motors: Mapping[int, Contents]) -> Iterator[None]:
-    """Keep a file with the motors' registers while the block changes them; the file stays if the block fails.
+    """Save a dump before the block changes the motors' registers; delete the dump if the block succeeds.
 
     Raises:
-        YamError: the block failed; the message has the file's path added.
-        ConfigError: the file cannot be written.
+        YamError: the block failed; the message ends with the path of the dump.
+        ConfigError: the dump cannot be written.
     """
     home = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "yam-motors"
     path = home / f"{slug(channel)}-{datetime.now():%Y%m%d-%H%M%S-%f}.yaml"

@@ -1,7 +1,7 @@
-"""Monitor of a running session: how late and how often its motors answer. It only listens, and takes no lock.
+"""Monitor of a running session: latency, period and losses of motor replies. Listens only, and takes no lock.
 
-A motor answers each command once, within much less than the time to the next. So an answer belongs to the newest
-command before it, and a command that is followed by another one without an answer in between is lost.
+A motor replies to each command once, long before the next command. A reply is therefore assigned to the newest command
+before the reply; a command followed by another command without a reply in between counts as lost.
 """
 
 import argparse
@@ -33,7 +33,7 @@ _COMMANDED = {offset + can_id: can_id for can_id in MOTOR_IDS for offset in _OFF
 
 
 def monitor_session(args: argparse.Namespace) -> int:
-    """Do `yam-motors monitor`: listen on a bus, and print latencies, periods and lost answers."""
+    """Run `yam-motors monitor`: listen on a bus, and print latencies, periods and lost replies."""
     config = arm_config(args)
     names = motor_names(config)
     bus = open_bus(config)
@@ -46,7 +46,7 @@ def monitor_session(args: argparse.Namespace) -> int:
             f"nothing was heard on channel {config.channel} within {args.seconds:g} s: no session drives it, or its "
             "link is down"
         )
-    load = round(heard.frames * FRAME_TIME_S / args.seconds, 3)  # upper bound, for frames of the longest kind
+    load = round(heard.frames * FRAME_TIME_S / args.seconds, 3)  # upper bound: all frames count as longest
     if args.json:
         others = {f"0x{identifier:X}": count for identifier, count in heard.others.items()}
         facts = {"channel": config.channel, "load": load, "error_frames": heard.error_frames, "others": others}
@@ -62,7 +62,7 @@ def monitor_session(args: argparse.Namespace) -> int:
 
 
 def _frames(bus: can.BusABC, channel: str, seconds: float) -> Iterator[can.Message]:
-    """Yield the frames that arrive within a time. Raises BusError: the channel is gone."""
+    """Yield the frames that arrive within `seconds`. Raises BusError: the channel is disconnected."""
     port = BusPort(bus, channel)
     deadline = port.clock.now() + seconds
     while (remaining := deadline - port.clock.now()) > 0.0:
@@ -75,16 +75,16 @@ class Traffic:
     """Statistics of all frames on a bus.
 
     Args:
-        messages: frames in order of arrival, with their time stamps.
+        messages: frames in order of arrival, with timestamps.
 
     Attributes:
-        others: identifier that belongs to no motor -> number of its frames.
-        error_frames: number of error frames that the CAN controller reported.
+        others: identifier that belongs to no motor -> number of frames with this identifier.
+        error_frames: number of error frames reported by the CAN controller.
         frames: number of data frames.
     """
 
     def __init__(self, messages: Iterable[can.Message]):
-        self._heard: defaultdict[int, list[tuple[float, bool]]] = defaultdict(list)  # times, and whether a command
+        self._heard: defaultdict[int, list[tuple[float, bool]]] = defaultdict(list)  # (timestamp, is a command)
         self.others: Counter[int] = Counter()
         self.error_frames = self.frames = 0
         for message in messages:
@@ -100,7 +100,7 @@ class Traffic:
                 self.others[identifier] += 1
 
     def figures(self) -> dict[int, dict[str, float | None]]:
-        """Return CAN id -> counts of commands and lost answers; latency, period: p50, p99, max, ms (None: no data)."""
+        """Return CAN id -> numbers of commands and lost replies; p50, p99, max of latency and period, ms, or None."""
         found: dict[int, dict[str, float | None]] = {}
         for can_id, heard in sorted(self._heard.items()):
             commands_s = [at_s for at_s, command in heard if command]

@@ -1,7 +1,7 @@
 """Search for the parts of a rig: the arm on each CAN channel, and the cameras. Energises nothing, opens no camera.
 
-A channel has a follower, a leader, a leader without motors, or nothing. The registers of motors and the versions of
-handles are read to find out, as in `yam-identify`.
+A channel has a follower, a leader, a leader without motors, or no arm. Motor registers and handle versions are read to
+distinguish these cases, as in `yam-identify`.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,13 +32,13 @@ _IDS = sorted({can_id for name in ARMS for can_id in arm_ids(load_arm(name))})
 
 @dataclass(frozen=True)
 class FoundArm:
-    """Arm that was found on a channel.
+    """Arm found on a channel.
 
     Attributes:
-        config: config with the arm's channel; its other fields are not known yet.
+        config: config with the arm's channel; other fields are still at their defaults.
         role: FOLLOWER, LEADER or PASSIVE.
-        arms, grippers: profiles that fit the motors that answer, the likeliest first.
-        mark: firmware of the handle, or type of the gripper's motor, for the drawing.
+        arms, grippers: profiles that fit the motors found, most likely first.
+        mark: handle firmware, type of the gripper's motor, or number of encoders, for the drawing.
         options: options of the arm in the rig's file.
     """
 
@@ -55,12 +55,12 @@ class FoundArm:
 
     @property
     def virtual(self) -> bool:
-        """Whether the arm is an arm of a virtual rig."""
+        """Whether the arm belongs to a virtual rig."""
         return self.config.interface == VIRTUAL
 
 
 class FoundCamera(NamedTuple):
-    """Camera that was found: a label to show to the person, LeRobot's config of the camera, and a proposed name."""
+    """Camera found: a label to show to the user, LeRobot's config of the camera, and a proposed name."""
 
     label: str
     options: dict[str, Any]
@@ -68,10 +68,10 @@ class FoundCamera(NamedTuple):
 
 
 def find_channels(rig: str | None, root: Path | None) -> list[str]:
-    """Return the channels of the virtual rig `rig`; without a rig, or with `root`, the channels that sysfs shows.
+    """Return the channels of the virtual rig `rig`; without a rig, or with `root`, the CAN interfaces in sysfs.
 
     Raises:
-        SetupError: there is no channel.
+        SetupError: no channel was found.
         RigError: the rig cannot be reached.
     """
     if rig is not None and root is None:
@@ -84,7 +84,7 @@ def find_channels(rig: str | None, root: Path | None) -> list[str]:
 
 
 def find_arms(configs: Sequence[ArmConfig], tell: Callable[[str], None]) -> list[FoundArm]:
-    """Return the arms on these channels; `tell` is called with the reason for each channel without an arm.
+    """Return the arms on these channels; `tell` gets a line per channel: the arm found, or why there is none.
 
     Raises:
         SetupError: no channel has an arm.
@@ -110,7 +110,7 @@ def find_arms(configs: Sequence[ArmConfig], tell: Callable[[str], None]) -> list
 
 
 def find_cameras(rig: str | None, root: Path) -> list[FoundCamera]:
-    """Return the cameras of the virtual rig `rig`; without a rig, of the computer.
+    """Return the cameras of the virtual rig `rig`; without a rig, of this computer.
 
     Raises:
         RigError: the rig cannot be reached.
@@ -147,6 +147,6 @@ def _find(config: ArmConfig) -> FoundArm | None:
 
 
 def _fits(name: str, found: Fingerprint) -> bool:
-    """Return whether all motors that answer have the profile's types; yam-doctor reports missing motors."""
+    """Return whether all motors found have the types of the profile. Missing motors are left to yam-doctor."""
     there = [motor for motor in load_arm(name).motors if motor.can_id in found.motors]
     return bool(there) and all(motor.type == found.motors[motor.can_id].kind for motor in there)

@@ -1,4 +1,4 @@
-"""Check of a rig's file by the rules of yam-doctor and LeRobot's parser. No arm is read."""
+"""Check of a rig's file with yam-doctor's rules and LeRobot's parser. Does not access any arm."""
 
 import difflib
 from collections.abc import Mapping
@@ -21,10 +21,10 @@ _REGISTRIES: dict[str, Any] = {"robot": RobotConfig, "teleop": TeleoperatorConfi
 
 
 def check_rig(path: Path) -> list[str]:
-    """Check the file; return a description of its rig in words.
+    """Check the file; return a description of its rig, as lines of text.
 
     Raises:
-        ConfigError: the file has a mistake; the message says where the first is, and names a similar known word.
+        ConfigError: the file has a mistake; the message gives the place of the first mistake, and a similar valid word.
     """
     document = read_yaml(path)
     for section in document:
@@ -39,7 +39,7 @@ def check_rig(path: Path) -> list[str]:
     from_config(path, None, check_options)
     configs = {section: rig_device(_REGISTRIES[section], section, {"file": str(path)}) for section in document}
     _check_channels(path, configs)
-    bare = rig_device(RobotConfig, "robot", {"file": str(path), "cameras": False})  # yam-doctor checks cameras
+    bare = rig_device(RobotConfig, "robot", {"file": str(path), "cameras": False})  # yam-doctor checks the cameras
     spoken = [_spoken(make_robot_from_config(bare), bare)]
     if "teleop" in configs and hasattr(configs["teleop"], "arms"):
         spoken.append(_spoken(make_teleoperator_from_config(configs["teleop"]), configs["teleop"]))
@@ -56,7 +56,7 @@ def _known(what: str, name: str, known: Any) -> None:
 
 
 def _spoken(device: Any, config: Any) -> Spoken:
-    """Return the meaning of a device's actions, without connecting the device."""
+    """Return how a device interprets its actions, without connecting the device."""
     models = [
         (load_arm(getattr(arm, "follower_arm", None) or arm.arm), load_gripper(getattr(arm, "ee_gripper", arm.gripper)))
         for arm in config.arms().values()

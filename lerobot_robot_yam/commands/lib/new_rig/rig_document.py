@@ -1,4 +1,4 @@
-"""A planned rig as text: a drawing for the person, and the rig's file, which may replace an earlier file."""
+"""Text of a planned rig: a drawing for the user, and the rig's file, merged with an earlier file."""
 
 import difflib
 from collections.abc import Mapping
@@ -74,7 +74,7 @@ def _device(ident: str, kind: str, arms: Mapping[str, FoundArm]) -> dict[str, An
 
 
 def laid_over(earlier: Mapping[str, Any], document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the new document with the options that somebody has added to the earlier file."""
+    """Return the new document, with the options kept that a user has added to the earlier file."""
     merged = {}
     for section, device in document.items():
         old = earlier.get(section)
@@ -102,7 +102,7 @@ def rig_text(path: Path, plan: RigPlan) -> str:
     try:
         earlier = yaml.safe_load(path.read_text()) if path.exists() else None
     except (OSError, ValueError, yaml.YAMLError):
-        earlier = None  # the difference, which the person sees, shows what is removed
+        earlier = None  # the user is shown the diff, which includes everything that is removed
     if isinstance(earlier, Mapping):
         document = laid_over(earlier, document)
     body = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
@@ -110,13 +110,13 @@ def rig_text(path: Path, plan: RigPlan) -> str:
 
 
 def difference(path: Path, text: str) -> str:
-    """Return how the file would change, as a diff; empty when nothing would change."""
+    """Return the changes to the file as a diff; empty if nothing would change."""
     before = path.read_text(errors="replace").splitlines() if path.exists() else []
     return "\n".join(difflib.unified_diff(before, text.splitlines(), str(path), "new", lineterm=""))
 
 
 def write_rig(path: Path, text: str) -> None:
-    """Write the whole file. Raises SetupError: the file cannot be written; an earlier file is unchanged."""
+    """Write the file atomically. Raises SetupError: the file cannot be written; an earlier file is unchanged."""
     try:
         write_whole(path, text)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""A rig as it is going to be written: the role of each arm, and what only the person at the rig knows."""
+"""Plan of a new rig's file: the role of each arm, and the facts that only the user knows."""
 
 import json
 import re
@@ -19,25 +19,25 @@ from lerobot_robot_yam.system.paths import write_whole
 
 SIDES = ("left", "right")
 _SIDE_OF = {"l": "left", "left": "left", "r": "right", "right": "right"}
-_PAYLOAD_KG = 3.0  # greatest accepted `payload_mass_kg`, kg
+_PAYLOAD_KG = 3.0  # maximum accepted `payload_mass_kg`, kg
 _NAME = re.compile(r"\w[\w-]*")
 _LEAVE_OUT = "-"
 _WRIST = "Turn its wrist by hand, a hand's width to and fro. Or: "
 _FOREVER_S = 1e6
 
 Check = Callable[[str], str]
-"""What is wrong with an answer, in words; empty when it does."""
+"""Returns what is wrong with an answer, as a message; empty if the answer is valid."""
 
 
 class Answers:
-    """Answers of the person, kept in a file until the set-up is done: an interrupted set-up does not ask them again.
+    """User's answers, stored in a file until setup is complete, so that an interrupted setup does not ask again.
 
     Args:
-        path: file that keeps the answers.
-        sure: use the usual answers without asking.
+        path: file that stores the answers.
+        sure: use the default answers without asking.
 
     Raises:
-        SetupError: the file of an earlier set-up cannot be read.
+        SetupError: the answers of an earlier, interrupted setup cannot be read.
     """
 
     def __init__(self, path: Path, sure: bool):
@@ -54,16 +54,16 @@ class Answers:
             tell(f"going on with the answers in {path}; delete it to be asked anew")
 
     def ask(self, question: str, usual: str, wrong: Check, get: Callable[[], str] | None = None) -> str:
-        """Return the answer to a question; Enter gives the usual answer.
+        """Return the answer to a question; Enter alone gives the default answer `usual`.
 
         Args:
-            get: function that gets the answer in another way than by typing.
+            get: function that obtains the answer; None: the user types the answer.
 
         Raises:
-            ConfigError: the terminal has gone, or the usual answer is wrong and nobody may be asked.
+            ConfigError: the terminal was closed, or the default answer is wrong and `sure` forbids asking.
         """
         given = self._given.get(question)
-        if given is not None and not wrong(given):  # a stored answer may be wrong now, if the rig has changed since
+        if given is not None and not wrong(given):  # a stored answer may be wrong now, if the rig has changed
             return given
         if self._sure:
             if complaint := wrong(usual):
@@ -77,25 +77,25 @@ class Answers:
         return answer
 
     def choose(self, question: str, among: Sequence[str], usual: Sequence[str] = ()) -> str:
-        """Ask for one of several names; the default is the first of `usual` among them, such as the previous arm's."""
+        """Ask for one of the names in `among`; the default is the first name of `usual` that is in `among`."""
         if len(among) == 1:
             return among[0]
         likely = next((name for name in usual if name in among), among[0])
         return self.ask(f"{question} ({', '.join(among)})", likely, _none_of(among))
 
     def forget(self) -> None:
-        """Delete the file: the set-up is done."""
+        """Delete the file of answers, once setup is complete."""
         self._path.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)
 class RigPlan:
-    """Plan of a whole rig.
+    """Plan of a complete rig.
 
     Attributes:
         ident: LeRobot's id of the robot and the teleoperator.
-        followers, leaders: side -> arm; the sides are "left" and "right", or "" if there is one arm.
-        cameras: camera's name in data sets -> LeRobot's config.
+        followers, leaders: side -> arm; the sides are "left" and "right", or "" if there is only one arm.
+        cameras: camera's name in data sets -> LeRobot's config of the camera.
     """
 
     ident: str
@@ -105,12 +105,12 @@ class RigPlan:
 
 
 def plan_rig(arms: Sequence[FoundArm], cameras: Sequence[FoundCamera], answers: Answers) -> RigPlan:
-    """Ask the person for what cannot be found out; return the plan.
+    """Ask the user for everything that cannot be detected; return the plan.
 
     Raises:
-        SetupError: LeRobot cannot drive a rig with these arms.
-        ConfigError: the terminal has gone.
-        YamError: an arm whose wrist is to be turned does not answer.
+        SetupError: LeRobot cannot drive this combination of arms.
+        ConfigError: the terminal was closed.
+        YamError: an arm that is to be identified by its wrist does not reply.
     """
     followers = [arm for arm in arms if arm.role == FOLLOWER]
     leaders = [arm for arm in arms if arm.role != FOLLOWER]
@@ -132,7 +132,7 @@ def plan_rig(arms: Sequence[FoundArm], cameras: Sequence[FoundCamera], answers: 
 
 
 def _sides(arms: Sequence[FoundArm], role: str, answers: Answers) -> dict[str, FoundArm]:
-    """Return side -> arm, by the names of the channels, or else as the person shows."""
+    """Return side -> arm, from the names of the channels, or else from the user's answer."""
     if len(arms) < 2:
         return dict(zip(("",), arms, strict=False))
     sides = {_SIDE_OF.get(re.split(r"[_-]", arm.channel)[-1], ""): arm for arm in arms}
@@ -181,13 +181,13 @@ def _leader(arm: FoundArm, follower: Mapping[str, Any], answers: Answers) -> Fou
 
 
 def _place(arm: FoundArm) -> dict[str, Any]:
-    """Return the options for an arm's place in the rig's file: channel, interface, virtual rig."""
+    """Return the options that locate an arm: channel, and on a virtual rig the interface and the rig's name."""
     where = {"interface": arm.config.interface, "can_options": {**arm.config.can_options}} if arm.virtual else {}
     return {"channel": arm.channel, **where}
 
 
 def _weighed(arm: FoundArm, options: Mapping[str, Any]) -> FoundArm:
-    """Return the planned arm; a virtual arm gets gravity factors of 1, since it weighs exactly what the model says."""
+    """Return the planned arm; a virtual arm gets gravity factors of 1, since its weight is exactly the model's."""
     weight = {"gravity_factor": [1.0] * load_arm(options["arm"]).joint_count} if arm.virtual else {}
     return replace(arm, options={**options, **weight})
 

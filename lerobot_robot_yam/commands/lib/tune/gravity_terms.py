@@ -1,14 +1,14 @@
-"""The torque that holds an arm, as a linear function of masses and centres of its links.
+"""Gravity torque of an arm, as a linear function of the masses and centres of mass of its links.
 
-Let h_i be the first moment (mass times centre, kg m) of link i in its own frame, and R_i the rotation of that link.
-The potential energy is −Σ gᵀ R_i h_i plus a constant, and
+Let h_i be the first moment (mass times centre of mass, kg m) of link i in the link's frame, and R_i the link's
+rotation. The potential energy is −Σ gᵀ R_i h_i plus a constant, and
 
-    ∂τ_j / ∂h_i = −gᵀ (z_j × R_i ·)        for links i that joint j moves, z_j its axis
+    ∂τ_j / ∂h_i = −gᵀ (z_j × R_i ·)        for links i that joint j moves; z_j: axis of joint j
 
-A mass further out acts like a moment of each link on the way to that mass, and a moment along the joint's own axis
-like a moment of the link before. So two numbers per link, the components across its joint's axis, describe every
-change of masses and centres, and of the tool's load (base parameters: Gautier and Khalil, "Direct calculation of
-minimum set of inertial parameters of serial robots", IEEE Trans. Robotics and Automation, 1990).
+A mass further out has the same effect as a moment of each link between base and mass. A moment along a joint's own axis
+has the same effect as a moment of the preceding link. Two numbers per link, the components perpendicular to the joint's
+axis, therefore describe every change of masses, centres of mass and tool load (base parameters: Gautier and Khalil,
+"Direct calculation of minimum set of inertial parameters of serial robots", IEEE Trans. Robotics and Automation, 1990).
 """
 
 from collections.abc import Sequence
@@ -21,9 +21,9 @@ from lerobot_robot_yam.arm.model import Load
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 
 PAYLOAD_TERMS = ("mass", "moment x", "moment y", "moment z")
-LEAST_LINK_KG = 0.05  # least mass of a link whose moments are fitted, kg: a bare wrist is lighter
+LEAST_LINK_KG = 0.05  # minimum mass of a link for fitting its moments, kg: excludes a bare wrist
 _SAMPLES = 200
-_FELT_M_S2 = 0.05  # least effect of a moment that is fitted, Nm per kg m; the greatest possible effect is 9.81
+_FELT_M_S2 = 0.05  # minimum effect of a moment for fitting it, Nm per kg m; the maximum possible effect is 9.81
 
 
 class Term(NamedTuple):
@@ -34,7 +34,7 @@ class Term(NamedTuple):
 
 
 class GravityTerms(GravityModel):
-    """Derivatives of the torque that holds an arm of n joints.
+    """Derivatives of the gravity torque of an arm with n joints, with respect to moments of links.
 
     Attributes:
         terms: the p moments that affect the torque in this mounting, in order from the base.
@@ -59,13 +59,13 @@ class GravityTerms(GravityModel):
         self._use([term for term, most in zip(every, felt, strict=True) if most > _FELT_M_S2])
 
     def moments(self, q: np.ndarray) -> np.ndarray:
-        """Return the torques (n, p) of each term at q (n,) rad, Nm per kg m."""
+        """Return the torques (n, p) per unit of each term at q (n,) rad, Nm per kg m."""
         self._move(q)
         turns = self._data.xmat[self._bodies[self._joints]].reshape(-1, 3, 3)
         return self._columns(np.einsum("pij,pj->pi", turns, self._axes), self._joints)
 
     def payload(self, q: np.ndarray) -> np.ndarray:
-        """Return the torques (n, 4) at q (n,) rad: of a mass at the tcp, Nm/kg, and its moments there, Nm per kg m."""
+        """Return the torques (n, 4) at q (n,) rad of a mass at the tcp, Nm/kg, and of its moments, Nm per kg m."""
         at_tcp = self.torque_per_kg(q)
         turn = self._data.site_xmat[self._tcp].reshape(3, 3)
         last = np.full(3, self.joint_count - 1)
@@ -77,7 +77,7 @@ class GravityTerms(GravityModel):
         self._axes = np.array([term.axis for term in terms]).reshape(-1, 3)
 
     def _columns(self, moments: np.ndarray, links: np.ndarray) -> np.ndarray:
-        """Return the torques (n, p) of unit moments (p, 3) in world axes, each moved by the joints up to a link."""
+        """Return the torques (n, p) of unit moments (p, 3) in world axes. `links`: (p,) links to which they belong."""
         axes = self._data.xaxis[: self.joint_count]
         # −gᵀ (z × h) = z · (g × h)
         columns: np.ndarray = axes @ np.cross(self.model.opt.gravity, moments).T
@@ -85,7 +85,7 @@ class GravityTerms(GravityModel):
 
 
 def _across(axis: np.ndarray) -> list[np.ndarray]:
-    """Return two directions (3,) across an axis (3,), along axes of the link's frame where possible."""
+    """Return two directions (3,) perpendicular to an axis (3,), along axes of the link's frame where possible."""
     first = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = first - axis * (first @ axis)
     first /= np.linalg.norm(first)

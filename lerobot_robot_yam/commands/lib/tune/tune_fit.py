@@ -4,9 +4,9 @@ While joint j turns,
 
     τ_j = g_j(q) + Y_j(q) x + a_j sign(dq_j) + b_j dq_j + (C dq + M ddq)_j
 
-with the profile's weight g, its derivatives Y by the moments x (`gravity_terms`) or by the payload, Coulomb friction a
-and viscous friction b. Sweeps go in both directions, so friction cannot be mistaken for weight. C and M come from the
-model, and are computed again with the fitted moments.
+where g is the profile's gravity torque, Y its derivative with respect to the moments x (`gravity_terms`) or to the
+payload, a Coulomb friction and b viscous friction. Sweeps in both directions separate friction from weight. C and M
+come from the model, and are computed again with the fitted moments.
 """
 
 import dataclasses
@@ -25,25 +25,25 @@ from lerobot_robot_yam.commands.lib.tune.tune_motion import Samples, torque_step
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.own_commands import install_extra
 
-_LEAST_RAD_S = 0.03  # least speed of samples that are used, rad/s: a slower joint may stick
+_LEAST_RAD_S = 0.03  # minimum speed of the samples used, rad/s: a slower joint may stick
 _PASSES = 3
 _MOMENT_MOST_KG_M = 2.0  # bound on a fitted moment, kg m: about 3 kg at 0.6 m
 _COULOMB_MOST_NM, _VISCOUS_MOST_NM_S = 5.0, 5.0
 # A parameter whose 95 % interval is wider than ± these limits is reported as unknown.
 _WIDE_NM = 0.1  # limit for Coulomb friction, Nm
 _WIDE_NM_S = 0.3  # limit for viscous friction, Nm s/rad
-_WIDE_SHARE, _WIDE_STEPS = 0.05, 6  # limit for moments: share of the joint's greatest load, or steps of its torque
+_WIDE_SHARE, _WIDE_STEPS = 0.05, 6  # limit for moments: share of the joint's maximum load, or torque steps if larger
 _G_M_S2 = 9.81
-_POSES = 300  # number of random poses that stand for the workspace
-_WEIGHS_NM = 0.1  # least load of a joint that gets a gravity factor, rms over the workspace, Nm
+_POSES = 300  # random poses that represent the workspace
+_WEIGHS_NM = 0.1  # minimum load of a joint for fitting its gravity factor, rms over the workspace, Nm
 _NORMAL_95 = 1.96
 
 
 class Parameter(NamedTuple):
-    """Number to be fitted: its joint (from 0), its name, its bounds, and how wide its interval may be.
+    """Parameter to fit: its joint (from 0), name, bounds, and the maximum width of its interval.
 
     Attributes:
-        wide: greatest half width of the 95 % interval with which the number counts as known.
+        wide: maximum half width of the 95 % interval for which the parameter counts as known.
     """
 
     joint: int
@@ -54,10 +54,10 @@ class Parameter(NamedTuple):
 
 
 class NotToldError(ConfigError):
-    """Samples that leave some parameters of an arm unknown.
+    """Error: the samples do not determine all parameters of an arm.
 
     Attributes:
-        joints: joints whose parameters are unknown, from 0.
+        joints: indices, from 0, of the joints with unknown parameters.
     """
 
     def __init__(self, hardware: ResolvedArm, unknown: Sequence[Parameter]):
@@ -89,8 +89,8 @@ class Fit(NamedTuple):
     Attributes:
         tuning: tuning of the arm.
         samples: samples that were fitted.
-        missed_nm: (k, n) error of the profile's weight, Nm. NaN where a joint does not turn.
-        rest_nm: (k, n) error of the tuning's weight, Nm. NaN in the same places.
+        missed_nm: (k, n) error of the profile's gravity torque, Nm. NaN where a joint does not turn.
+        rest_nm: (k, n) remaining error with the tuning, Nm. NaN in the same places.
     """
 
     tuning: Tuning
@@ -100,7 +100,7 @@ class Fit(NamedTuple):
 
 
 def require_engine() -> None:
-    """Check that `mujoco.sysid` is complete: it omits functions whose imports fail. Raises ConfigError: it is not."""
+    """Raise ConfigError if `mujoco.sysid` is incomplete: the module omits functions whose imports fail."""
     if not hasattr(sysid, "calculate_intervals"):
         raise ConfigError(f"yam-tune needs mujoco.sysid; {install_extra('sysid')}")
 
@@ -114,7 +114,7 @@ def fit(hardware: ResolvedArm, samples: Samples, bare: Tuning | None = None) -> 
         bare: tuning of the same arm without a payload; if given, a payload is fitted on top of this tuning.
 
     Raises:
-        NotToldError: the samples leave parameters unknown.
+        NotToldError: the samples do not determine all parameters.
     """
     tilt, profiles = hardware.tilt_rad, (hardware.arm, hardware.gripper)
     plain = GravityTerms(*profiles, load=hardware.load, tilt_rad=tilt)
@@ -148,7 +148,7 @@ def fit(hardware: ResolvedArm, samples: Samples, bare: Tuning | None = None) -> 
 
 
 def _parameters(hardware: ResolvedArm, terms: GravityTerms, payload: bool) -> list[Parameter]:
-    """Return the parameters to fit: the weights first, then Coulomb and viscous friction of each joint."""
+    """Return the parameters to fit: moments or payload first, then Coulomb and viscous friction of each joint."""
     n = hardware.joints
     carried = np.abs([terms.torque(q) for q in _poses(hardware)]).max(axis=0)
     wide = np.maximum(_WIDE_SHARE * carried, _WIDE_STEPS * torque_steps(hardware)) / _G_M_S2
@@ -166,14 +166,15 @@ def _parameters(hardware: ResolvedArm, terms: GravityTerms, payload: bool) -> li
 
 
 def _weights(terms: GravityTerms, q: np.ndarray, payload: bool) -> np.ndarray:
-    """Return the derivatives (n, p) of the torques by the weights, Nm per kg or kg m."""
+    """Return the torques' derivatives (n, p) with respect to moments (Nm per kg m) or payload (mass: Nm/kg)."""
     return terms.payload(q) if payload else terms.moments(q)
 
 
 def _mean_torque(hardware: ResolvedArm, samples: Samples) -> np.ndarray:
     """Return the mean torques over a tick (k, n), Nm.
 
-    A motor rounds its torque down, and reports it at the end of a tick, when the joint has moved away from its command.
+    A motor rounds its torque down. It reports the torque at the end of a tick, when the joint has moved away from the
+    commanded position.
     """
     rate, j = hardware.config.rate_hz, slice(hardware.joints)
     tau: np.ndarray = samples.tau + 0.5 * hardware.direction[j] * torque_steps(hardware)
@@ -181,8 +182,8 @@ def _mean_torque(hardware: ResolvedArm, samples: Samples) -> np.ndarray:
 
 
 def _solve(parameters: Sequence[Parameter], rows: np.ndarray, measured: np.ndarray) -> Solution:
-    """Solve rows (k, p) x = `measured` (k,) for x within the parameters' bounds, by least squares."""
-    from scipy.optimize import lsq_linear  # comes with mujoco.sysid, see `require_engine`
+    """Solve rows (k, p) x = `measured` (k,) for x by least squares, within the parameters' bounds."""
+    from scipy.optimize import lsq_linear  # a dependency of mujoco.sysid, see `require_engine`
 
     bounds = [p.low for p in parameters], [p.high for p in parameters]
     values = lsq_linear(rows, measured, bounds, method="bvls").x
@@ -222,7 +223,7 @@ def _tuning(
     if bare is not None:
         mass = max(float(values[0][0]), 1e-6)
         centre = values[0][1:] / mass
-        width = np.hypot(half[0][1:], centre * half[0][0]) / mass  # as if mass and moment erred independently
+        width = np.hypot(half[0][1:], centre * half[0][0]) / mass  # as if errors of mass and moment were independent
         payload = Payload(mass_kg=mass, mass_kg_95=float(half[0][0]), com_m=centre, com_m_95=width)
         return dataclasses.replace(bare, payload=payload, **rubs)
     moments, moments_95 = np.zeros((n, 3)), np.zeros((n, 3))
@@ -236,7 +237,10 @@ def _tuning(
 def _factors(
     hardware: ResolvedArm, plain: GravityModel, terms: GravityTerms, found: Solution, payload: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return gravity factors (n,), Σ τ τ₀ / Σ τ₀² over the workspace with the profile's τ₀, and half 95 % intervals."""
+    """Return gravity factors (n,) and half their 95 % intervals.
+
+    A factor is Σ τ τ₀ / Σ τ₀² over the workspace; τ: fitted torque, τ₀: the profile's torque.
+    """
     poses = _poses(hardware)
     profile = np.array([plain.torque(q) for q in poses])
     columns = np.array([_weights(terms, q, payload) for q in poses])

@@ -1,7 +1,7 @@
-"""Motions that reveal an arm's weight and friction: planned clear of table and arm, and made in both directions.
+"""Motions that identify an arm's weight and friction: planned clear of table and arm, and made in both directions.
 
-Each next pose is chosen among random ones: the motion to it gives the largest growth of the determinant of the
-information per second (D-optimal design).
+Each next pose is the random candidate whose motion increases the log-determinant of the information most per second
+(D-optimal design).
 """
 
 from collections.abc import Callable, Sequence
@@ -20,23 +20,23 @@ from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.state.modes import Mode
 
-SPEED_RAD_S = 0.55  # greatest speed of a joint, rad/s: inertia hardly counts, and friction exceeds the noise
-MARGIN_M = 0.03  # distance kept from table and arm, m: as much as the tool sags while the weight is unknown
+SPEED_RAD_S = 0.55  # maximum speed of a joint, rad/s: inertia is negligible, and friction exceeds the noise
+MARGIN_M = 0.03  # minimum distance to table and arm, m: the tool sags by as much while the weight is unknown
 RAMP_S = 0.3  # time from rest to full speed, s
 WAIT_S = 0.5  # rest at each pose, s
-_TURN_RAD = 0.6  # greatest turn of the base to either side of its first angle, rad
+_TURN_RAD = 0.6  # maximum turn of the base to either side of its start angle, rad
 _FROM_STOPS_RAD = 0.1
-_MOVED_RAD = 0.25  # least travel of each joint on a way, rad, so that its friction shows
-_CANDIDATES = 60  # number of candidates for the next pose
-_TRIES = 5  # largest number of sets of candidates until a way is clear
-_LOOKS = 200  # largest number of collision checks along a way
-_POINTS = np.linspace(0.1, 0.9, 5)  # shares of a way at which its information is computed
+_MOVED_RAD = 0.25  # minimum travel of each joint per path segment, rad, so that its friction is measurable
+_CANDIDATES = 60  # candidates for the next pose
+_TRIES = 5  # maximum number of candidate sets until a path segment is clear
+_LOOKS = 200  # maximum number of collision checks per path segment
+_POINTS = np.linspace(0.1, 0.9, 5)  # positions along a path segment, as shares, at which its information is computed
 _WEAK = 1e-3  # initial information about each moment, (kg m)⁻²: makes the determinant positive
-_PERIOD_S = 0.02  # period of the targets, s
-_LOOK_S = 0.002  # period of reading states, s: short, so that the mean of the torques includes every tick
+_PERIOD_S = 0.02  # period of sending targets, s
+_LOOK_S = 0.002  # period of reading states, s: short, so that the mean torques include every tick
 _SETTLE_S = 0.15  # time after the ramp until the joints move steadily, s
-_EXPECTED_STEPS = 20  # number of simulated samples of a way
-_BIN_S = 0.1  # duration of an averaged sample, s: single torques have steps, see `damiao.codec`
+_EXPECTED_STEPS = 20  # simulated samples per path segment
+_BIN_S = 0.1  # averaging time of a sample, s: single torques are quantised, see `damiao.codec`
 
 
 class Samples(NamedTuple):
@@ -54,12 +54,12 @@ class Samples(NamedTuple):
 
 
 class Route:
-    """Planner of straight ways of an arm that are clear of obstacles.
+    """Planner of straight joint-space paths that are clear of obstacles.
 
     Args:
         hardware: the arm.
         terms: moments on which the arm's weight depends.
-        workspace: floor, boxes and margin to keep clear of.
+        workspace: floor and boxes to keep clear of, and the margin.
     """
 
     def __init__(self, hardware: ResolvedArm, terms: GravityTerms, workspace: WorkspaceConfig):
@@ -68,12 +68,12 @@ class Route:
         self._hardware, self._terms = hardware, terms
 
     def _conflict(self, start: np.ndarray, end: np.ndarray) -> Conflict | None:
-        """Return the worst conflict on the way between two poses (n,) rad, None where the way is clear."""
+        """Return the worst conflict on the straight path between two poses (n,) rad, or None if the path is clear."""
         found = self._clearance.conflicts(start, end, most_steps=_LOOKS)
         return found[0] if found else None
 
     def check(self, poses: Sequence[np.ndarray]) -> None:
-        """Check that a way through poses (n,) rad is clear. Raises ConfigError: it hits something; says where, what."""
+        """Check that the path through poses (n,) rad is clear. Raises ConfigError: two parts would come too close."""
         names = self._clearance.parts.part_names
         for number, (start, end) in enumerate(zip(poses, poses[1:], strict=False), 1):
             if (found := self._conflict(start, end)) is not None:
@@ -85,10 +85,10 @@ class Route:
                 )
 
     def plan(self, start: np.ndarray, legs: int) -> np.ndarray:
-        """Return poses (legs + 1, n) rad of a way for an arm that lies or stands at `start` (n,) rad.
+        """Return poses (legs + 1, n) rad of a path that the arm can reach from `start` (n,) rad.
 
         Raises:
-            ConfigError: no way is clear.
+            ConfigError: no candidate can be reached on a clear path.
         """
         random = np.random.default_rng(0)
         low, high = (self._hardware.arm.joint_limits_rad + [_FROM_STOPS_RAD, -_FROM_STOPS_RAD]).T
@@ -112,7 +112,7 @@ class Route:
     def _best(
         self, candidates: np.ndarray, here: np.ndarray, known: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the best candidate (n,) of (c, n) with a clear way, and its information; None: no way is clear."""
+        """Return the best candidate (n,) of (c, n) with a clear path, and its information; None: no path is clear."""
         least = np.linalg.slogdet(known)[1]
         scored = []
         for there in candidates:
@@ -126,24 +126,24 @@ class Route:
         return None
 
     def _information(self, way: np.ndarray) -> np.ndarray:
-        """Return the information (p, p) of a way (k, n) rad about the moments; a torque step is the unit of error."""
+        """Return the information (p, p) that poses (k, n) rad give about the moments; unit of error: a torque step."""
         steps_nm = torque_steps(self._hardware)[:, None]
         rows = [self._terms.moments(q) / steps_nm for q in way]
         return np.sum([row.T @ row for row in rows], axis=0)
 
 
 def torque_steps(hardware: ResolvedArm) -> np.ndarray:
-    """Return the steps (n,) in which the joints' motors report their torque, Nm."""
+    """Return the steps (n,) in which the joints' motors report torque, Nm."""
     return np.array([torque_step_nm(motor.type) for motor in hardware.motors[: hardware.joints]])
 
 
 def shown(q: np.ndarray) -> str:
-    """Write a pose (n,) rad as a list."""
+    """Format a pose (n,) rad as a list."""
     return "[" + ", ".join(f"{value:.2f}" for value in q) + "]"
 
 
 def way_s(start: np.ndarray, end: np.ndarray) -> float:
-    """Return the duration of a way at up to `SPEED_RAD_S`, with ramps of `RAMP_S` at both ends, s."""
+    """Return the duration of a path segment, s, at up to `SPEED_RAD_S` with ramps of `RAMP_S` at both ends."""
     return float(np.abs(end - start).max()) / SPEED_RAD_S + RAMP_S
 
 
@@ -152,17 +152,17 @@ def _there_and_back(poses: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def sweep(arm: YamArm, poses: np.ndarray, tell: Callable[[float], None]) -> tuple[Samples, np.ndarray]:
-    """Move through poses (k, n) rad and back to the first one, where the arm stays.
+    """Move through poses (k, n) rad and back to the first pose, where the arm stays.
 
     Args:
         arm: connected arm, at the first pose.
-        tell: called with the share of the way that is done.
+        tell: called with the completed share of the path.
 
     Returns:
-        Samples, and the distances from the set-point at the rests, (m, n) rad.
+        Samples, and the deviations from the set-point at each rest, (m, n) rad.
 
     Raises:
-        YamError: the arm stops, is stopped or is silent.
+        YamError: the arm faults or is stopped, or its control loop is silent.
     """
     legs = _there_and_back(poses)
     parts, errors = [], []
@@ -200,7 +200,7 @@ def _leg(arm: YamArm, start: np.ndarray, end: np.ndarray) -> Samples:
 
 
 def _ramped(now: float, seconds: float) -> tuple[float, float]:
-    """Return the share of a way that is done at `now`, and its rate, 1/s; the way takes `seconds`, ramps included."""
+    """Return the completed share of a path segment at `now`, and its rate, 1/s. `seconds`: duration, ramps included."""
     top = 1.0 / (seconds - RAMP_S)
     left = max(seconds - now, 0.0)
     if now < RAMP_S:
@@ -211,9 +211,9 @@ def _ramped(now: float, seconds: float) -> tuple[float, float]:
 
 
 def expected(hardware: ResolvedArm, model: GravityModel, poses: np.ndarray) -> Samples:
-    """Return the samples that a sweep through poses (k, n) rad would give of an arm as modelled, without friction.
+    """Simulate the samples of a sweep through poses (k, n) rad with an arm as modelled, without friction.
 
-    The torques have errors of one step of the motors' feedback, so a fit shows what the sweep would leave unknown.
+    The torques have random errors of about one torque step, so a fit shows what the sweep would leave unknown.
     """
     shares = np.arange(_EXPECTED_STEPS)[:, None] / _EXPECTED_STEPS
     ways = _there_and_back(poses)

@@ -1,4 +1,4 @@
-"""The table and the picture of a tuning."""
+"""Table and figure of a tuning."""
 
 from pathlib import Path
 
@@ -16,9 +16,9 @@ _HEAD = [
 
 
 def report(hardware: ResolvedArm, found: Fit, before: np.ndarray, after: np.ndarray) -> str:
-    """Return the fit as a table with 95 % intervals, and the hold errors before and after, without hold integral.
+    """Return a table of the fit with 95 % intervals, and of hold errors before and after, without hold integral.
 
-    Columns missed, left: rms error of the weight in the profile and in the tuning.
+    Columns `missed` and `left`: rms error of the gravity torque with the profile and with the tuning.
     """
     tuned, rows = found.tuning, []
     holds = [1e3 * rad for rad in (_worst(before), _worst(after), _friction_rad(hardware, found))]
@@ -37,7 +37,7 @@ def report(hardware: ResolvedArm, found: Fit, before: np.ndarray, after: np.ndar
 
 
 def save_plot(path: Path, hardware: ResolvedArm, found: Fit, before: np.ndarray, after: np.ndarray) -> None:
-    """Save a picture: errors of the weight before and after, friction over speed, and hold errors.
+    """Save a figure: gravity torque errors before and after, friction over speed, and hold errors.
 
     Raises:
         ConfigError: matplotlib is missing, or the file cannot be written.
@@ -69,13 +69,13 @@ def save_plot(path: Path, hardware: ResolvedArm, found: Fit, before: np.ndarray,
 
 
 def _worst(errors_rad: np.ndarray) -> np.ndarray:
-    """Return the largest distances (n,) from the set-point, rad."""
+    """Return the largest deviations (n,) from the set-point, rad."""
     largest: np.ndarray = np.abs(errors_rad).max(axis=0)
     return largest
 
 
 def _friction_rad(hardware: ResolvedArm, found: Fit) -> np.ndarray:
-    """Return the distances (n,) by which Coulomb friction can hold a joint off its set-point, rad."""
+    """Return the deviations (n,) from the set-point at which Coulomb friction can hold a joint, rad."""
     off: np.ndarray = found.tuning.coulomb_nm / np.maximum(hardware.kp[: hardware.joints], 1e-9)
     return off
 
