@@ -150,7 +150,7 @@ class FloatConsole:
                 self._show(states)
 
     def _state(self, client: ArmClient) -> ArmState:
-        """Return an arm's latest state, also in mode FAULT: a person is watching.
+        """Return an arm's latest state, even in mode FAULT: the user is watching the arm.
 
         Raises:
             StaleStateError: the control loop has stopped publishing states.

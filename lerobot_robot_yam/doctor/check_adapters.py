@@ -1,4 +1,4 @@
-"""Check that the names of the CAN adapters are tied to the adapters: otherwise arms are swapped silently."""
+"""Check that each CAN adapter's name is tied to the adapter; otherwise arms may be swapped unnoticed."""
 
 import re
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from lerobot_robot_yam.system.own_commands import as_root
 from lerobot_robot_yam.system.sysfs import KERNEL_NAME, CanAdapter, text_of
 
 RULES_DIRECTORIES = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"))
-_PORT = re.compile(r'KERNELS==|ID_PATH|DEVPATH=="[^"]*-[\d*]')  # not "*:1.0/net/*", a function of any device
+_PORT = re.compile(r'KERNELS==|ID_PATH|DEVPATH=="[^"]*-[\d*]')  # does not match "*:1.0/net/*", which fits any device
 _NAME = as_root("yam-setup-can --no-rights")
 
 
@@ -25,7 +25,7 @@ def read_rules(directories: Sequence[Path]) -> list[str]:
 def check_adapters(
     adapters: Sequence[CanAdapter], wanted: Sequence[str], rules: Sequence[str], section: Section
 ) -> None:
-    """Add rows for all adapters, and findings for wanted adapters: names that may change, repeated serial numbers."""
+    """Add rows for all adapters, and findings for wanted adapters: names that may change, duplicate serial numbers."""
     for adapter in adapters:
         usb = adapter.usb
         section.rows.append(
@@ -66,7 +66,7 @@ def _check_name(adapter: CanAdapter, adapters: Sequence[CanAdapter], rules: Sequ
 
 
 def _named_by(adapter: CanAdapter, rules: Sequence[str]) -> str | None:
-    """Return the property by which a udev rule gives this name, or None if it is unknown."""
+    """Return the property to which a udev rule ties this name, or None if the property is unknown."""
     naming = [line for line in rules if re.search(rf'NAME:?="{re.escape(adapter.name)}"', line)]
     if any(_PORT.search(line) for line in naming):
         return "USB port"

@@ -1,4 +1,4 @@
-"""Check of the grippers' stored stops: the file exists, is whole and for this gripper, and its span is plausible."""
+"""Check of the grippers' stored stops: the file exists, is intact and for this gripper, and its span is plausible."""
 
 import json
 import shlex
@@ -18,7 +18,7 @@ _PATTERN = "*/*/yam/*_gripper.json"  # robots/<type>/yam/<id>_gripper.json below
 
 
 def check_calibrations(targets: Sequence[Target], root: Path, section: Section) -> None:
-    """Check the files that the targets name; if none does, all below LeRobot's directory `root`."""
+    """Check the files that the targets name; if no target names a file, all files below LeRobot's directory `root`."""
     if all(target.calibration is None for target in targets):
         for path in sorted(root.glob(_PATTERN)):
             _check_file(path, _owner(path), None, section)
@@ -73,7 +73,7 @@ def _check_configured(target: Target, stops: Sequence[float], section: Section) 
 
 
 def _owner(path: Path) -> str:
-    """Return the name of the gripper in the file; "unknown" for a damaged file."""
+    """Return the name of the gripper in the file; "unknown" if the file is damaged."""
     try:
         data = json.loads(path.read_text())
         return str(data["gripper"])

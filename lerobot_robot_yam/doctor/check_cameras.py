@@ -18,7 +18,7 @@ DEV = Path("/dev")
 def check_cameras(
     cameras: Sequence[VideoDevice], configured: Mapping[str, Mapping[str, Any]], dev: Path, section: Section
 ) -> None:
-    """Add rows for all cameras; findings about slow links and about configured cameras that are missing."""
+    """Add rows for all cameras, and findings about slow links and missing configured cameras."""
     slow: dict[int | None, list[str]] = {}
     for camera in cameras:
         usb = camera.usb
@@ -52,7 +52,7 @@ def check_cameras(
         section.problem(f"cameras {', '.join(wanted)}", what, install_extra("realsense"))
     for name, options in configured.items():
         serial = str(options.get("serial_number_or_name"))
-        # A RealSense has another number on its label than in sysfs.
+        # The label of a RealSense may show another number than sysfs, so a number counts only if none is plugged in.
         if options.get("type") == "yam_realsense" and not present and serial not in [c.serial for c in cameras]:
             remedy = "plug it in, or correct the serial number (yam-cameras list)"
             section.problem(f"camera {name}", f"there is no camera {serial}", remedy)
@@ -61,7 +61,7 @@ def check_cameras(
 
 
 def _check_node(name: str, index: int | str, dev: Path, section: Section) -> None:
-    """Check the number or path by which LeRobot's OpenCV camera is configured."""
+    """Check the device node of a configured OpenCV camera. `index`: number or path of the node."""
     node = Path(f"/dev/video{index}" if isinstance(index, int) else str(index))
     if node.is_relative_to("/dev"):
         node = dev / node.relative_to("/dev")

@@ -1,4 +1,4 @@
-"""Check of one channel: queries the arm if the channel is free, and times its answers; else watches its session."""
+"""Check of one channel: query the arm and measure its reply latency; if a session drives it, watch the session."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -23,14 +23,14 @@ from lerobot_robot_yam.errors import ChannelInUseError, YamError
 from lerobot_robot_yam.state.records import lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock
 
-_LISTEN_S = 0.3  # time of listening for other drivers, s; longer than a session's 50 ms, to hear slow pollers, too
+_LISTEN_S = 0.3  # listening time for other drivers, s; longer than a session's 50 ms, to hear slow pollers, too
 BIN_EDGES_MS = (0.3, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # upper edges of the histogram's bins, ms; one more bin follows
 BLOCKS = "·▁▂▃▄▅▆▇█"
 _LABELS = (*(f"≤{edge:g}" for edge in BIN_EDGES_MS), "more")
 _TIMEOUT_S = 0.25
-_GIVE_UP = 3  # lost replies in a row after which a motor is skipped
-_LOST_MAX = 0.01  # largest tolerable share of lost replies
-_TICK_MS = 4.0  # tick of a loop at 250 Hz, ms
+_GIVE_UP = 3  # consecutive lost replies after which a motor is skipped
+_LOST_MAX = 0.01  # maximum tolerable share of lost replies
+_TICK_MS = 4.0  # period of a control loop at 250 Hz, ms
 _QUICKER = (
     "use another adapter; of a serial one, lower the latency timer: "
     "echo 1 | sudo tee /sys/bus/usb-serial/devices/ttyUSB*/latency_timer"
@@ -75,7 +75,7 @@ def examine_channel(
 
 
 def _ask(bus: can.BusABC, target: Target, samples: int, report: Report, say: Callable[[str], None]) -> Target:
-    """Query everything; return the target with the gripper that was found."""
+    """Query all devices on the channel; return the target, with the teaching handle as gripper if one was detected."""
     channel = target.channel
     say(f"{channel}: listening")
     listen(bus, _LISTEN_S, range(1, 16), channel)
@@ -107,8 +107,8 @@ def _ask(bus: can.BusABC, target: Target, samples: int, report: Report, say: Cal
 def measure_latency(
     questions: Questions, target: Target, motors: Sequence[MotorSpec], samples: int, section: Section
 ) -> None:
-    """Request feedback of each motor `samples` times, in turn; add rows and findings."""
-    answers: dict[int, list[float | None]] = {spec.can_id: [] for spec in motors}  # ms, None: lost
+    """Measure the reply latency of each motor with `samples` requests, motors in turn; add rows and findings."""
+    answers: dict[int, list[float | None]] = {spec.can_id: [] for spec in motors}  # CAN id -> latencies, ms; None: lost
     for _ in range(samples):
         for can_id, told in answers.items():
             if told[-_GIVE_UP:] != [None] * _GIVE_UP:
@@ -162,7 +162,7 @@ def percentile(ordered: Sequence[float], share: float) -> float | None:
 
 
 def bars(counts: Sequence[int]) -> str:
-    """Draw a block per bin, as high as its count, as wide as its label; a bin with any count shows at least a line."""
+    """Draw a block per bin: height by count, width by label; a bin with any count shows at least a line."""
     most, steps = max(max(counts), 1), len(BLOCKS) - 1
     blocks = (BLOCKS[-(-count * steps // most)] for count in counts)
     return " ".join(block.ljust(len(label)) for block, label in zip(blocks, _LABELS, strict=True)).rstrip()

@@ -1,4 +1,4 @@
-"""Check of the encoders of one channel: a teaching handle, or a leader without motors. Changes no settings."""
+"""Check of the encoders on one channel: a teaching handle, or a leader without motors. Changes no settings."""
 
 import shlex
 from typing import Any
@@ -16,14 +16,14 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
 _REPORT_BYTES = 6
-_BEYOND = 1.15  # share of its travel that a trigger with a correct zero cannot exceed
-_RELEASED = 0.1  # largest share of its travel at which a trigger counts as released
-_BEYOND_RAD = 0.2  # tolerance of a passive leader's joints beyond its follower's range, rad: its stops lie outside
+_BEYOND = 1.15  # share of the travel that a trigger with a correct zero cannot exceed
+_RELEASED = 0.1  # maximum share of the travel at which a trigger counts as released
+_BEYOND_RAD = 0.2  # tolerance of a passive leader's joints beyond the follower's range, rad: the leader moves further
 _CABLE = "check power and cable of the passive leader, and that this is its channel"
 
 
 def handle_firmware(questions: Questions) -> tuple[int, int, int] | None:
-    """Read the firmware version of the handle on the channel; return None when no handle answers."""
+    """Read the firmware version of the handle on the channel; return None if no handle replies."""
     request = handle_encoder.encode_version_request()
     return questions.handle(request, handle_encoder.REQUEST_ID, handle_encoder.decode_version)
 
@@ -70,7 +70,7 @@ def inspect_handle(
 
 
 def inspect_passive(questions: Questions, target: Target, config: PassiveConfig, section: Section) -> None:
-    """Read and check the encoders of a leader without motors; encoders that do not report by themselves are queried."""
+    """Read and check the encoders of a leader without motors; request reports from encoders that send none."""
     channel, joints = target.channel, target.hardware.joints
     encoders, quiet = questions.encoders(joints)
     silent = encoders.silent(0.0)

@@ -1,4 +1,4 @@
-"""Check of this computer: real-time scheduling, locked memory and CPUs for a control loop; the emergency stop."""
+"""Check of this computer: real-time scheduling, memory locking, CPUs, sleep states and the emergency stop."""
 
 import os
 import platform
@@ -17,8 +17,8 @@ from lerobot_robot_yam.system.sysfs import SYSFS, text_of
 _RIGHTS = f"{as_root('yam-setup-can --rights')} (then log in again)"
 _STATES = Path("/sys/power/state")  # sleep states that the kernel offers, such as "freeze mem disk"
 _SUSPEND = Path("/etc/systemd/system/suspend.target")
-_CPUS_MIN = 4  # least number of CPUs: for the loop, LeRobot, the video encoder and the system
-# Program for another process, since scheduling stays granted to the process that has requested it.
+_CPUS_MIN = 4  # minimum number of CPUs: for control loop, LeRobot, video encoder and system
+# Program for a subprocess, since a process that has requested real-time scheduling keeps it.
 _ASK = (
     "import sys; from lerobot_robot_yam.system.realtime import request_realtime; "
     f"sys.stdout.write(request_realtime({RT_PRIORITY}))"
@@ -44,7 +44,7 @@ def check_host(sysfs: Path, section: Section) -> None:
     if granted is None:
         section.warn(where, "what the kernel grants is unknown: asking for it failed", _RIGHTS)
     elif "SCHED_FIFO" not in granted:
-        short = "slices" in granted  # slices are as good as SCHED_FIFO beside one busy process
+        short = "slices" in granted  # short time slices are as good as SCHED_FIFO beside one busy process
         what = f"the control loop gets {granted}; SCHED_FIFO is not permitted"
         (section.note if short else section.warn)(where, what, _RIGHTS)
     if granted is not None and "memory not locked" in granted:
@@ -77,7 +77,7 @@ def _granted() -> str | None:
 
 
 def _can_sleep() -> bool:
-    """Return whether this computer can be suspended; many virtual machines cannot, or systemd's target is masked."""
+    """Return whether this computer can be suspended: it has a sleep state, and systemd's target is not masked."""
     return bool((text_of(_STATES) or "").split()) and _SUSPEND.resolve() != Path("/dev/null")
 
 

@@ -16,13 +16,13 @@ from lerobot_robot_yam.doctor.kit.findings import Section
 IP_COMMAND = ("ip", "-details", "-statistics", "-json", "link", "show", "type", "can")
 TC_COMMAND = ("tc", "-statistics", "-json", "qdisc", "show")
 RESTART_MS = 100
-# Least and recommended length of the transmit queue, frames. A tick of the loop queues 8 frames at once. The kernel's
-# default of 10 leaves no room for a late tick; a very long queue sends stale commands to motors that come back.
+# Minimum and recommended length of the transmit queue, frames. A tick of the control loop queues 8 frames at once. The
+# kernel's default of 10 leaves no room for a late tick; a very long queue sends stale commands to motors that return.
 QUEUE_MIN, QUEUE_LENGTH = 32, 100
 # Drivers without a restart handler: newer kernels refuse `restart-ms` (older ones crash when it takes effect:
 # "can: netlink: can_changelink(): fix NULL pointer deref of struct can_priv::do_set_mode", 2025).
 NO_RESTART = frozenset({"gs_usb"})
-# Controller mode that disturbs the arms -> `ip`'s name of the mode; the first two cut the motors off.
+# Controller mode that disturbs the arms -> `ip`'s name of the mode. In the first two, no frame reaches the motors.
 _WRONG_MODES = {"LISTEN-ONLY": "listen-only", "LOOPBACK": "loopback", "FD": "fd", "ONE-SHOT": "one-shot"}
 _DEAF_MODES = {"LISTEN-ONLY", "LOOPBACK"}
 _STOPPED = ("BUS-OFF", "STOPPED", "SLEEPING")
@@ -33,15 +33,15 @@ _TOOL_TIMEOUT_S = 10.0
 
 @dataclass(frozen=True)
 class Link:
-    """CAN interface. None: the system does not say.
+    """CAN interface. None: the system does not report the value.
 
     Attributes:
         driver: driver of the controller, such as "gs_usb".
         state: "ERROR-ACTIVE" (healthy), "ERROR-WARNING", "ERROR-PASSIVE", "BUS-OFF", "STOPPED", "SLEEPING".
-        modes: controller modes that are on ("FD", "LISTEN-ONLY", …).
-        queue_length: longest queue, frames (txqueuelen); waiting: frames in it.
+        modes: active controller modes ("FD", "LISTEN-ONLY", …).
+        queue_length: maximum queue length, frames (txqueuelen); waiting: frames in the queue.
         refused, dropped, lost_rx: numbers of frames refused by a full queue, dropped by driver, lost by adapter.
-        device: place of the hardware, such as USB interface "1-2:1.0".
+        device: hardware device, such as USB interface "1-2:1.0".
     """
 
     name: str
@@ -78,7 +78,7 @@ class Link:
         return bool(self.queue_length) and (self.waiting or 0) >= (self.queue_length or 0)
 
     def repair(self) -> str:
-        """Format the command that brings the interface (back) into the state that the arms need."""
+        """Return the command that restores the interface to the state that the arms need."""
         wrong = [f"{option} off" for mode, option in _WRONG_MODES.items() if mode in self.modes]
         if not wrong:
             return f"{RESET_LINK} {self.name}"
@@ -89,7 +89,7 @@ class Link:
 
 
 def tool_output(command: Sequence[str]) -> tuple[str | None, str]:
-    """Run a tool that only reads; return its standard output, or None with the reason."""
+    """Run a read-only tool; return its standard output and "", or None and the reason of the failure."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_TOOL_TIMEOUT_S, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -100,7 +100,7 @@ def tool_output(command: Sequence[str]) -> tuple[str | None, str]:
 
 
 def parse_links(ip_json: str, tc_json: str | None = None) -> list[Link]:
-    """Parse the JSON of `IP_COMMAND` and, for the queues, `TC_COMMAND`. Raises ValueError: other JSON."""
+    """Parse the JSON of `IP_COMMAND` and, for the queues, `TC_COMMAND`. Raises ValueError: the JSON differs in form."""
     queues = {row.get("dev", ""): row for row in _rows(tc_json or "[]") if row.get("root")}
     return [_link(row, queues.get(row["ifname"], {})) for row in _rows(ip_json) if "ifname" in row]
 

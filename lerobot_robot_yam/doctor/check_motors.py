@@ -1,4 +1,4 @@
-"""Check of the motors of one channel: which are there, their registers, and contradictions to the profile."""
+"""Check of the motors on one channel: presence, registers, and deviations from the profile."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,11 +14,11 @@ from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
 
 _ROUNDS = 3
 _TIMEOUT_S, _SETTLE_S = 0.25, 0.03
-# Hint after a change of the time-out. The maker requires a power cycle; others have seen a value apply at once.
+# Hint after a change of the timeout. The maker requires a power cycle; others have seen a value apply at once.
 _POWER_CYCLE = " (then switch the arm's power off and on: until then the motor may go by the old value)"
-_WARM_C = 15.0  # distance to a motor's temperature limit below which the motor counts as warm, °C
-_SUPPLY_MARGIN = 1.05  # ratio of the supply to a motor's limit below which it counts as near
-_SILENT_MAX = 3  # unanswered registers in a row after which a motor's other registers are skipped
+_WARM_C = 15.0  # distance to a motor's temperature limit within which the motor counts as warm, °C
+_SUPPLY_MARGIN = 1.05  # ratio of supply voltage and limit below which the supply counts as near the limit
+_SILENT_MAX = 3  # consecutive unanswered reads after which a motor's remaining registers are skipped
 _READ = {
     Register.SW_VER: "firmware",
     Register.SUB_VER: "firmware_sub",
@@ -50,7 +50,7 @@ _FAULT_REMEDIES: dict[int, str] = {
 
 
 def inspect_motors(questions: Questions, target: Target, handle_answers: bool, section: Section) -> list[MotorSpec]:
-    """Query all motors of a channel and check their answers; return the profile's motors that answer."""
+    """Query all motors of a channel and check their replies; return the profile's motors that reply."""
     specs = target.hardware.motors
     answers = _roll_call(questions, [spec.can_id for spec in specs])
     present = [spec for spec in specs if spec.can_id in answers]
@@ -88,9 +88,9 @@ def _identity(target: Target, spec: MotorSpec) -> dict[str, Any]:
 
 
 def _roll_call(questions: Questions, expected: Sequence[int]) -> dict[int, tuple[list[Answer], int]]:
-    """Query all ids; return id -> its answers and the number of queries, for each id that answers."""
+    """Query all ids; return id -> (replies, number of queries) for each id that replies."""
     answers: dict[int, list[Answer]] = {}
-    unexpected = [can_id for can_id in MOTOR_IDS if can_id not in expected]  # queried once, with less time
+    unexpected = [can_id for can_id in MOTOR_IDS if can_id not in expected]  # queried once, with a shorter timeout
     calls = [(list(expected), _TIMEOUT_S)] * _ROUNDS + [(unexpected, _SETTLE_S)]
     for ids, timeout_s in calls:
         for answer in questions.refresh(ids, timeout_s, _SETTLE_S):
@@ -113,7 +113,7 @@ def _check_missing(
         remedy = f"name it --channel {target.channel}:{target.config.arm}:{LEADER_GRIPPER}, or swap the cables back"
         section.problem(_where(target, missing[-1]), what, remedy)
         missing = missing[:-1]
-    # The motors form a chain: behind a broken cable all are silent. A handle comes behind the last motor.
+    # The motors are daisy-chained: all motors behind a broken cable are silent. A handle comes after the last motor.
     behind = missing[1:] if not handle and list(missing) == list(specs[-len(missing) :]) else ()
     for spec in missing[:1] if behind else missing:
         before = names.get(spec.can_id - 1)
@@ -184,7 +184,7 @@ def _check_registers(target: Target, spec: MotorSpec, answer: Answer, row: Mappi
 
 
 def _set_register(target: Target, motor_id: int, register: Register, value: float) -> str:
-    """Format the command that sets a register of a motor and stores it. The doctor prints it and changes nothing."""
+    """Return the command that sets and stores a motor's register. The doctor only prints this command."""
     where = target.config.on_command_line
     if register is Register.MST_ID:
         return _set_id(target, motor_id, motor_id)
@@ -194,7 +194,7 @@ def _set_register(target: Target, motor_id: int, register: Register, value: floa
 
 
 def _set_id(target: Target, motor_id: int, new: int | str) -> str:
-    """Format the command that gives a motor an id and the matching identifier of its answers."""
+    """Return the command that gives a motor an id and the matching reply identifier."""
     return f"yam-motors set-id {target.config.on_command_line} {motor_id} {new}"
 
 
@@ -207,7 +207,7 @@ def _consequence(register: Register, found: float) -> str:
 
 
 def _check_firmware(target: Target, present: Sequence[MotorSpec], section: Section) -> None:
-    """Note motors of one type with different firmware."""
+    """Add a note if motors of one type have different firmware."""
     rows = [row for row in section.rows if row["channel"] == target.channel and row.get("firmware") is not None]
     for kind in sorted({spec.type for spec in present}):
         versions = sorted({row["firmware"] for row in rows if row["type"] == kind})

@@ -1,4 +1,4 @@
-"""Check of a live session from outside: reads its state block, and sends nothing on the bus."""
+"""Check of a running session from outside: reads the session's state block, and sends nothing on the bus."""
 
 import math
 import os
@@ -18,8 +18,8 @@ from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, lock_path, st
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _WATCH_S = 0.5
-_LOST_MAX = 0.01  # largest tolerable share of lost replies
-_ENCODER_SILENT_MS = 100.0  # silence after which an encoder counts as lost, ms: 20 reports
+_LOST_MAX = 0.01  # maximum tolerable share of lost replies
+_ENCODER_SILENT_MS = 100.0  # silence after which an encoder counts as lost, ms: 20 report periods
 _LATE_SHARE = 0.9  # share of the configured rate below which a loop counts as slow
 _REARM = "remove the cause, then re-arm the session or connect again"
 
@@ -107,7 +107,7 @@ def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, 
 
 
 def _motor_rows(target: Target, record: np.ndarray, now: float) -> list[dict[str, Any]]:
-    """Make a row per motor of the profile; a session without a config may drive fewer motors."""
+    """Return a row per motor of the profile; without a config, the session may drive fewer motors."""
     hardware = target.hardware
     fields = ("motor_stamp_s", "fault", "lost", "temp_mos_c", "temp_rotor_c")
     columns = (hardware.motors, *(record[field][hardware.slots].tolist() for field in fields))
@@ -136,7 +136,7 @@ def _check_encoder(channel: str, row: dict[str, Any], section: Section) -> None:
 def _check_motor(channel: str, row: dict[str, Any], mode: Mode, lost: int, ticks: int, section: Section) -> None:
     """Check one motor; `lost` of `ticks` replies were lost while the session was watched."""
     if row["motor_age_ms"] is None:
-        return  # the session has no such motor: the channel's arm was not named
+        return  # the session does not drive this motor: the channel's arm was not named
     where = f"{channel} motor {row['name']} (id {row['id']})"
     if row["fault"] not in (Fault.DISABLED, Fault.NORMAL):
         section.problem(where, f"reports {row['state']}", _REARM)

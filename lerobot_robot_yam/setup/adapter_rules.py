@@ -3,7 +3,7 @@
 systemd's .link files are no alternative: they cannot distinguish the channels of an adapter, and have no effect where
 predictable names are switched off, as on Raspberry Pi OS.
 
-`check_free` checks that no other rule, .link file or interface has the name already, or names the same adapter.
+`check_free` checks that no other rule, .link file or interface already uses the name, or names the same adapter.
 """
 
 import re
@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from lerobot_robot_yam.errors import SetupError
 from lerobot_robot_yam.system.sysfs import CAN_TYPE, KERNEL_NAME, CanAdapter
 
-RULES = "etc/udev/rules.d/70-yam-can.rules"  # runs before 80-net-setup-link.rules, which keeps a name given before
+RULES = "etc/udev/rules.d/70-yam-can.rules"  # runs before 80-net-setup-link.rules, which keeps names given earlier
 _RULES_FOLDERS = ("etc/udev/rules.d", "run/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d")
 _LINK_FOLDERS = ("etc/systemd/network", "run/systemd/network", "usr/lib/systemd/network", "lib/systemd/network")
 _HEAD = (
@@ -23,18 +23,18 @@ _HEAD = (
 )
 _ENTRY = re.compile(r"# (\w+): serial (.+), channel (.+), place (/devices/\S+)")
 _NONE = "-"
-_NAME = re.compile(r"[A-Za-z]\w{0,14}", re.ASCII)  # name of an interface, 15 characters at most
+_NAME = re.compile(r"[A-Za-z]\w{0,14}", re.ASCII)  # interface name, at most 15 characters
 _SAFE_SERIAL = re.compile(r"[\w.:+-][\w .:+-]*", re.ASCII)  # serial number without udev's patterns and quotes
 
 
 @dataclass(frozen=True)
 class NamedAdapter:
-    """Name, and the adapter that it is tied to.
+    """Name of an adapter, and the properties that identify the adapter.
 
     Attributes:
-        serial: serial number; None: the adapter has no usable one.
-        channel: channel of an adapter with several: "dev_id 0x1", "dev_port 1", or "function 1.1" of the USB device.
-        place: directory of the adapter's hardware below sysfs.
+        serial: serial number; None: the adapter has no usable serial number.
+        channel: channel of a multi-channel adapter: "dev_id 0x1", "dev_port 1", or "function 1.1" of the USB device.
+        place: path of the adapter's hardware in sysfs.
     """
 
     name: str
@@ -44,7 +44,7 @@ class NamedAdapter:
 
     @property
     def device(self) -> str:
-        """Place of the USB device of which the adapter is a function; for other hardware, the adapter's own place."""
+        """Place of the USB device that contains the adapter; for other hardware, the adapter's own place."""
         place = PurePosixPath(self.place)
         return str(place.parent if ":" in place.name else place)
 
@@ -54,10 +54,10 @@ class NamedAdapter:
 
 
 def identify(name: str, adapter: CanAdapter, adapters: Sequence[CanAdapter]) -> NamedAdapter:
-    """Tie a name to one of the adapters that are plugged in; return this entry of the rules.
+    """Tie a name to one of the connected adapters; return the entry for the rules file.
 
     Raises:
-        SetupError: the name does not fit an interface, or the kernel does not distinguish this adapter from another.
+        SetupError: the name is not valid, or the adapter is virtual or cannot be distinguished from another adapter.
     """
     if not _NAME.fullmatch(name) or KERNEL_NAME.fullmatch(name):
         raise SetupError(
@@ -87,13 +87,13 @@ def identify(name: str, adapter: CanAdapter, adapters: Sequence[CanAdapter]) -> 
 
 
 def with_adapter(present: Sequence[NamedAdapter], new: NamedAdapter) -> list[NamedAdapter]:
-    """Return the names with a new one, which replaces entries of the same name or the same adapter."""
+    """Return the entries plus `new`, which replaces entries with the same name or the same adapter."""
     kept = [named for named in present if named.name != new.name and not named.same_hardware(new)]
     return sorted([*kept, new], key=lambda named: named.name)
 
 
 def where_they_are(named: Sequence[NamedAdapter], adapters: Sequence[CanAdapter]) -> list[NamedAdapter]:
-    """Return the names with their present places: an adapter that is named by serial number may have been moved."""
+    """Return the entries with current places: an adapter that is named by serial number may have been moved."""
 
     def moved(entry: NamedAdapter) -> NamedAdapter:
         places = {a.name: a.place for a in adapters if a.usb and a.place and a.usb.serial == entry.serial}
@@ -103,7 +103,7 @@ def where_they_are(named: Sequence[NamedAdapter], adapters: Sequence[CanAdapter]
 
 
 def rules_text(named: Sequence[NamedAdapter], adapters: Sequence[CanAdapter]) -> str | None:
-    """Format the rules file for these names, given the plugged-in adapters; return None when there is no name.
+    """Format the rules file for these names, given the connected adapters; return None if there are no names.
 
     Raises:
         SetupError: two names would be tied to one USB port.
@@ -124,7 +124,7 @@ def rules_text(named: Sequence[NamedAdapter], adapters: Sequence[CanAdapter]) ->
 
 
 def parse_rules(text: str | None) -> list[NamedAdapter]:
-    """Parse the names in a rules file of `rules_text`."""
+    """Parse the entries of a rules file written by `rules_text`; empty without a file."""
     return [
         NamedAdapter(name, None if serial == _NONE else serial, None if channel == _NONE else channel, place)
         for name, serial, channel, place in _ENTRY.findall(text or "")
@@ -142,7 +142,7 @@ def _lines(named: NamedAdapter, by_place: bool) -> str:
             match.append(f'DEVPATH=="*:{value}/net/*"')
     if key in ("dev_id", "dev_port"):
         match.append(f'ATTR{{{key}}}=="{value}"')
-    # udev renames at "add"; systemd reads the properties of the "move" that follows.
+    # udev renames at the "add" event; systemd reads the properties of the following "move" event.
     # NM_UNMANAGED keeps NetworkManager away; systemd starts the unit that brings the link up.
     give = [f'NAME="{named.name}"', 'ENV{NM_UNMANAGED}="1"', 'TAG+="systemd"']
     give.append(f'ENV{{SYSTEMD_WANTS}}+="yam-can@{named.name}.service"')
@@ -151,21 +151,21 @@ def _lines(named: NamedAdapter, by_place: bool) -> str:
 
 
 def _glob(place: str) -> str:
-    """Replace numbers in a place that follow the order of discovery: USB buses and controllers (xhci-hcd.1)."""
+    """Replace the numbers in a place that depend on the order of discovery: USB buses, controllers (xhci-hcd.1)."""
     return re.sub(r"(?<=/)\d+(?=-)", "*", re.sub(r"(?<=/usb)\d+|(?<=/xhci-hcd\.)\d+", "*", place))
 
 
 def check_free(root: Path, named: NamedAdapter, interface: str, ours: Collection[str]) -> None:
-    """Check that nothing else gives this name, or names this adapter.
+    """Check that no other rule, .link file or interface uses this name, or names this adapter.
 
     Args:
         root: root of the computer's files.
         named: the name, with the adapter to be named.
-        interface: present name of the adapter.
-        ours: names that our rules give already.
+        interface: current interface name of the adapter.
+        ours: names that this package's rules already give.
 
     Raises:
-        SetupError: the name is given, or the adapter is named, elsewhere; the message says where and what to do.
+        SetupError: the name is in use, or the adapter is named elsewhere; the message says where, and what to do.
     """
     for path, number, line in _lines_in(root, _RULES_FOLDERS, "*.rules"):
         given = re.search(r'\bNAME:?="([^"]*)"', line)

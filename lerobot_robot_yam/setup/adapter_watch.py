@@ -1,7 +1,7 @@
-"""Detection of an adapter that a person shows, by plugging the adapter in or by moving the wrist of its arm.
+"""Detection of the adapter that the user indicates, by plugging the adapter in or by moving the wrist of its arm.
 
-sysfs shows which adapters are plugged in. Of arms, only motor positions are read. The person may always type a line
-instead: `Answer` waits for a line at most for a time in s, and returns None without a line. `Tell` gets a line of text.
+Connected adapters are read from sysfs; of arms, only motor positions are read. The user may always type a line instead:
+`Answer` waits up to the given time, s, for a line, and returns the line or None. `Tell` receives a line of text.
 """
 
 import time
@@ -16,13 +16,13 @@ from lerobot_robot_yam.doctor.kit.questions import Questions
 from lerobot_robot_yam.errors import MotorError
 from lerobot_robot_yam.system.sysfs import CanAdapter, read_adapters
 
-_PLUGS_S = 0.2  # period of reading which adapters are plugged in, s
+_PLUGS_S = 0.2  # polling interval for connected adapters, s
 _SETTLE_S = 0.8  # wait for all channels of a new adapter, and for udev to rename them, s
-MOVED_RAD = 0.3  # motion that counts as deliberate, rad; less than half of it may be a table that shakes
+MOVED_RAD = 0.3  # motion that counts as deliberate, rad; less than half of this may be a shaking table
 _WRIST_IDS, _WRIST_MOTOR = (4, 5, 6), "DM4310"
 _POLL_S, _ANSWER_S = 0.05, 0.02
 _RESTS_S, _RESTS_RAD = 0.3, 0.02
-_RESTLESS_S = 10.0  # longest wait for rest, s: a hanging arm may sway for long, but its wrist joints hardly move
+_RESTLESS_S = 10.0  # maximum wait for rest, s: a hanging arm may sway for long, but its wrist joints hardly move
 
 
 Answer = Callable[[float], str | None]
@@ -30,7 +30,7 @@ Tell = Callable[[str], None]
 
 
 class PlugWatch:
-    """Watch for adapters that are plugged in after its creation. Create it before the person is asked to plug.
+    """Watch for adapters plugged in after the watch was created. Create the watch before asking the user to plug.
 
     Args:
         sysfs: root of sysfs.
@@ -58,21 +58,22 @@ class PlugWatch:
 
 
 def _places(sysfs: Path) -> dict[tuple[str | None, ...], CanAdapter]:
-    """Return (place, channel) -> adapter for all plugged-in adapters; names are no keys, since they change."""
+    """Return (place, channel) -> adapter for all connected adapters; names change, so they cannot be keys."""
     return {(a.place, *a.number, None if a.place else a.name): a for a in read_adapters(sysfs)}
 
 
 class WristWatch:
-    """Watch for arms whose wrists move after its creation. Create it before the person is asked. Energises nothing.
+    """Watch for arms whose wrists move after the watch was created. Energises nothing.
 
-    The constructor waits until all wrists rest, since the motion of an arm shown before would count as an answer.
+    Create the watch before asking the user. The constructor waits until all wrists rest: remaining motion of the arm
+    moved before would count as an answer.
 
     Args:
-        buses: channel -> open bus that nobody else uses.
+        buses: channel -> open bus, for exclusive use.
 
     Raises (every method):
-        MotorError: no motor answers, or one is energised, so that a hand would work against it.
-        BusError: a channel is gone.
+        MotorError: no motor replies, or a motor is energised and would resist the hand.
+        BusError: a channel is disconnected.
     """
 
     def __init__(self, buses: Mapping[str, can.BusABC]):
@@ -107,7 +108,7 @@ class WristWatch:
                 return
 
     def _moved_rad(self) -> dict[str, float]:
-        """Return channel -> largest distance of a wrist joint from its stored position, rad."""
+        """Return channel -> largest deviation of a wrist joint from its stored position, rad."""
         moved = dict.fromkeys(self._questions, 0.0)
         for channel, questions in self._questions.items():
             for answer in questions.refresh(_WRIST_IDS, _ANSWER_S, 0.0):

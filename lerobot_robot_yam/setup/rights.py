@@ -20,10 +20,10 @@ _USERS = "etc/passwd"
 
 
 def rights_changes(files: SystemFiles, user: str) -> list[Change]:
-    """List the changes that give a user the rights.
+    """Return the changes that grant a user the rights.
 
     Raises:
-        SetupError: there is no such user or group, or a file cannot be read.
+        SetupError: the user or a group does not exist, or a file cannot be read.
     """
     if not any(line.startswith(f"{user}:") for line in (files.read(_USERS) or "").splitlines()):
         raise SetupError(f"there is no user {user!r} in /{_USERS}: say who drives the arms (--user NAME)")
@@ -43,6 +43,6 @@ def rights_changes(files: SystemFiles, user: str) -> list[Change]:
 
 
 def user_of(environment: Mapping[str, str]) -> str | None:
-    """Return the user who has called sudo, or else the user who is logged in; None for root."""
+    """Return the user who called sudo, or else the user who is logged in; None for root."""
     name = environment.get("SUDO_USER") or environment.get("USER") or environment.get("LOGNAME")
     return None if name in (None, "root") else name

@@ -1,6 +1,6 @@
-"""Files of a computer that are changed together: shown first, written whole, recorded, and undone exactly.
+"""System files that are changed together: changes are shown first, written atomically, recorded, and undone exactly.
 
-Each change is written to a journal before it is made, so an interrupted run can be run again or undone.
+Each change is written to a journal before it is applied, so an interrupted run can be run again or undone.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ class FileChange:
 
     Attributes:
         path: path below the root, "etc/udev/rules.d/70-yam-can.rules".
-        before, after: text of the file; None: there is no file.
+        before, after: text of the file; None: the file does not exist.
     """
 
     path: str
@@ -35,7 +35,7 @@ class FileChange:
     after: str | None
 
     def shown(self) -> str:
-        """Format the change for a person."""
+        """Format the change for display."""
         how = "is new" if self.before is None else "goes" if self.after is None else "changes"
         before, after = ((text or "").splitlines() for text in (self.before, self.after))
         lines = list(difflib.unified_diff(before, after, n=0, lineterm=""))[2:]
@@ -51,7 +51,7 @@ class GroupChange:
     joins: bool = True
 
     def shown(self) -> str:
-        """Format the change for a person."""
+        """Format the change for display."""
         verb = "joins" if self.joins else "leaves"
         return f"/{_GROUPS}: " + ", ".join(f"{self.user} {verb} the group {group}" for group in self.groups)
 
@@ -60,7 +60,7 @@ Change = FileChange | GroupChange
 
 
 class SystemFiles:
-    """Files below a root: "/", or a directory that stands for it.
+    """Files below a root: "/", or a directory in place of "/".
 
     Raises (every method):
         SetupError: a file cannot be read or written.
@@ -75,14 +75,14 @@ class SystemFiles:
         return self.root.resolve() == Path("/")
 
     def check_writable(self) -> None:
-        """Check that the root is a system's and writable, before anything is asked or changed."""
+        """Check that the root is a writable system root, before anything is asked or changed."""
         if not (self.root / "etc").is_dir():
             raise SetupError(f"{self.root} is no root of a system: it has no directory etc")
         if not os.access(self.root / "etc", os.W_OK, effective_ids=True):
             raise SetupError(f"no right to write to {self.root / 'etc'}: {_AS_ROOT}, or look at --dry-run")
 
     def read(self, path: str) -> str | None:
-        """Read a file; return None when there is no such file."""
+        """Read a file; return None if the file does not exist."""
         try:
             return (self.root / path).read_text()
         except FileNotFoundError:
@@ -95,12 +95,12 @@ class SystemFiles:
         return {fields[0]: fields[3].split(",") for fields in lines if len(fields) == 4}
 
     def change_to(self, path: str, after: str | None) -> list[Change]:
-        """Return the change that gives a file this text; [] when the file already has this text."""
+        """Return the change that gives a file this text; [] if the file already has this text."""
         before = self.read(path)
         return [] if before == after else [FileChange(path, before, after)]
 
     def apply(self, changes: Sequence[Change]) -> None:
-        """Write the journal, then each file as a whole; so all changes can be undone, even after an interruption."""
+        """Write the journal, then each file atomically; all changes can be undone, even after an interruption."""
         if not changes:
             return
         journal = self._journal()
@@ -115,7 +115,7 @@ class SystemFiles:
         self.write(changes)
 
     def write(self, changes: Sequence[Change]) -> None:
-        """Write each file as a whole, unless another program has changed a file since the changes were prepared."""
+        """Write each file atomically, unless another program has changed the file since the change was prepared."""
         for change in changes:
             if isinstance(change, FileChange):
                 if self.read(change.path) != change.before:
@@ -123,7 +123,7 @@ class SystemFiles:
                 self._write(change.path, change.after)
 
     def undo_changes(self) -> tuple[list[Change], list[str]]:
-        """Return the changes that undo all applied changes, and the files that others have changed since."""
+        """Return the changes that undo all applied changes, and the paths of files changed by others since."""
         journal, changes, left = self._journal(), [], []
         for path, entry in journal["files"].items():
             now = self.read(path)

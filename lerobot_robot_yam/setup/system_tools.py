@@ -1,6 +1,6 @@
-"""System tools that make changes take effect. With a root other than "/", only usermod runs; the others are shown.
+"""System tools that make changes take effect. With a root other than "/", only usermod runs; others are only shown.
 
-A CAN link is brought up by a systemd unit for each named adapter, at plug-in and at boot, and by hand in the same way.
+A systemd unit for each named adapter brings the CAN link up, at plug-in, at boot, and when started by hand.
 All target systems run systemd, but not systemd-networkd: Debian, Ubuntu's desktop and Raspberry Pi OS use
 NetworkManager or ifupdown, which do not support CAN. udev's manual forbids network programs in udev rules.
 """
@@ -45,7 +45,7 @@ class SystemTools:
 
     Args:
         tell: receives each command as a line of text, before it is run.
-        dry: whether to show the commands only.
+        dry: whether to show commands without running them.
     """
 
     def __init__(self, files: SystemFiles, tell: Callable[[str], None], dry: bool):
@@ -54,7 +54,7 @@ class SystemTools:
         self._dry = dry or not files.live
 
     def load(self, changes: Sequence[Change]) -> None:
-        """Change groups, also below another root, and make udev and systemd read changed files."""
+        """Change groups, also below another root, and make udev and systemd reload changed files."""
         for change in changes:
             if isinstance(change, GroupChange):
                 root = [] if self._files.live else ["--prefix", str(self._files.root)]
@@ -70,7 +70,7 @@ class SystemTools:
             self._run("systemctl daemon-reload".split())
 
     def rename(self, interface: str, name: str) -> bool:
-        """Let udev name a plugged-in adapter by its rule, and bring its link up; return whether both worked, or would.
+        """Let udev rename a connected adapter by its rule, and bring the link up; return whether the renaming worked.
 
         Renaming fails while another adapter has the name, such as when two adapters swap names.
         """
@@ -89,7 +89,7 @@ class SystemTools:
             self._run(command)
 
     def _index(self, interface: str) -> str | None:
-        """Return the kernel's number of an interface, which survives a renaming; None without such an interface."""
+        """Return the kernel's index of an interface, which survives renaming; None if there is no such interface."""
         return text_of(self._files.root / "sys/class/net" / interface / "ifindex")
 
     def _run(self, command: Sequence[str], dry: bool | None = None) -> None:
@@ -106,7 +106,7 @@ class SystemTools:
 
 
 def bring_up(adapter: CanAdapter) -> list[list[str]]:
-    """Return the commands that take a link down and bring it up with the settings for the arms."""
+    """Return the commands that take a link down and bring it up with the settings that the arms need."""
     commands = [f"ip link set {adapter.name} down"]
     if adapter.driver is not None and adapter.driver not in NO_RESTART:
         commands.append(f"ip link set {adapter.name} type can restart-ms {RESTART_MS}")
@@ -115,7 +115,7 @@ def bring_up(adapter: CanAdapter) -> list[list[str]]:
 
 
 def check_undriven(interfaces: Sequence[str]) -> None:
-    """Check that no program of any user uses a link: its arm would fall, or a motor stay half set up.
+    """Check that no program of any user uses a link: its arm would fall, or a motor would stay half configured.
 
     Raises:
         ChannelInUseError: a program uses a link; the message names the channel and the process.

@@ -119,7 +119,7 @@ def find_exposure(
     Args:
         measure: function that sets an exposure and measures the picture.
         limits: minimum and maximum exposure of the camera.
-        target: mean brightness, 0 to 1; if parts of the picture clip, such as a window, down to half as much.
+        target: mean brightness, 0 to 1; half of it is accepted if bright parts, such as a window, would clip.
 
     Returns:
         The exposures tried, at most `MOST_TRIES`, and their brightness; the best exposure is last.

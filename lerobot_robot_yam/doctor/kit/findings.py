@@ -17,7 +17,7 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """Finding of the doctor.
+    """Problem, warning or note of the doctor.
 
     Attributes:
         where: interface, channel, motor, file or device.
@@ -31,7 +31,7 @@ class Finding:
     remedy: str
 
 
-# Section -> its title and the columns of its table: keys of the rows, with "=heading" where the heading differs.
+# Section -> title and columns of its table: keys of the rows, with "=heading" where the heading differs from the key.
 _TABLES = {
     "interfaces": (
         "CAN interfaces",
@@ -100,11 +100,11 @@ class Section:
 
 
 Report = dict[str, Section]
-"""Sections by name, in their order."""
+"""Section name -> section, in order of output."""
 
 
 def empty_report() -> Report:
-    """Make a report with an empty section for each table."""
+    """Return a report with an empty section for each table."""
     return {name: Section(name) for name in _TABLES}
 
 
@@ -119,7 +119,7 @@ def _counts(found: Sequence[Finding]) -> dict[str, int]:
 
 
 def exit_status(report: Report) -> int:
-    """Return the exit status: 0 when there is no problem, else 1."""
+    """Return the exit status: 0 if there is no problem, else 1."""
     return int(any(finding.severity is Severity.PROBLEM for finding in _findings(report)))
 
 
@@ -136,7 +136,7 @@ def as_json(report: Report) -> str:
 
 
 def as_text(report: Report, verbose: bool = False) -> str:
-    """Format the verdict; the findings, each with its remedy on the next line; and with `verbose` the tables."""
+    """Format the verdict, the findings (each with its remedy on the next line), and with `verbose` the tables."""
     found = _findings(report)
     counts = _counts(found)
     words = ", ".join(f"{count} {name}{'' if count == 1 else 's'}" for name, count in counts.items())

@@ -1,6 +1,6 @@
-"""Questions of the doctor, its only way to send frames: motors and handles answer, and change nothing.
+"""Read-only requests to motors and handles: the only code through which the doctor sends frames.
 
-Every frame passes `harmless` before it is sent, so that no mistake elsewhere can enable, move or set anything.
+Every frame is checked by `harmless` before it is sent, so that no bug elsewhere can enable, move or set anything.
 """
 
 import math
@@ -17,7 +17,7 @@ from lerobot_robot_yam.damiao.registers import Opcode, decode_reply, encode_read
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
 from lerobot_robot_yam.errors import LifeCycleError
 
-_BATCH = 4  # questions sent at once: a transmit queue may hold only ten frames
+_BATCH = 4  # requests sent at once: a transmit queue may hold only ten frames
 _BATCH_PAUSE_S = 0.002
 _REGISTER_TIMEOUT_S, _REGISTER_ATTEMPTS = 0.2, 2
 _HANDLE_TIMEOUT_S = 0.1
@@ -36,7 +36,7 @@ class Answer(NamedTuple):
 
 
 def harmless(identifier: int, data: bytes) -> bool:
-    """Return whether a frame changes nothing: a register read, a refresh, or a question to the teaching handle."""
+    """Return whether a frame changes nothing: a register read, a refresh, or a read request to the teaching handle."""
     if identifier == REGISTER_ID:
         return len(data) == 8 and data[2] in _TO_MOTORS
     return identifier == handle_encoder.REQUEST_ID and len(data) > 1 and data[1] in _TO_HANDLE
@@ -54,10 +54,10 @@ class _QuestionPort(BusPort):
 
 
 class Questions:
-    """Questions on one bus. Nobody else may use the bus meanwhile, since answers do not say who has asked.
+    """Requests on one bus. No other program may use the bus meanwhile, since replies do not identify the requester.
 
     Raises (every method):
-        BusError: the channel is gone or takes no frames.
+        BusError: the channel is disconnected, or accepts no frames.
     """
 
     def __init__(self, bus: can.BusABC, channel: str):
@@ -66,9 +66,9 @@ class Questions:
         self.clock = self._port.clock
 
     def refresh(self, motor_ids: Sequence[int], timeout_s: float, settle_s: float) -> list[Answer]:
-        """Request feedback of motors (ids below 16); return the answers until `settle_s` after all have answered.
+        """Request feedback from motors (ids below 16); return the replies until `settle_s` after every motor replied.
 
-        The result includes second answers of one motor, and answers with an unexpected identifier.
+        The result includes duplicate replies, and replies with an unexpected identifier.
         """
         self._drain()
         missing = set(motor_ids)
@@ -85,7 +85,7 @@ class Questions:
         return found
 
     def round_trip_s(self, motor_id: int, timeout_s: float) -> float | None:
-        """Return the time from the question to the arrival of the motor's feedback, s; None without an answer."""
+        """Return the time from the request to the arrival of the motor's feedback, s; None without a reply."""
         self._drain()
         self._port.synchronise()
         asked = self.clock.now()
@@ -93,7 +93,7 @@ class Questions:
         return next((max(answer.stamp_s - asked, 0.0) for answer in self._feedback(timeout_s, (motor_id,))), None)
 
     def register(self, motor_id: int, register: int) -> float | None:
-        """Read a register, whatever identifier the answer has; return None without an answer."""
+        """Read a register, accepting any identifier of the reply; return None without a reply."""
         for _ in range(_REGISTER_ATTEMPTS):
             self._ask(encode_read(motor_id, register))
             for message in self._frames(_REGISTER_TIMEOUT_S):
@@ -103,11 +103,11 @@ class Questions:
         return None
 
     def handle[T](self, request: bytes, identifier: int, decode: Callable[[bytes], T | None]) -> T | None:
-        """Send a question to the teaching handle; return its answer, or None without an answer."""
+        """Send a request to the teaching handle; return the handle's reply, or None without a reply."""
         return ask_handle(self._port, request, decode, _HANDLE_TIMEOUT_S, identifier)
 
     def encoders(self, joints: int) -> tuple[PassiveEncoders, list[str]]:
-        """Read a passive leader's reports; return them and the names of devices that do not report by themselves."""
+        """Read a passive leader's reports; return the reports and the names of devices that report only on request."""
         self._drain()
         found = PassiveEncoders(joints)
         for message in self._frames(_HANDLE_TIMEOUT_S):
@@ -126,7 +126,7 @@ class Questions:
             pass
 
     def _frames(self, timeout_s: float) -> Iterator[can.Message]:
-        """Yield frames from devices within a time, without error frames and questions of other programs."""
+        """Yield frames from devices for `timeout_s`, without error frames and other programs' requests."""
         deadline = self.clock.now() + timeout_s
         while (remaining := deadline - self.clock.now()) > 0.0:
             message = self._port.recv(remaining)
@@ -134,7 +134,7 @@ class Questions:
                 yield message
 
     def _feedback(self, timeout_s: float, motor_ids: Collection[int]) -> Iterator[Answer]:
-        """Yield the feedback of these motors within a time."""
+        """Yield the feedback from these motors that arrives within `timeout_s`."""
         for message in self._frames(timeout_s):
             data, identifier = bytes(message.data), message.arbitration_id
             if len(data) == 8 and identifier not in handle_encoder.HANDLE_IDS and data[0] & 0xF in motor_ids:

@@ -39,9 +39,9 @@ class Target:
 
     Attributes:
         config: config of the arm.
-        declared: whether arm and gripper were named; if not, the doctor infers both from the motors' answers.
-        calibration: file in which LeRobot's device keeps the gripper's stops, None when unknown.
-        calibrate: command that finds the stops of the device's grippers, when known.
+        declared: whether arm and gripper were named; if not, the doctor infers both from the motors' replies.
+        calibration: file in which LeRobot's device stores the gripper's stops; None: unknown.
+        calibrate: command that finds the stops of the device's grippers; empty: unknown.
     """
 
     config: ArmConfig
@@ -60,7 +60,7 @@ class Target:
 
     @property
     def key(self) -> str:
-        """Key of the channel in the names of its lock and blocks."""
+        """Channel key in the file names of the channel's lock and shared blocks."""
         rig = self.config.can_options.get("rig") if self.config.interface == VIRTUAL else None
         return channel_key(self.config.interface, self.channel, rig)
 
@@ -71,7 +71,7 @@ class Target:
 
     @property
     def driven(self) -> ArmConfig:
-        """Configuration with the file of the gripper's stops that LeRobot's device would use."""
+        """Config that names the same file of gripper stops as LeRobot's device."""
         if self.calibration is None:
             return self.config
         return dataclasses.replace(self.config, calibration_path=str(self.calibration))
@@ -91,17 +91,17 @@ class Plan:
 
     @property
     def real(self) -> bool:
-        """Whether this computer's own interfaces and cameras matter."""
+        """Whether this computer's own interfaces and cameras have to be checked."""
         return not self.targets or any(target.real for target in self.targets)
 
     @property
     def real_cameras(self) -> bool:
-        """Whether some cameras belong to this computer, whatever the arms are."""
+        """Whether any of the cameras belongs to this computer, regardless of the arms."""
         return any(camera.get("type") in _REAL_CAMERAS for camera in self.cameras.values())
 
 
 def from_option(text: str, interface: str, rig: str | None) -> Target:
-    """Parse `NAME[:ARM[:GRIPPER]]`. Raises ConfigError: malformed, or an unknown arm or gripper."""
+    """Parse `NAME[:ARM[:GRIPPER]]`. Raises ConfigError: the text is malformed, or names an unknown arm or gripper."""
     channel, *profiles = text.split(":")
     if not channel or len(profiles) > 2:
         raise ConfigError(f"channel {text!r}: write NAME, NAME:ARM or NAME:ARM:GRIPPER")
@@ -117,10 +117,10 @@ def from_config(
     Args:
         path: file of the run config.
         rig: name of the virtual rig; None: the config names the rig, if any.
-        check: called for each of our devices with section of the config, options, and place for messages.
+        check: called for each of our devices with the config's section, the options, and the location for messages.
 
     Raises:
-        ConfigError: the file is unreadable, has none of our devices, or options with which no session would start.
+        ConfigError: the file is unreadable, has none of our devices, or its options would not let a session start.
     """
     document = read_yaml(path)
     targets: list[Target] = []
@@ -166,7 +166,7 @@ def from_config(
 
 
 def calibration_root() -> Path:
-    """Return the directory of LeRobot's calibration files, as lerobot.utils.constants and huggingface_hub find it."""
+    """Return LeRobot's directory of calibration files, by the rules of lerobot.utils.constants and huggingface_hub."""
     cache = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     hub = os.environ.get("HF_HOME") or f"{cache}/huggingface"
     home = os.environ.get("HF_LEROBOT_HOME") or f"{hub}/lerobot"
@@ -174,7 +174,7 @@ def calibration_root() -> Path:
 
 
 def _of_one_arm(device: Mapping[str, Any]) -> str:
-    """Return the device type for one arm: "yam_leader" for "bi_i2rt_yam_leader"."""
+    """Return the single-arm device type, such as "yam_leader" for "bi_i2rt_yam_leader"."""
     return str(device.get("type")).removeprefix("bi_").replace("i2rt_", "")
 
 
@@ -191,7 +191,7 @@ def _arms(device: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]
 
 
 def _check_guide(guide: Mapping[str, Any], robot: Mapping[str, Any], where: str) -> None:
-    """Check that a hand guide's follower is the config's; otherwise the guide would fail at its first action."""
+    """Check that a hand guide's options match the config's follower; otherwise the guide fails at its first action."""
     if not robot or str(guide["type"]).startswith("bi_") != str(robot["type"]).startswith("bi_"):
         raise ConfigError(
             f"{where}: a hand guides a yam_follower, two hands guide a bi_yam_follower: name that as robot"
@@ -205,7 +205,7 @@ def _check_guide(guide: Mapping[str, Any], robot: Mapping[str, Any], where: str)
 
 
 def _calibrate(section: str, device: Mapping[str, Any], arms: Mapping[str, Mapping[str, Any]]) -> str:
-    """Format LeRobot's calibration command for this device, whose files are found by type and id."""
+    """Return the lerobot-calibrate command for this device, whose calibration files are found by type and id."""
     given = {name: device[name] for name in ("type", "id", "calibration_dir") if device.get(name) is not None}
     names = (*_CALIBRATED, *_CALIBRATED_PASSIVE) if _of_one_arm(device) == _PASSIVE else _CALIBRATED
     for prefix, arm in arms.items():
@@ -224,7 +224,7 @@ def _cameras(options: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 
 def _passive_target(arm: Mapping[str, Any], name: str, rig: str | None, calibration: Path) -> Target:
-    """Make the target of a leader without motors. `calibration`: file of its zeros, unless the options name a file."""
+    """Return the target of a leader without motors. `calibration`: default file of the leader's zeros."""
     target = _target({**arm, "gripper": LEADER_GRIPPER}, name, rig)
     kind = arm.get("kind", "desk")
     if kind not in JOINT_SIGNS:
@@ -250,6 +250,6 @@ def _target(values: Mapping[str, Any], name: str, rig: str | None) -> Target:
     try:
         target = Target(ArmConfig(**{"name": name, **known, "can_options": options}))
         _ = target.hardware  # raises for unknown profiles
-    except TypeError as error:  # no channel
+    except TypeError as error:  # the channel is missing
         raise ConfigError(f"{name}: {error}") from error
     return target
