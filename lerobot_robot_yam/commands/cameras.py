@@ -1,4 +1,4 @@
-"""Find the cameras, look through them, set their exposure, and name them by their roles in a run config.
+"""List the cameras, preview their pictures, tune their exposure, and name them by their roles in a run config.
 
 yam-cameras list                                          what is plugged in: serial numbers, links, formats
 yam-cameras preview sheet.png                             a picture of each camera on one sheet

@@ -6,10 +6,10 @@ yam-estop status     say whether it is latched, by whom and why; exit status 1 i
 
 yam-estop --host 192.168.1.20          latch that of another computer's arms; with release and status, too
 
-Without --host it reaches all arms that this user drives on this machine, from any shell; root's reaches those of every
-user. It says which running sessions hear it. If there is no such session, an arm may go on moving, and a warning in
-capitals says so; the exit status stays 0, since no session that starts later energises its arms. Exit status 1: some
-arms could not be reached.
+Without --host the command reaches all arms that this user drives on this machine, from any shell; called by root, the
+arms of every user. The output names the running sessions that hear the stop. If no session hears it, an arm may go on
+moving, and a warning in capitals says so; the exit status stays 0, since no session that starts later energises its
+arms. Exit status 1: some arms could not be reached.
 """
 
 import argparse

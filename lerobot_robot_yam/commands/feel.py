@@ -86,7 +86,7 @@ def _record_states(keys: Mapping[str, str], seconds: float, begins: Callable[[],
         begins: called once the states of all arms are found.
 
     Raises:
-        ConfigError: an arm is driven by no session.
+        ConfigError: no session drives one of the arms.
         BusError: a session ended during the recording.
     """
     blocks: list[SharedBlock] = []

@@ -1,4 +1,4 @@
-"""Find the arms and cameras of a rig, ask what cannot be found out, and write one file that describes the rig.
+"""Find the arms and cameras of a rig, ask for what cannot be detected, and write one file that describes the rig.
 
 yam-setup                       writes rig.yaml here
 yam-setup lab.yaml              another file
@@ -8,7 +8,7 @@ yam-setup --rig NAME            a virtual rig
 
 lerobot-record and lerobot-teleoperate take the file itself; the configs of all commands name it. Energises nothing.
 An earlier file is replaced only after its differences were shown. Exit status: 0 done; 1 it cannot be done, or the
-file has mistakes; 2 wrong arguments; 130 interrupted: run it again, it goes on.
+file has mistakes; 2 wrong arguments; 130 interrupted: run it again to continue.
 """
 
 import argparse

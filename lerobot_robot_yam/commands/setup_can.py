@@ -9,7 +9,7 @@ sudo "$(which yam-setup-can)" --reset               takes all links down and up;
 sudo "$(which yam-setup-can)" --undo                takes back all that it has ever changed
 
 A name is tied to the adapter's serial number, or to its USB port if the serial number is not unique. Energises
-nothing. Exit status: 0 done; 1 it cannot be done; 2 wrong arguments; 130 interrupted: run it again, it goes on.
+nothing. Exit status: 0 done; 1 it cannot be done; 2 wrong arguments; 130 interrupted: run again to continue.
 """
 
 import argparse

@@ -64,7 +64,7 @@ def _zero(args: argparse.Namespace) -> int:
         "wrong pose makes the arm drive into its stops in the next session. The motors stay limp: support the arm."
     )
     with own_bus(config) as bus:
-        zeroing = Zeroing(with_answering_gripper(args, bus), bus, joints)  # the gripper's motor must not change
+        zeroing = Zeroing(with_answering_gripper(args, bus), bus, joints)  # detects the gripper: its motor is checked
         zeroing.inspect()
         tell(zeroing.angles(zeroing.read()))
         tell(zeroing.guidance())

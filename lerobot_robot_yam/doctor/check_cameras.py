@@ -52,7 +52,7 @@ def check_cameras(
         section.problem(f"cameras {', '.join(wanted)}", what, install_extra("realsense"))
     for name, options in configured.items():
         serial = str(options.get("serial_number_or_name"))
-        # The label of a RealSense may show another number than sysfs, so a number counts only if none is plugged in.
+        # A RealSense's label may differ from sysfs: report a missing serial number only if no RealSense is plugged in.
         if options.get("type") == "yam_realsense" and not present and serial not in [c.serial for c in cameras]:
             remedy = "plug it in, or correct the serial number (yam-cameras list)"
             section.problem(f"camera {name}", f"there is no camera {serial}", remedy)

@@ -75,7 +75,7 @@ def examine_channel(
 
 
 def _ask(bus: can.BusABC, target: Target, samples: int, report: Report, say: Callable[[str], None]) -> Target:
-    """Query all devices on the channel; return the target, with the teaching handle as gripper if one was detected."""
+    """Query all devices on the channel; return the target, with the detected gripper if none was declared."""
     channel = target.channel
     say(f"{channel}: listening")
     listen(bus, _LISTEN_S, range(1, 16), channel)

@@ -30,7 +30,7 @@ Tell = Callable[[str], None]
 
 
 class PlugWatch:
-    """Watch for adapters plugged in after the watch was created. Create the watch before asking the user to plug.
+    """Watch for newly plugged-in adapters. Create the watch before asking the user to plug one in.
 
     Args:
         sysfs: root of sysfs.
@@ -65,8 +65,8 @@ def _places(sysfs: Path) -> dict[tuple[str | None, ...], CanAdapter]:
 class WristWatch:
     """Watch for arms whose wrists move after the watch was created. Energises nothing.
 
-    Create the watch before asking the user. The constructor waits until all wrists rest: remaining motion of the arm
-    moved before would count as an answer.
+    Create the watch before asking the user. The constructor waits until all wrists rest: remaining motion of a
+    previous arm would count as an answer.
 
     Args:
         buses: channel -> open bus, for exclusive use.

@@ -15,7 +15,7 @@ _STEP_S = 0.002  # step of the common time grid for samples of leader and follow
 _LEAST_S = 1.0  # minimum time overlap of the two records, s
 _MOVED_RAD = 0.1  # minimum motion of a joint for fitting its drag, rad
 _MOVES_RAD_S = 0.05
-_SMOOTH_S = 0.04  # window of the mean, applied twice before the jerk, s: keeps motions that a hand can feel
+_SMOOTH_S = 0.04  # window of the mean, applied twice before the jerk, s: keeps motions that hand or camera can sense
 _LAG_MOST_S = 0.15
 _FOLLOWED_RAD = 0.05  # minimum motion of a joint for computing its lag, rad
 

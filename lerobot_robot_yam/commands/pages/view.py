@@ -1,4 +1,4 @@
-"""Show the arms that run on this computer in a browser: where they are, what they are doing, what is wrong.
+"""Show the arms that run on this computer in a browser: their poses, activities and faults.
 
 yam-view                           watch every session; label a LeRobot command's episodes, or end it
 yam-view --config_path=rig.yaml    drive the followers of a rig's file or run config from the page, too
@@ -11,7 +11,7 @@ yam-view --desktop                 MuJoCo's own viewer instead of a browser; it 
 
 The page has an emergency stop, and buttons that end a LeRobot command. Ctrl-C ends the page; other sessions go on.
 
-HAZARD: with --config_path or --channel a person at the page can ENERGISE the arms. They land however the page ends.
+HAZARD: with --config_path or --channel a person at the page can ENERGISE the arms. The arms land however the page ends.
 """
 
 import argparse

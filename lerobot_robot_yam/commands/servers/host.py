@@ -5,7 +5,7 @@ yam-host --config_path=rig.yaml --listen 192.168.1.20      to paired computers, 
 yam-host pair workstation                 make keys for a computer; carry the file to it
 yam-host status                           say what the host that runs here serves, and who has it
 
-HAZARD: a paired computer can ENERGISE the arms. Starting yam-host energises nothing. The arms land however it ends.
+HAZARD: a paired computer can ENERGISE the arms. Starting yam-host does not. The arms land however yam-host ends.
 """
 
 import argparse
@@ -75,7 +75,7 @@ def _serve(args: argparse.Namespace) -> int:
     groups = groups_of(args.config_path)
     address = HostAddress.of(args.listen or _LOCAL)
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # anybody can connect, which takes a descriptor
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # every connection to the open port takes a descriptor
     keys = args.keys or keys_directory()
     keys = keys if paired(keys) else None
     channels = {channel: words for group in groups for channel, words in group.channels.items()}

@@ -71,7 +71,7 @@ class Target:
 
     @property
     def driven(self) -> ArmConfig:
-        """Config that names the same file of gripper stops as LeRobot's device."""
+        """Config with the file of gripper stops that LeRobot's device uses."""
         if self.calibration is None:
             return self.config
         return dataclasses.replace(self.config, calibration_path=str(self.calibration))
@@ -120,7 +120,7 @@ def from_config(
         check: called for each of our devices with the config's section, the options, and the location for messages.
 
     Raises:
-        ConfigError: the file is unreadable, has none of our devices, or its options would not let a session start.
+        ConfigError: the file is unreadable, has none of our devices, or has options with which no session would start.
     """
     document = read_yaml(path)
     targets: list[Target] = []

@@ -35,7 +35,7 @@ class FoundArm:
     """Arm found on a channel.
 
     Attributes:
-        config: config with the arm's channel; other fields are still at their defaults.
+        config: config with the arm's channel and interface; other fields are still at their defaults.
         role: FOLLOWER, LEADER or PASSIVE.
         arms, grippers: profiles that fit the motors found, most likely first.
         mark: handle firmware, type of the gripper's motor, or number of encoders, for the drawing.

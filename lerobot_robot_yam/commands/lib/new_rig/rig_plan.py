@@ -26,7 +26,7 @@ _WRIST = "Turn its wrist by hand, a hand's width to and fro. Or: "
 _FOREVER_S = 1e6
 
 Check = Callable[[str], str]
-"""Returns what is wrong with an answer, as a message; empty if the answer is valid."""
+"""Function that returns what is wrong with an answer; empty if the answer is valid."""
 
 
 class Answers:

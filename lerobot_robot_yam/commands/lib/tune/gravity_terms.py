@@ -77,7 +77,7 @@ class GravityTerms(GravityModel):
         self._axes = np.array([term.axis for term in terms]).reshape(-1, 3)
 
     def _columns(self, moments: np.ndarray, links: np.ndarray) -> np.ndarray:
-        """Return the torques (n, p) of unit moments (p, 3) in world axes. `links`: (p,) links to which they belong."""
+        """Return the torques (n, p) of unit moments (p, 3) in world axes. `links`: (p,) link of each moment."""
         axes = self._data.xaxis[: self.joint_count]
         # −gᵀ (z × h) = z · (g × h)
         columns: np.ndarray = axes @ np.cross(self.model.opt.gravity, moments).T

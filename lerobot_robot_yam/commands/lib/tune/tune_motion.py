@@ -21,7 +21,7 @@ from lerobot_robot_yam.session.yam_arm import YamArm
 from lerobot_robot_yam.state.modes import Mode
 
 SPEED_RAD_S = 0.55  # maximum speed of a joint, rad/s: inertia is negligible, and friction exceeds the noise
-MARGIN_M = 0.03  # minimum distance to table and arm, m: the tool sags by as much while the weight is unknown
+MARGIN_M = 0.03  # minimum distance to table and arm, m: the tool may sag by this much while the weight is unknown
 RAMP_S = 0.3  # time from rest to full speed, s
 WAIT_S = 0.5  # rest at each pose, s
 _TURN_RAD = 0.6  # maximum turn of the base to either side of its start angle, rad
