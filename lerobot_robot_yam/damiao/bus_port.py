@@ -1,4 +1,4 @@
-"""A python-can bus as the chain uses it: several frames per call, our errors, arrival times on our clock."""
+"""Wrapper of a python-can bus: several frames per call, errors of this package, arrival times on the bus's clock."""
 
 import errno
 import math
@@ -13,36 +13,36 @@ from lerobot_robot_yam.system.clock import clock_of
 from lerobot_robot_yam.system.own_commands import as_root
 
 RESET_LINK = as_root("yam-setup-can --reset")
-"""Command that takes a link down and up as the arms need it; the channel's name follows."""
+"""Command that brings a link down and up with the settings that arms need; append the channel's name."""
 
-_STAMP_TRUST_S = 1.0  # largest age of a bus's own stamp that is used
-_EPOCH_S = 1e9  # stamps above are seconds since 1970, as in python-can; below, seconds of the monotonic clock
+_STAMP_TRUST_S = 1.0  # maximum age at which a frame's timestamp is used
+_EPOCH_S = 1e9  # timestamps above this are seconds since 1970, as in python-can; below, of the monotonic clock
 
 
 def data_message(can_id: int, data: bytes) -> can.Message:
-    """Make a classic data frame with an 11-bit identifier."""
+    """Create a classic data frame with an 11-bit identifier."""
     return can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
 
 
 def is_classic_data(message: can.Message) -> bool:
-    """Return whether a motor or handle can have sent a frame: both send data frames with 11-bit identifiers only."""
+    """Return whether a motor or handle can have sent this frame: both send only data frames with 11-bit identifiers."""
     return not (message.is_extended_id or message.is_remote_frame or message.is_error_frame)
 
 
 def _receiver(bus: can.BusABC) -> Callable[[float], can.Message | None]:
-    """Return a `bus.recv` that waits by the monotonic clock.
+    """Return a replacement of `bus.recv` that measures its timeout with the monotonic clock.
 
-    python-can's own (4.6) measures its wait with `time.time`. If the clock is set back by a second during the wait, it
-    waits a second longer, `recv(0)` included, and motors that nobody commands let go after 0.4 s. No public call waits
-    by another clock, so this uses `_recv_internal`, which interfaces implement and whose wait is the kernel's. This
-    method also takes 0.2 µs per frame instead of 0.7. An interface that overrides `recv` keeps its own.
+    python-can (4.6) measures timeouts with `time.time`. If that clock is set back by a second during the wait, `recv`
+    waits a second longer, even with timeout 0, and motors without commands go limp after 0.4 s. No public method waits
+    on another clock, so this function calls `_recv_internal`, which interfaces implement and which waits in the kernel.
+    It also costs 0.2 µs per frame instead of 0.7. The method of an interface that overrides `recv` is returned as is.
     """
     if getattr(bus.recv, "__func__", None) is not can.BusABC.recv:
         return bus.recv
     receive, matches = bus._recv_internal, bus._matches_filters
 
     def recv(timeout_s: float) -> can.Message | None:
-        deadline_s = time.monotonic() + timeout_s if timeout_s > 0.0 else 0.0  # most calls do not wait
+        deadline_s = time.monotonic() + timeout_s if timeout_s > 0.0 else 0.0  # timeout 0 is the usual case
         while True:
             message, filtered = receive(timeout_s)
             if message is not None and (filtered or matches(message)):
@@ -55,9 +55,9 @@ def _receiver(bus: can.BusABC) -> Callable[[float], can.Message | None]:
 
 
 class BusPort:
-    """Sending and receiving on a bus that somebody else opened and will close.
+    """Sending and receiving on a bus that the caller opens and closes.
 
-    A bus may offer `send_many(messages)` to take a whole tick in one system call.
+    A bus may offer `send_many(messages)` to queue the frames of a whole tick in one system call.
     """
 
     def __init__(self, bus: can.BusABC, channel: str):
@@ -67,20 +67,20 @@ class BusPort:
         self._recv = _receiver(bus)
         self.clock = clock_of(bus)
         self._epoch_offset_s = 0.0
-        self._asked_s = (-math.inf, -math.inf)  # when the last question but one was asked, and the last
+        self._asked_s = (-math.inf, -math.inf)  # times of the last two requests, older one first
         self.synchronise()
 
     def synchronise(self) -> None:
-        """Note how far the epoch clock is from the monotonic one; the epoch clock may be stepped at any time.
+        """Measure the offset between the epoch clock and the monotonic clock; the epoch clock may be stepped any time.
 
-        Call this before each question: a frame with a stamp before the previous question is stamped wrongly.
+        Call this before each request: timestamps before the previous request are rejected as wrong.
         """
         now = self.clock.now()
         self._epoch_offset_s = time.time() - now
         self._asked_s = (self._asked_s[1], now)
 
     def send(self, messages: Sequence[can.Message]) -> None:
-        """Queue frames without waiting. Raises BusError: the channel is gone or its transmit queue is full."""
+        """Queue frames without waiting. Raises BusError: the channel is lost or its transmit queue is full."""
         try:
             if self._send_many is not None:
                 self._send_many(messages)
@@ -93,7 +93,7 @@ class BusPort:
             raise self._error("send", error) from error
 
     def recv(self, timeout_s: float) -> can.Message | None:
-        """Return the next frame, or None after `timeout_s`; 0 does not wait. Raises BusError: the channel is gone."""
+        """Return the next frame, or None after `timeout_s`; 0 does not wait. Raises BusError: the channel is lost."""
         try:
             return self._recv(timeout_s)
         except BusError:
@@ -102,10 +102,10 @@ class BusPort:
             raise self._error("receive", error) from error
 
     def arrival_s(self, message: can.Message) -> float:
-        """Return when the frame arrived (the clock's time): the bus's own stamp where that is believable, else now.
+        """Return when the frame arrived (the bus's clock): the frame's timestamp if it is plausible, else now.
 
-        The kernel (and the rig) stamp the arrival, while now is the later time of reading. An adapter's own clock
-        drifts, and then an answer seems to have come before its question.
+        The kernel (and the rig) timestamp the arrival, whereas now is the later time of reading. An adapter's own
+        clock drifts, so that a reply could seem to have arrived before its request.
         """
         now = self.clock.now()
         stamp = message.timestamp
@@ -115,7 +115,7 @@ class BusPort:
 
     def _error(self, verb: str, error: Exception) -> BusError:
         number = getattr(error, "error_code", None) or getattr(error, "errno", None)
-        if "buffer full" in str(error):  # python-can's text, which has no number
+        if "buffer full" in str(error):  # python-can raises this without an error number
             number = errno.ENOBUFS
         if number == errno.ENOBUFS:
             advice = (

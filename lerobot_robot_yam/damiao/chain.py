@@ -1,6 +1,6 @@
-"""All motors of one CAN bus: send every command, then collect every reply, by identifier.
+"""All motors of one CAN bus: send one command to each, then collect their replies by CAN id.
 
-The chain drains what has arrived before it sends the next tick, so old data cannot pile up in the socket.
+Frames that have already arrived are processed before each send, so that old data cannot pile up in the socket.
 """
 
 import math
@@ -28,32 +28,33 @@ from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
 from lerobot_robot_yam.errors import ActionError, BusError, MotorError
 from lerobot_robot_yam.system.few_values import any_of
 
-ENABLE_PAUSE_S = 0.003  # pause before each enable, s, as in the vendor's driver
-CLEAR_REPEATS = 3  # how often "clear error" is sent, as in the vendor's driver
-# Pause after them, for their time on the wire with answers: a link brought up by default has room for 20 frames.
+ENABLE_PAUSE_S = 0.003  # pause before each ENABLE, s, as in the vendor's driver
+CLEAR_REPEATS = 3  # number of times that CLEAR is sent, as in the vendor's driver
+# Pause after these commands, s, until they and their replies have left the wire: the default transmit queue of a link
+# has room for 20 frames only.
 _CLEAR_PAUSE_S = 2 * CLEAR_REPEATS * FRAME_TIME_S
-# A connection asks 110 times. If 1 % of all frames are lost, three attempts refuse one connection in 1,100, five one in
-# 3 million.
+# A connection sends 110 requests. If 1 % of all frames are lost, three attempts per request fail one connection in
+# 1,100, five fail one in 3 million.
 _REGISTER_ATTEMPTS = 5
 
 
 def _of(path: str) -> Any:
-    """Make a read-only property for an attribute of a part of the chain."""
+    """Create a read-only property for the attribute of a part of the chain."""
     return property(attrgetter(path))
 
 
 class MotorChain:
-    """All motors (and optionally the handle encoder) on one CAN bus. One thread touches it.
+    """All motors (and optionally the handle encoder) on one CAN bus. For use from one thread only.
 
     Attributes:
-        feedback: the newest state of the motors; the chain has its arrays, too, under the same names.
+        feedback: newest state of the motors; its arrays are also attributes of the chain.
         round_trip: delays of the adapter.
-        expected_wire_s: time that one exchange occupies the wire, two frames per motor and for the handle.
-        missed: (n,) number of questions in a row without an answer.
-        all_answered: whether every motor has answered the last `send` that was collected.
-        foreign_commands: number of frames that another driver sent to our motors.
-        foreign: identifier -> count of frames that belong to nothing here.
-        error_frames: count of CAN error frames.
+        expected_wire_s: time for which one exchange occupies the wire: two frames per motor, two for the handle.
+        missed: (n,) number of consecutive requests without a reply.
+        all_answered: whether every motor replied to the last `send` that was collected.
+        foreign_commands: number of frames that another driver sent to these motors.
+        foreign: CAN id -> number of frames that belong to no motor or handle of this chain.
+        error_frames: number of CAN error frames.
     """
 
     position_rad: np.ndarray = _of("feedback.position_rad")
@@ -75,7 +76,7 @@ class MotorChain:
     def __init__(
         self, bus: can.BusABC, motors: Sequence[MotorSpec], *, channel: str, encoder: HandleEncoder | None = None
     ):
-        """Check the motors. Raises ConfigError: names or identifiers are not unique, or a type is unknown."""
+        """Check the motors. Raises ConfigError: names or ids are not unique, or a type is unknown."""
         check_specs(motors, channel)
         self.channel, self.motors, self.encoder = channel, tuple(motors), encoder
         self._ranges = [ranges_of(spec.type) for spec in self.motors]
@@ -84,7 +85,7 @@ class MotorChain:
         self._receiver = Receiver(self._port, self.motors, encoder)
         self.feedback, self.round_trip = self._receiver.feedback, self._receiver.round_trip
         self._requests = self._receiver.requests
-        # Reused every tick; a bus copies what it queues.
+        # Reused every tick: a bus copies what it queues.
         self._messages = [data_message(spec.can_id, bytes(8)) for spec in self.motors]
         if encoder is not None:
             self._messages.append(data_message(REQUEST_ID, encode_report_request()))
@@ -97,44 +98,44 @@ class MotorChain:
 
     @property
     def duplicates(self) -> np.ndarray:
-        """Answers to no question (n,), the mark of two motors with one id; not used, since their age is unknown."""
+        """Number of unrequested replies (n,), a sign of duplicate ids. Their readings are dropped: age unknown."""
         return np.array(self._requests.duplicates)
 
     @property
     def lost(self) -> np.ndarray:
-        """Number of answers that never came (n,)."""
+        """Number of replies that never arrived (n,)."""
         return np.array(self._requests.lost)
 
     def silence_s(self, now: float) -> np.ndarray:
-        """Return (n,) seconds for which nothing was heard of each motor, without the adapter's delay."""
+        """Return the time since each motor's last sample (n,), s, less the adapter's round-trip delay."""
         return now - self.stamp_s - 2.0 * self.round_trip.one_way_s
 
     def drain(self) -> None:
-        """Process everything that has already arrived, without waiting."""
+        """Process all frames that have already arrived, without waiting."""
         self._receiver.drain()
 
     def listen(self) -> FeedbackStore:
-        """Return a second store of feedback, which judges the motors' readings anew from now until `stop_listening`."""
+        """Return a second feedback store, updated until `stop_listening`; it checks all readings anew."""
         self._receiver.trial = trial = self._receiver.new_store()
         return trial
 
     def stop_listening(self) -> None:
-        """Stop updating the store of `listen`."""
+        """Stop updating the store that `listen` returned."""
         self._receiver.trial = None
 
     def send(self, commands: np.ndarray, instead: Mapping[int, SpecialCommand] = MappingProxyType({})) -> None:
-        """Send one MIT command per motor, then the handle's request, without waiting for anything.
+        """Send one MIT command per motor, then the report request to the handle, without waiting.
 
-        The torques compensate for what packing loses of positions and velocities, see `codec.pack_mit`.
-        After losses a motor is left out of some ticks, see `reply_matching`, and keeps its last command.
+        The torques compensate for the rounding of positions and velocities in the frames, see `codec.pack_mit`.
+        After losses a motor is skipped in some ticks, see `reply_matching`; that motor keeps its last command.
 
         Args:
             commands: (n, 5), columns q*, dq*, kp, kd, tau in motor coordinates: rad, rad/s, Nm/rad, Nm s/rad, Nm.
-            instead: index of a motor -> special command in place of its command; motors answer both alike.
+            instead: motor index -> special command sent in place of the MIT command; motors reply alike to both.
 
         Raises:
-            ActionError: wrong shape or a non-finite value; nothing was sent.
-            BusError: the channel is gone or its transmit queue is full.
+            ActionError: `commands` has the wrong shape or a non-finite value; nothing was sent.
+            BusError: the channel is lost or its transmit queue is full.
         """
         count = len(self.motors)
         if commands.shape != (count, 5):
@@ -142,14 +143,14 @@ class MotorChain:
         rows = commands.tolist()
         if not math.isfinite(commands.sum()):
             for spec, row in zip(self.motors, rows, strict=True):
-                encode_mit(spec.type, *row)  # names what is not finite
+                encode_mit(spec.type, *row)  # raises ActionError, which names the value
         encoded = [pack_mit(ranges, *row) for ranges, row in zip(self._ranges, rows, strict=True)]
         for message, data in zip(self._messages, encoded, strict=False):  # the last message may be the handle's
             message.data = data
         for index, command in instead.items():
             self._messages[index].data = command.value
         self.drain()
-        absent = [i for i in self._requests.absent() if i not in instead]  # DISABLE must not wait
+        absent = [i for i in self._requests.absent() if i not in instead]  # DISABLE must not be delayed
         messages = self._messages
         if absent:  # rarely
             messages = [message for i, message in enumerate(messages) if i not in absent]
@@ -161,12 +162,12 @@ class MotorChain:
             raise
 
     def collect(self, deadline_s: float) -> bool:
-        """Process the replies to the last `send`; wait for late ones until `deadline_s` (the clock's time).
+        """Process replies to the last `send`; wait for missing ones until `deadline_s` (the chain's clock).
 
-        Return whether every motor answered. A later tick processes the answers that come later.
+        Return whether every motor replied. Replies that arrive later are processed in a later tick.
 
         Raises:
-            BusError: the channel is gone.
+            BusError: the channel is lost.
         """
         silent = self._close(deadline_s)
         self.all_answered = not silent and self._requests.newest.asked == len(self.motors)
@@ -178,12 +179,12 @@ class MotorChain:
     def special(
         self, command: SpecialCommand, timeout_s: float = 0.05, motors: Sequence[int] | None = None
     ) -> list[bool]:
-        """Send a special command to motors (by index; default all).
+        """Send a special command to the motors with these indices (default: all).
 
-        ENABLE makes motors obey. ZERO moves their origin, so the next reading is accepted as it is.
+        ZERO moves the origin of positions, so the next readings are accepted however far off they are.
 
         Returns:
-            Per motor of the chain, whether it answered within `timeout_s`.
+            Per motor of the chain, whether it replied within `timeout_s`.
         """
         if command is SpecialCommand.ZERO:
             self.feedback.restart()
@@ -200,7 +201,7 @@ class MotorChain:
         return self._answered(timeout_s)
 
     def refresh(self, timeout_s: float = 0.05) -> list[bool]:
-        """Ask all motors for feedback; commands no motion. Return, per motor, whether it answered."""
+        """Request feedback from all motors without commanding motion. Return, per motor, whether it replied."""
         self._settle()
         self._begin(range(len(self.motors)))
         self._port.send([data_message(REGISTER_ID, encode_refresh(spec.can_id)) for spec in self.motors])
@@ -209,15 +210,15 @@ class MotorChain:
     def read_register(
         self, motor: int, register: int, timeout_s: float = 0.05, attempts: int = _REGISTER_ATTEMPTS
     ) -> float | int:
-        """Read a register of motor number `motor` (index). Not for use in the loop, since this waits for an answer.
+        """Read a register of the motor with index `motor`. Blocks until the reply, so not for use in the loop.
 
         Raises:
-            MotorError: no answer to any attempt.
+            MotorError: the motor replied to no attempt.
             ConfigError: there is no such register.
         """
         spec = self.motors[motor]
         payload = encode_read(spec.can_id, register)
-        header = payload[:4]  # motor, opcode and register, which the answer repeats
+        header = payload[:4]  # motor id, opcode and register, which a reply repeats
         for _ in range(attempts):
             data = self._ask(spec, payload, timeout_s, lambda data: len(data) == 8 and data[:4] == header)
             if data is not None:
@@ -229,7 +230,7 @@ class MotorChain:
         )
 
     def _ask(self, spec: MotorSpec, payload: bytes, timeout_s: float, answers: Callable[[bytes], bool]) -> bytes | None:
-        """Send a request; return the data of the motor's first frame that `answers`, None after a time-out."""
+        """Send a request; return the data of the motor's first frame for which `answers` is true, None on timeout."""
         self.drain()
         self._port.send([data_message(REGISTER_ID, payload)])
         for message in self._receiver.frames(self.clock.now() + timeout_s):
@@ -241,16 +242,16 @@ class MotorChain:
         return None
 
     def _begin(self, motors: Iterable[int], handle: bool = False, repeats: int = 1) -> Request:
-        """Register a question that is about to be sent. The caller has processed all frames that arrived so far."""
+        """Register a request that is about to be sent. The caller must have processed all frames received so far."""
         self._port.synchronise()
         request = self._requests.begin(motors, handle, repeats)
         request.sent_s = self.clock.now()
         return request
 
     def _settle(self) -> None:
-        """Wait as long as answers to earlier questions can take, so that none counts for the next question.
+        """Wait for replies to earlier requests, at most the longest round trip, so that none counts for the next one.
 
-        Nothing is given up before the first answer, since it is unknown how long answers take.
+        Until a first reply has been received, no reply is given up: the round-trip time is still unknown.
         """
         self.drain()
         longest_s = self.round_trip.longest_s
@@ -263,7 +264,7 @@ class MotorChain:
         self._requests.forget()
 
     def _close(self, deadline_s: float) -> set[int]:
-        """Wait for the answers to the newest question; return the motors that have not answered it."""
+        """Wait for the replies to the newest request; return the indices of motors that have not replied."""
         request = self._requests.newest
         self._receiver.take_answers(request, deadline_s)
         if self._requests.give_up_handle() and self.encoder is not None:

@@ -1,13 +1,13 @@
-"""Damiao command and feedback frames: bytes <-> SI values. Pure, no I/O.
+"""Encoding and decoding of Damiao command and feedback frames: bytes <-> SI values. Pure, no I/O.
 
-A quantity x in [min, max] becomes an unsigned code of `bits` bits by truncation
+A quantity x in [min, max] is truncated to an unsigned code of `bits` bits:
 
     code = floor((x - min) * (2**bits - 1) / (max - min)),    x = code * (max - min) / (2**bits - 1) + min
 
-with the product formed before the quotient (a precomputed factor changes the last bit of some frames).
+The product is computed before the quotient: a precomputed factor would change the last bit of some frames.
 MIT command, as a big-endian 64-bit word: position<<48 | velocity<<36 | kp<<24 | kd<<12 | torque.
 Feedback: fault<<60 | id<<56 | position<<40 | velocity<<28 | torque<<16 | T_mos<<8 | T_rotor.
-Source of the layouts: I2RT driver v1.2.4; float32 frames: Damiao's public drivers.
+Sources: I2RT driver v1.2.4 for these layouts, Damiao's public drivers for the float32 frames.
 """
 
 import struct
@@ -21,12 +21,12 @@ from lerobot_robot_yam.errors import ActionError, BusError
 _MAX16 = 0xFFFF
 _MAX12 = 0xFFF
 _ALL_ONES = 0xFFFF_FFFF_FFFF_FFFF
-_FIRST_SPECIAL = 0xFFFF_FFFF_FFFF_FFFB  # first command word that would read as a special command
+_FIRST_SPECIAL = 0xFFFF_FFFF_FFFF_FFFB  # smallest MIT command word that motors interpret as a special command
 _FLOAT_PAIR = struct.Struct("<ff")
 
 Ranges = tuple[float, float, float, float, float]  # (position_max, velocity_max, torque_max, kp_max, kd_max)
 
-# Ranges of each motor type, for both directions.
+# Ranges of each motor type; commands and feedback use the same.
 _ROWS: dict[str, Ranges] = {
     row.name: (row.position_max_rad, row.velocity_max_rad_s, row.torque_max_nm, row.kp_max, row.kd_max)
     for row in tables.MOTOR_TYPES.values()
@@ -34,7 +34,7 @@ _ROWS: dict[str, Ranges] = {
 
 
 class Feedback(NamedTuple):
-    """A motor's report: rad, rad/s, Nm, °C. `motor_id` holds the low four bits of the identifier."""
+    """State in a feedback frame: rad, rad/s, Nm, °C. `motor_id` is the low four bits of the CAN id."""
 
     motor_id: int
     fault: int
@@ -46,7 +46,7 @@ class Feedback(NamedTuple):
 
 
 class MitCommand(NamedTuple):
-    """Command for torque = kp (position - q) + kd (velocity - dq) + torque: rad, rad/s, Nm/rad, Nm s/rad, Nm."""
+    """MIT command: torque = kp (position - q) + kd (velocity - dq) + torque; rad, rad/s, Nm/rad, Nm s/rad, Nm."""
 
     position: float
     velocity: float
@@ -56,7 +56,7 @@ class MitCommand(NamedTuple):
 
 
 class SpecialCommand(Enum):
-    """Payloads that change a motor's state; sent to the motor's own identifier."""
+    """Payload that changes a motor's state; sent to the motor's own CAN id."""
 
     ENABLE = b"\xff\xff\xff\xff\xff\xff\xff\xfc"
     DISABLE = b"\xff\xff\xff\xff\xff\xff\xff\xfd"
@@ -68,36 +68,36 @@ SPECIAL_OF = {command.value: command for command in SpecialCommand}  # payload -
 
 
 def encode_mit(motor_type: str, position: float, velocity: float, kp: float, kd: float, torque: float) -> bytes:
-    """Encode an MIT command, 8 bytes, for identifier = motor id. Units: rad, rad/s, Nm/rad, Nm s/rad, Nm.
+    """Encode an MIT command, 8 bytes, to be sent to the motor's own CAN id. Units: rad, rad/s, Nm/rad, Nm s/rad, Nm.
 
-    Values outside the type's ranges are clamped to them, since the frame carries no more.
+    Values outside the ranges of the motor type are clamped: the frame cannot represent others.
 
     Raises:
         ActionError: a value is NaN or infinite.
         ConfigError: unknown motor type.
     """
-    # The sum is a finite float only if each term is finite; when it is not, or overflows, the slow check decides.
+    # A finite float sum implies finite terms; if the sum is not finite or overflows, `_finite` checks each term.
     try:
         total = position + velocity + kp + kd + torque
         plain = type(total) is float and isfinite(total)
-    except OverflowError:  # an integer beyond any float
+    except OverflowError:  # an integer too large for a float
         plain = False
-    if not plain:  # numpy's small types overflow in the arithmetic below
+    if not plain:  # also for numpy's small types, which overflow in the arithmetic below
         position, velocity, kp, kd, torque = _finite(position=position, velocity=velocity, kp=kp, kd=kd, torque=torque)
     try:
         ranges = _ROWS[motor_type]
     except KeyError:
-        ranges = ranges_of(motor_type)  # raises an error with the known types
+        ranges = ranges_of(motor_type)  # raises ConfigError, which lists the known types
     return pack_mit(ranges, position, velocity, kp, kd, torque, make_up=False)
 
 
 def pack_mit(
     ranges: Ranges, position: float, velocity: float, kp: float, kd: float, torque: float, make_up: bool = True
 ) -> bytes:
-    """Encode an MIT command like `encode_mit`, for the loop: of finite floats, with known ranges and no checks.
+    """Encode an MIT command like `encode_mit`, without its checks: for finite floats and known ranges, in the loop.
 
-    Zero speed is sent as −half a step, which at kd = 1.5 Nm s/rad is 11 mNm and lets a wrist with kp = 10 Nm/rad stand
-    1.1 mrad off. The loss of position and velocity is known, so the torque can compensate for the loss:
+    Zero velocity has no code: it is sent as minus half a step. At kd = 1.5 Nm s/rad that is 11 mNm, which leaves a
+    wrist with kp = 10 Nm/rad 1.1 mrad off. `make_up` adds the torque that these known rounding errors cost:
 
         tau ← tau + kp (q* − q*_sent) + kd (dq* − dq*_sent) + half a torque step
     """
@@ -124,8 +124,8 @@ def pack_mit(
         | int((torque + t_max) * _MAX12 / t_range)
     )
     if word >= _FIRST_SPECIAL:
-        # Everything saturated: a torque a few codes below its maximum would read as "disable" and the
-        # like. The maximum itself has no such meaning.
+        # All fields saturated: a torque a few codes below its maximum would turn the word into "disable" or another
+        # special command; the word with maximum torque is none.
         word = _ALL_ONES
     return word.to_bytes(8, "big")
 
@@ -143,7 +143,7 @@ def decode_mit(motor_type: str, data: bytes) -> MitCommand:
 
 
 def unpack_mit(ranges: Ranges, data: bytes) -> tuple[float, float, float, float, float]:
-    """Decode 8 bytes like `decode_mit`, for the virtual rig: the fields in the same order, with nothing checked."""
+    """Decode 8 bytes like `decode_mit`, without its checks, for the virtual rig; same order of fields."""
     p_max, v_max, t_max, kp_max, kd_max = ranges
     word = int.from_bytes(data, "big")
     return (
@@ -168,17 +168,17 @@ def decode_feedback(motor_type: str, data: bytes) -> Feedback:
 
 
 def ranges_of(motor_type: str) -> Ranges:
-    """Return the ranges that scale frames of this type, for `unpack_feedback`. Raises ConfigError: unknown type."""
+    """Return the ranges that scale the frames of this motor type. Raises ConfigError: unknown type."""
     return _ROWS[tables.motor_type(motor_type).name]
 
 
 def torque_step_nm(motor_type: str) -> float:
-    """Return the step in which motors of a type report torque, Nm, rounded down. Raises ConfigError: unknown type."""
+    """Return the resolution of a motor type's torque feedback, Nm, rounded down. Raises ConfigError: unknown type."""
     return 2.0 * ranges_of(motor_type)[2] / _MAX12
 
 
 def unpack_feedback(ranges: Ranges, data: bytes) -> tuple[int, int, float, float, float, int, int]:
-    """Decode 8 bytes like `decode_feedback`, for the loop: the fields in the same order, with nothing checked."""
+    """Decode 8 bytes like `decode_feedback`, without its checks, for the loop; same fields, the id first."""
     p_max, v_max, t_max, _, _ = ranges
     word = int.from_bytes(data, "big")
     return (
@@ -195,7 +195,7 @@ def unpack_feedback(ranges: Ranges, data: bytes) -> tuple[int, int, float, float
 def pack_feedback(
     ranges: Ranges, status: int, position: float, velocity: float, torque: float, temp_mos: int, temp_rotor: int
 ) -> bytes:
-    """Encode a feedback frame of a motor of the virtual rig: finite numbers, clamped; `status` is fault << 4 | id."""
+    """Encode a feedback frame for the virtual rig. Finite values are clamped; `status` is fault << 4 | id."""
     p_max, v_max, t_max, _, _ = ranges
     position = p_max if position > p_max else -p_max if position < -p_max else position
     velocity = v_max if velocity > v_max else -v_max if velocity < -v_max else velocity
@@ -212,7 +212,7 @@ def pack_feedback(
 
 
 def encode_position_velocity(position_rad: float, speed_rad_s: float) -> bytes:
-    """Encode a position-velocity command (target and speed limit) for identifier `POSITION_VELOCITY_OFFSET` + motor id.
+    """Encode a position-velocity command (target, speed limit), sent to `POSITION_VELOCITY_OFFSET` + motor id.
 
     Raises:
         ActionError: a value is NaN or infinite.
@@ -221,7 +221,7 @@ def encode_position_velocity(position_rad: float, speed_rad_s: float) -> bytes:
 
 
 def encode_velocity(velocity_rad_s: float) -> bytes:
-    """Encode a velocity command for identifier `VELOCITY_OFFSET` + motor id. Raises ActionError: NaN or infinite."""
+    """Encode a velocity command, sent to `VELOCITY_OFFSET` + motor id. Raises ActionError: NaN or infinite."""
     return _FLOAT_PAIR.pack(*_finite(velocity=velocity_rad_s), 0.0)
 
 

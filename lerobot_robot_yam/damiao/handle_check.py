@@ -1,6 +1,6 @@
-"""Checks of a teaching handle before the loop: is one there, is its firmware new enough, does it report on request?
+"""Checks of a teaching handle before the loop: is it present, is its firmware new enough, does it report on request?
 
-Steps and limits: I2RT encoder driver v1.2.4.
+Source of steps and limits: I2RT encoder driver v1.2.4.
 """
 
 import logging
@@ -32,19 +32,19 @@ from lerobot_robot_yam.errors import MotorError
 logger = logging.getLogger(__name__)
 
 _ATTEMPTS = 3
-_SILENCE_S = 0.1  # silence to wait for after a change of the report frequency
+_SILENCE_S = 0.1  # silence that confirms a change of the report frequency, s
 _SILENCE_LIMIT_S = 3.0
 
 
 def prepare_handle(bus: can.BusABC, channel: str, timeout_s: float = 0.1) -> tuple[tuple[int, int, int], int]:
     """Find the handle, make it report on request only and, if its firmware is old, sample as fast as possible.
 
-    Waits up to three times `timeout_s` per question. Return the firmware version, and the report frequency (Hz) that
-    the handle had before.
+    Waits up to three times `timeout_s` per request. Return the firmware version, and the report frequency (Hz) that
+    was set before.
 
     Raises:
-        MotorError: no handle answers, its firmware is too old, or the handle goes on reporting by itself.
-        BusError: the channel is gone.
+        MotorError: no handle replies, its firmware is too old, or it continues to report without requests.
+        BusError: the channel is lost.
     """
     port = BusPort(bus, channel)
     firmware = _told(port, encode_version_request(), decode_version, "its firmware version", timeout_s)
@@ -74,13 +74,13 @@ def prepare_handle(bus: can.BusABC, channel: str, timeout_s: float = 0.1) -> tup
 
 
 def _frequency(port: BusPort, low: int, high: int, what: str, timeout_s: float) -> int:
-    """Read a frequency, which the EEPROM keeps in two bytes."""
+    """Read a frequency, which takes two bytes of the EEPROM."""
     values = [_told(port, encode_eeprom_read(at), decode_eeprom_byte, f"its {what}", timeout_s) for at in (low, high)]
     return decode_frequency(*values)
 
 
 def handle_firmware(bus: can.BusABC, channel: str, timeout_s: float = 0.03) -> tuple[int, int, int] | None:
-    """Read the handle's firmware version; None when no handle answers. Raises BusError: the channel is gone."""
+    """Read the handle's firmware version; None if no handle replies. Raises BusError: the channel is lost."""
     return ask_handle(BusPort(bus, channel), encode_version_request(), decode_version, timeout_s)
 
 
@@ -97,10 +97,10 @@ def _told[T](port: BusPort, request: bytes, decode: Callable[[bytes], T | None],
 def ask_handle[T](
     port: BusPort, request: bytes, decode: Callable[[bytes], T | None], timeout_s: float, identifier: int = REQUEST_ID
 ) -> T | None:
-    """Ask up to three times; return the handle's answer with that identifier, None without one."""
+    """Send a request up to three times; return the handle's decoded reply with this CAN id, or None."""
     for _ in range(_ATTEMPTS):
         while port.recv(0.0) is not None:
-            pass  # drop earlier answers, which do not say what they answer
+            pass  # drop earlier replies, which do not state their request
         port.send([data_message(REQUEST_ID, request)])
         deadline = port.clock.now() + timeout_s
         while (remaining := deadline - port.clock.now()) > 0.0:
@@ -113,7 +113,7 @@ def ask_handle[T](
 
 
 def _wait_for_silence(port: BusPort) -> None:
-    """Wait until no frame of a handle has come for a while; other devices may send."""
+    """Wait until no frame of the handle has arrived for `_SILENCE_S`; other devices may send."""
     begin = heard = port.clock.now()
     while (now := port.clock.now()) < begin + _SILENCE_LIMIT_S:
         if now >= heard + _SILENCE_S:

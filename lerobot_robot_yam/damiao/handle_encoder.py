@@ -1,7 +1,7 @@
 """Teaching-handle encoder on a leader's CAN bus: trigger angle and two buttons.
 
-Requests go to 0x50E as (device, opcode, parameters); device 0xFF means all. A report comes on 0x50F, an
-event (button edge) with the same layout on 0x510:
+Requests are sent to 0x50E as (device, opcode, parameters); device 0xFF addresses all. A report has id 0x50F, an event
+(button edge) id 0x510, both with the layout
     device, position int16, velocity int16 (big-endian, 4096 counts per turn), digital inputs
 Source: I2RT encoder driver and reader v1.2.4.
 """
@@ -26,7 +26,7 @@ OP_VERSION = 0x03
 OP_SET_ADC_FREQUENCY = 0x04
 OP_READ_EEPROM = 0x07
 OP_WRITE_EEPROM = 0x10
-REPLY_FLAG = 0x80  # added to the opcode in configuration replies
+REPLY_FLAG = 0x80  # set in the opcode of configuration replies
 
 EEPROM_ADC_FREQUENCY_LOW = 8
 EEPROM_ZERO_HIGH = 9
@@ -37,8 +37,8 @@ EEPROM_REPORT_FREQUENCY_HIGH = 28
 EEPROM_BYTES = 31
 REPORT_FREQUENCY_MAX_HZ = 600
 FIRMWARE_REQUIRED = (2, 2, 12)
-FIRMWARE_FAST_ADC = (2, 4, 0)  # first version whose ADC always runs as fast as it can
-ADC_FREQUENCY = 255  # setting for older versions: as fast as they can
+FIRMWARE_FAST_ADC = (2, 4, 0)  # first version that always runs the ADC at its maximum rate
+ADC_FREQUENCY = 255  # setting for older versions: the maximum rate
 
 RAD_PER_COUNT = 2 * math.pi / 4096
 TRIGGER_TRAVEL_RAD = 0.7
@@ -47,7 +47,7 @@ _REPORT = struct.Struct(">BhhB")
 
 
 class HandleReport(NamedTuple):
-    """Position (rad) and velocity (rad/s) of the trigger, buttons (SYNC, RECORD), trigger 0 released … 1 squeezed."""
+    """Trigger position (rad), velocity (rad/s), buttons (SYNC, RECORD), trigger from 0 (released) to 1 (squeezed)."""
 
     position_rad: float
     velocity_rad_s: float
@@ -56,7 +56,7 @@ class HandleReport(NamedTuple):
 
 
 def encode_report_request() -> bytes:
-    """Encode a request for one report, two bytes for 0x50E."""
+    """Encode a request for one report, two bytes for CAN id 0x50E."""
     return bytes((ALL_DEVICES, OP_REPORT))
 
 
@@ -71,26 +71,26 @@ def encode_eeprom_read(offset: int) -> bytes:
 
 
 def encode_zero() -> bytes:
-    """Encode a command that makes the trigger's present position zero. Not acknowledged by the device."""
+    """Encode a command that makes the trigger's current position zero. The device does not acknowledge it."""
     return bytes((ALL_DEVICES, OP_SET_ZERO))
 
 
 def encode_report_frequency(hz: int) -> bytes:
-    """Encode a report frequency, 0 … 600 Hz; 0 reports only on request. Not acknowledged by the device."""
+    """Encode a report frequency, 0 … 600 Hz; 0: only on request. The device does not acknowledge the setting."""
     if hz <= 0xFF:
         return bytes((ALL_DEVICES, OP_SET_REPORT_FREQUENCY, hz))
     return bytes((ALL_DEVICES, OP_SET_REPORT_FREQUENCY, hz >> 8, hz & 0xFF))
 
 
 def encode_adc_frequency(frequency: int) -> bytes:
-    """Encode the frequency (0 … 255, the device's own unit) at which the trigger is sampled. Not acknowledged."""
+    """Encode the trigger's sampling frequency (0 … 255, device unit). The device does not acknowledge the setting."""
     return bytes((ALL_DEVICES, OP_SET_ADC_FREQUENCY, frequency))
 
 
 def decode_report(data: bytes) -> HandleReport:
     """Decode a report or event (6 bytes).
 
-    The second button is the second input bit alone; a third input must not change it.
+    The second button is the second input bit alone: a third input must not change it.
 
     Raises:
         BusError: `data` is not 6 bytes long.
@@ -108,38 +108,38 @@ def decode_report(data: bytes) -> HandleReport:
 
 
 def encode_report(position_rad: float, velocity_rad_s: float, buttons: tuple[bool, bool], device: int = 1) -> bytes:
-    """Encode a report of the device, 6 bytes for 0x50F; values beyond int16 counts saturate."""
+    """Encode a report as the device does, 6 bytes; values beyond int16 counts saturate."""
     return _REPORT.pack(
         device, _counts(position_rad), _counts(velocity_rad_s), (1 if buttons[0] else 0) | (2 if buttons[1] else 0)
     )
 
 
 def encode_version(version: tuple[int, int, int], device: int = 1) -> bytes:
-    """Encode the device's answer on 0x50E to a version request."""
+    """Encode the device's reply to a version request, sent on CAN id 0x50E."""
     return bytes((device, OP_VERSION | REPLY_FLAG, *version))
 
 
 def decode_version(data: bytes) -> tuple[int, int, int] | None:
-    """Decode the firmware version (major, minor, patch); return None when the frame is another reply."""
+    """Decode the firmware version (major, minor, patch); return None if the frame is another reply."""
     if len(data) < 5 or data[1] != OP_VERSION | REPLY_FLAG:
         return None
     return data[2], data[3], data[4]
 
 
 def encode_eeprom_byte(value: int, device: int = 1) -> bytes:
-    """Encode the device's answer on 0x50E to an EEPROM read."""
+    """Encode the device's reply to an EEPROM read, sent on CAN id 0x50E."""
     return bytes((device, OP_READ_EEPROM | REPLY_FLAG, value))
 
 
 def decode_eeprom_byte(data: bytes) -> int | None:
-    """Decode the EEPROM byte of a reply; return None when the frame is another reply."""
+    """Decode the EEPROM byte in a reply; return None if the frame is another reply."""
     if len(data) < 3 or data[1] != OP_READ_EEPROM | REPLY_FLAG:
         return None
     return data[2]
 
 
 def decode_frequency(low: int, high: int) -> int:
-    """Decode a report (Hz) or ADC frequency from its two EEPROM bytes; a high byte of 0xFF means not set."""
+    """Decode a report frequency (Hz) or ADC frequency from two EEPROM bytes; a high byte of 0xFF means: not set."""
     return low if high == 0xFF else high << 8 | low
 
 
@@ -148,15 +148,15 @@ def _counts(radians: float) -> int:
 
 
 class HandleEncoder:
-    """Newest report of the handle, with its time stamp and the number of lost reports."""
+    """Newest report of the handle, its timestamp and the number of lost reports."""
 
     def __init__(self) -> None:
         self.report = HandleReport(0.0, 0.0, (False, False), 0.0)
-        self.stamp_s = -math.inf  # the clock's time of receipt; -inf before the first report
+        self.stamp_s = -math.inf  # time of receipt (the chain's clock); -inf before the first report
         self.lost = 0
 
     def accept(self, data: bytes, stamp_s: float) -> bool:
-        """Process a report or event; return False when the frame has another length."""
+        """Process a report or event; return False if the frame has a wrong length."""
         if len(data) != _REPORT.size:
             return False
         self.report = decode_report(data)

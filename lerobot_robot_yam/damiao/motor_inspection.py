@@ -1,4 +1,4 @@
-"""Checks before a motor is energised: is the channel free and fast enough, are the motors the right ones?"""
+"""Checks before motors are energised: is the channel free and fast enough, and are they the expected motors?"""
 
 import logging
 from collections import Counter
@@ -28,16 +28,16 @@ from lerobot_robot_yam.errors import ChannelInUseError, ConfigError, MotorError
 logger = logging.getLogger(__name__)
 
 LISTEN_S = 0.05
-_MOST_LATE_FRAMES = 1_000  # more frames than a bus carries while we listen
+_MOST_LATE_FRAMES = 1_000  # more frames than a bus can carry while `listen` runs
 _PRESENCE_ATTEMPTS = 3
 _DUPLICATE_WAIT_S = 0.01
 
 
 def check_bandwidth(motors: int, encoder: bool, rate_hz: float) -> None:
-    """Refuse a loop rate that the wire cannot carry: 2 · devices · 130 bit · rate ≤ bitrate / 1.1.
+    """Check that the wire can carry a loop rate: 2 · devices · 130 bit · rate ≤ bitrate / 1.1.
 
     Raises:
-        ConfigError: the rate is too high; the message names the highest rate.
+        ConfigError: the rate is too high; the message states the maximum rate.
     """
     bits_per_tick = 2 * (motors + encoder) * BITS_PER_FRAME
     limit_hz = BITRATE / BANDWIDTH_MARGIN / bits_per_tick
@@ -49,13 +49,13 @@ def check_bandwidth(motors: int, encoder: bool, rate_hz: float) -> None:
 
 
 def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str = "") -> None:
-    """Listen, without sending, for another driver that commands motors `ids` on this bus.
+    """Listen, without sending, for another driver that commands the motors with these ids.
 
-    A lock keeps out our own processes only. Answers of motors count as well as commands: motors speak only
-    when spoken to. Other devices may send; they are logged.
+    Locks exclude only processes of this package. Replies of motors count as well as commands, since motors send
+    only when requested. Frames of other devices are only logged.
 
     Raises:
-        ChannelInUseError: frames of a foreign driver were seen.
+        ChannelInUseError: another driver's frames were received.
         BusError: the channel cannot be read.
     """
     commands = {
@@ -65,7 +65,7 @@ def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str =
     seen: Counter[int] = Counter()
     port = BusPort(bus, channel)
     deadline = port.clock.now() + seconds
-    # Frames that arrived by the deadline count even if they are read later; a flood is read only in part.
+    # Frames that arrived before the deadline count even if they are read later; the limit ends a flood of frames.
     late = 0
     while late < _MOST_LATE_FRAMES:
         remaining = deadline - port.clock.now()
@@ -88,13 +88,13 @@ def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str =
 
 
 def verify(chain: MotorChain) -> None:
-    """Check that every motor is there, alone with its id, and set up as in the profile. Energises nothing.
+    """Check that every motor is present, has a unique id and is configured as in the profile. Energises nothing.
 
-    Compares PMAX, VMAX, TMAX and GR with the type, MST_ID with the receive mode, CTRL_MODE with MIT, TIMEOUT with
+    Compares PMAX, VMAX, TMAX and GR with the motor type, MST_ID with the receive mode, CTRL_MODE with MIT, TIMEOUT with
     `WATCHDOG_S`.
 
     Raises:
-        MotorError: a motor is missing or differs; the message has expected and found values, and what to check.
+        MotorError: a motor is missing or a register differs; the message states both values and what to check.
     """
     _check_presence(chain)
     contradictions: list[str] = []
@@ -115,7 +115,7 @@ def verify(chain: MotorChain) -> None:
 
 
 def expected_registers(spec: MotorSpec) -> dict[Register, float]:
-    """Return register -> value that a motor of a profile must hold, in the registers' own units."""
+    """Return register -> required value of a motor, in the unit of the register."""
     row = motor_type(spec.type)
     expected: dict[Register, float] = {
         Register.PMAX: row.position_max_rad,
@@ -143,14 +143,14 @@ def _check_presence(chain: MotorChain) -> None:
         if len(missing) == len(chain):
             check = "motor power and the emergency stop, the CAN cable and its terminator, and the bit-rate "
             check += "(classic CAN, 1 Mbit/s)"
-        else:  # the channel works
+        else:  # some motors reply, so the channel works
             check = "its cable and plugs, switch the arm's power off and on, and see whether it has another id: "
             check += "yam-doctor says more"
         raise MotorError(
             f"{chain.channel}: no answer from {len(missing)} of {len(chain)} motors: {names}. Check {check}"
             + (f"; unexpected answers came from {strangers}: a motor may have another MST_ID" if strangers else "")
         )
-    # The second answer of two motors with one id comes after the answer that ended the wait.
+    # If two motors share an id, the second reply arrives after `refresh` has returned.
     chain.clock.sleep(_DUPLICATE_WAIT_S)
     chain.drain()
     doubled = [

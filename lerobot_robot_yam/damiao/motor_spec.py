@@ -7,17 +7,17 @@ from lerobot_robot_yam.damiao.tables import ReceiveMode, motor_type
 from lerobot_robot_yam.errors import ConfigError
 
 MOTOR_IDS = range(1, 16)
-"""The ids of motors on one bus: those that the nibble in a feedback frame tells apart."""
+"""Motor ids that one bus allows: those that the id nibble in feedback frames can distinguish."""
 MAX_MOTORS = len(MOTOR_IDS)
-"""The most that one bus carries."""
+"""Maximum number of motors on one bus."""
 
 
 @dataclass(frozen=True)
 class MotorSpec:
-    """Motor on a bus: name for messages, CAN id of its commands, type (of `MOTOR_TYPES`), mode of answering.
+    """Motor on a bus: name for messages, CAN id of its commands, type (from `MOTOR_TYPES`), receive mode.
 
-    `turns`: whether the motor may leave the range of positions that the wire carries, and is followed there. A joint of
-    an arm never does: a reading that looks so is impossible.
+    `turns`: whether the motor may rotate beyond the position range of the frames, so that its readings are unwrapped.
+    Joints of an arm never rotate that far: a reading that suggests so is rejected as impossible.
     """
 
     name: str
@@ -28,20 +28,20 @@ class MotorSpec:
 
     @property
     def feedback_id(self) -> int:
-        """CAN identifier of this motor's answers."""
+        """CAN id of this motor's replies."""
         return self.receive_mode.feedback_id(self.can_id)
 
     @property
     def answer_key(self) -> int:
-        """Identifier of the answers and, below it, the id nibble inside them.
+        """CAN id of the replies, shifted left by four bits, plus the id nibble inside them.
 
-        Thus a motor with a wrong MST_ID is not mistaken for its neighbour, and several motors may answer on 0.
+        So a motor with a wrong MST_ID is not mistaken for its neighbour, and several motors may reply on id 0.
         """
         return self.feedback_id << 4 | self.can_id & 0xF
 
 
 def check_specs(motors: Sequence[MotorSpec], channel: str) -> None:
-    """Check motors. Raises ConfigError: names, ids or answers are not unique, an id is out of range, a type unknown."""
+    """Check specs. Raises ConfigError: names, ids or replies are not unique, an id is out of range, a type unknown."""
     for values in (
         [spec.name for spec in motors],
         [spec.can_id for spec in motors],

@@ -1,7 +1,7 @@
-"""The encoders of a leader without motors, all on one CAN channel: one device per joint, then the trigger's.
+"""Encoders of a leader without motors, all on one CAN channel: one device per joint, then one for the trigger.
 
-Each is a device of the teaching handle's kind (`handle_encoder`): device 0 is joint 1, the device behind the last joint
-has the trigger and both buttons. Each device reports by itself, 200 times a second, once that is set.
+Each device is of the teaching handle's kind (`handle_encoder`). Device 0 is joint 1; the device after the last joint
+reads the trigger and both buttons. Once configured, each device reports 200 times a second without requests.
 """
 
 import math
@@ -24,22 +24,22 @@ from lerobot_robot_yam.errors import MotorError
 REPORT_HZ = 200
 TRIGGER_TRAVEL_RAD = 0.67
 READY_TIMEOUT_S = 3.0
-_STREAMS_S = 0.1  # time within which a streaming device has reported
+_STREAMS_S = 0.1  # time within which a streaming device is sure to have reported, s
 _REPORT_BYTES = 6
 
 
 def encode_stream_request(device: int, hz: int = REPORT_HZ) -> bytes:
-    """Encode a request that one device report by itself, at up to 255 Hz."""
+    """Encode a request that makes one device report periodically, at up to 255 Hz."""
     return bytes((device, OP_SET_REPORT_FREQUENCY, hz))
 
 
 class PassiveEncoders:
-    """Newest report of each device of a channel.
+    """Newest report of each encoder on a channel.
 
     Attributes:
-        angle_rad, rate_rad_s, stamp_s: (joints + 1,) in encoder coordinates, the trigger last; stamp −inf before the
-            first report.
-        buttons: whether the top and the second button are down.
+        angle_rad, rate_rad_s, stamp_s: (joints + 1,) in encoder coordinates, the trigger last; stamp_s is -inf before
+            the first report.
+        buttons: whether the top button and the second button are pressed.
     """
 
     def __init__(self, joints: int):
@@ -50,7 +50,7 @@ class PassiveEncoders:
         self.buttons = (False, False)
 
     def accept(self, message: can.Message, stamp_s: float) -> bool:
-        """Process a frame; return False when the frame is no report of these devices."""
+        """Process a frame; return False if the frame is not a report from one of these devices."""
         if message.arbitration_id not in (REPORT_ID, EVENT_ID) or not is_classic_data(message):
             return False
         data = bytes(message.data)
@@ -65,7 +65,7 @@ class PassiveEncoders:
         return True
 
     def collect(self, port: BusPort, until_s: float) -> None:
-        """Process all frames that arrive until `until_s` (the clock's time). Raises BusError: the channel is gone."""
+        """Process all frames that arrive until `until_s` (the port's clock). Raises BusError: the channel is lost."""
         while True:
             message = port.recv(max(0.0, until_s - port.clock.now()))
             if message is None:
@@ -73,15 +73,15 @@ class PassiveEncoders:
             self.accept(message, port.arrival_s(message))
 
     def silent(self, since_s: float) -> list[str]:
-        """Name the devices that have not reported since `since_s`."""
+        """Return the names of devices that have not reported since `since_s`."""
         return [self._name(device) for device in np.flatnonzero(self.stamp_s < since_s)]
 
     def start(self, port: BusPort, name: str) -> None:
-        """Make all devices report, and wait for the first reports.
+        """Make all devices report, and wait for their first reports.
 
         Raises:
             MotorError: a device stays silent; the message names it.
-            BusError: the channel is gone.
+            BusError: the channel is lost.
         """
         clock = port.clock
         begin = clock.now()
@@ -98,7 +98,7 @@ class PassiveEncoders:
 
     @staticmethod
     def _ask(port: BusPort, devices: Sequence[int]) -> None:
-        """Write to the EEPROM of each device that does not stream, once; the others keep theirs."""
+        """Enable reporting, stored in EEPROM, on these devices. Streaming devices are skipped, to spare the EEPROM."""
         if devices:
             port.send([data_message(REQUEST_ID, encode_stream_request(device)) for device in devices])
 

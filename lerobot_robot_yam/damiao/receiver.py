@@ -1,8 +1,8 @@
-"""Receiver of a channel of motors: each frame that arrives goes where it belongs, whenever it comes.
+"""Receiver of a motor channel: assigns each arriving frame to its motor and request, whenever the frame arrives.
 
-Answers are distinguished by identifier: a late or lost one ages its own motor's state and never counts for another's.
-`requests` finds out which command each answer belongs to, and `round_trip` when its sample was taken. The newest
-feedback of every motor is decoded, judged and stamped.
+Replies are distinguished by CAN id: a late or lost reply only makes its own motor's state older. `requests` matches
+replies to commands, and `round_trip` estimates when the motor took the sample. The newest feedback of every motor is
+decoded, checked for plausibility and timestamped.
 """
 
 import math
@@ -22,36 +22,36 @@ from lerobot_robot_yam.damiao.reply_matching import Request, Requests
 from lerobot_robot_yam.damiao.round_trip import RoundTrip
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
 
-_NO_STATE = 0x10  # first bytes below this carry no state: feedback of a disabled motor, or a register's answer
-# Position, velocity, torque, two temperatures, when sampled, when asked, position and velocity before; in that order.
+_NO_STATE = 0x10  # first data bytes below this contain no state: feedback of a disabled motor, or a register reply
+# Position, velocity, torque, two temperatures, time of sampling, time of the request, previous position and velocity.
 _NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, -math.inf, -math.inf, math.nan, math.nan)
 
 
 class FeedbackStore:
     """Newest feedback per motor, in motor coordinates.
 
-    `take` works on tuples, since storing one float into an array costs more than decoding the frame;
-    `publish` turns them into arrays of shape (n,), new ones each time, so that a reader may keep them.
+    `take` works on tuples, since storing one float into an array costs more than decoding the frame.
+    `publish` converts the tuples to new arrays of shape (n,), so that a reader may keep them.
 
     Args:
         types: types of the motors.
-        turns: per motor, whether it may turn beyond the range of the wire, and is followed there.
+        turns: per motor, whether it may rotate beyond the position range of the frames, so that readings are unwrapped.
 
     Attributes:
-        position_rad, velocity_rad_s, torque_nm: state; a motor that turns is unwrapped from its first reading.
+        position_rad, velocity_rad_s, torque_nm: state; positions of motors with `turns` are unwrapped.
         temp_mos_c, temp_rotor_c: temperatures of power stage and coil, °C.
-        stamp_s: when the motor has sampled its state (the clock's time), -inf before the first reply.
+        stamp_s: when the motor sampled its state (the chain's clock), -inf before the first reply.
         before_rad, before_rad_s: position and speed of the previous sample, NaN at first.
-        asked_s: when the command was sent that the state answers.
+        asked_s: when the command was sent to which the state is the reply.
         fault: fault code, see `tables.Fault`.
-        distrusted: whether the motor's readings are impossible and not used any more.
+        distrusted: whether the motor's readings are implausible and no longer used.
         all_normal: whether all motors are enabled, trusted and without a fault.
     """
 
     def __init__(self, types: Sequence[str], turns: Sequence[bool]):
         self._ranges = [ranges_of(name) for name in types]
         rows = [motor_type(name) for name in types]
-        # Half of the range that the wire carries positions modulo.
+        # Half of the range at which positions in frames wrap around.
         self._half = [row.position_max_rad if turning else math.inf for row, turning in zip(rows, turns, strict=True)]
         self._judge = Plausibility(rows, turns)
         count = len(rows)
@@ -59,20 +59,20 @@ class FeedbackStore:
         self._fault: list[int] = [Fault.DISABLED] * count
         self._normal: list[int] = [Fault.NORMAL] * count
         self._turn_rad = [0.0] * count
-        self._fresh = [True] * count  # whether the next reading sets the turn
+        self._fresh = [True] * count  # whether the next reading starts unwrapping anew
         self.publish()
 
     def take(
         self, index: int, data: bytes, asked_s: float, sampled_s: float, latest_s: float, arrived_s: float
     ) -> None:
-        """Decode one feedback frame, 8 bytes, of motor number `index`; use it if possible. Hot: once per frame.
+        """Decode one feedback frame, 8 bytes, of the motor with index `index`, and use it if it is plausible. Hot.
 
-        A motor that turns is assumed to have gone the shorter way round between two readings; its first reading is used
-        as it is.
+        A motor with `turns` is assumed to have turned the shorter way round between two readings; its first reading is
+        not unwrapped.
 
         Args:
-            asked_s, arrived_s: when the command was sent that the frame answers, and when the frame arrived.
-            sampled_s, latest_s: when the motor sampled its state: most likely, and at the latest.
+            asked_s, arrived_s: when the command was sent to which the frame is the reply, and when the frame arrived.
+            sampled_s, latest_s: most likely and latest time at which the motor sampled its state.
         """
         _, fault, position, velocity, torque, mos, rotor = unpack_feedback(self._ranges[index], data)
         turn, half = self._turn_rad[index], self._half[index]
@@ -92,9 +92,9 @@ class FeedbackStore:
         self._newest[index] = (position, velocity, torque, mos, rotor, sampled_s, asked_s, *before)
 
     def assume(self, position_rad: np.ndarray, velocity_rad_s: np.ndarray, sampled_s: np.ndarray) -> None:
-        """Assume positions of motors when they were last heard, (n,) in motor coordinates.
+        """Assume the positions that motors had at their last known samples, (n,) in motor coordinates.
 
-        Motors count as there until they answer, and their first answers are judged by these positions.
+        These positions are the motors' state until they reply, and their first readings are compared with them.
         """
         rows = zip(position_rad.tolist(), velocity_rad_s.tolist(), sampled_s.tolist(), strict=True)
         for index, (q, dq, at_s) in enumerate(rows):
@@ -106,25 +106,25 @@ class FeedbackStore:
         self.publish()
 
     def restart(self, motors: Iterable[int] | None = None) -> None:
-        """Accept the next reading of these motors (default: all) as it is, on any turn, however far off."""
+        """Accept the next reading of these motors (default: all) without a check, and restart unwrapping."""
         chosen = range(len(self._ranges)) if motors is None else list(motors)
         self._judge.restart(chosen)
         for index in chosen:
             self._turn_rad[index], self._fresh[index] = 0.0, True
 
     def believe(self, motors: Iterable[int]) -> None:
-        """Accept the next readings of these motors, however far off: limp joints may have been moved."""
+        """Accept the next readings of these motors without a check: limp joints may have been moved."""
         self._judge.restart(motors)
 
     def distrust(self, motors: Sequence[int], position_rad: np.ndarray) -> None:
-        """Use no readings of these motors until `restart`; assume position_rad, of (n,) in all, for them."""
+        """Reject all readings of these motors until `restart`; set their positions from position_rad (all n motors)."""
         self._judge.distrust(motors)
         for index in motors:
             self._newest[index] = (float(position_rad[index]), 0.0, *self._newest[index][2:])
         self.publish()
 
     def adopt(self, other: "FeedbackStore", motors: Iterable[int]) -> None:
-        """Copy the state of these motors from another store, and judge their next readings by it."""
+        """Copy the state of these motors from another store, and compare their next readings with it."""
         chosen = list(motors)
         self.restart(chosen)
         for i in chosen:
@@ -140,7 +140,7 @@ class FeedbackStore:
         return np.array(self._judge.rejected)
 
     def publish(self) -> None:
-        """Publish the newest state in the arrays."""
+        """Copy the newest state to the arrays."""
         state = np.array(self._newest).reshape(-1, len(_NOTHING)).T.copy()
         self.position_rad, self.velocity_rad_s, self.torque_nm = state[0], state[1], state[2]
         self.temp_mos_c, self.temp_rotor_c, self.stamp_s, self.asked_s = state[3], state[4], state[5], state[6]
@@ -151,14 +151,14 @@ class FeedbackStore:
 
 
 class Receiver:
-    """Receiving half of a `chain.MotorChain`, which documents the counters.
+    """Receiving half of a `chain.MotorChain`, whose documentation covers the counters.
 
     Attributes:
         feedback: newest feedback of the motors.
-        trial: another store that gets the same frames, or None.
-        requests: questions that are open.
+        trial: second store that gets the same frames, or None.
+        requests: open requests.
         round_trip: delays of the adapter.
-        late_registers: number of register replies that were given up and may still come.
+        late_registers: number of register replies that timed out and may still arrive.
     """
 
     def __init__(self, port: BusPort, motors: Sequence[MotorSpec], encoder: HandleEncoder | None):
@@ -176,16 +176,16 @@ class Receiver:
         self.error_frames = 0
 
     def new_store(self) -> FeedbackStore:
-        """Make a store for these motors in which nothing is known yet."""
+        """Create a store for these motors, without any state."""
         return FeedbackStore([spec.type for spec in self._motors], [spec.turns for spec in self._motors])
 
     def drain(self) -> None:
-        """Process everything that has already arrived, without waiting."""
+        """Process all frames that have already arrived, without waiting."""
         while (message := self._port.recv(0.0)) is not None:
             self.accept(message)
 
     def take_answers(self, request: Request, deadline_s: float) -> None:
-        """Process frames until all answers to a request have come, or until `deadline_s` (the clock's time)."""
+        """Process frames until all replies to a request have arrived, or until `deadline_s` (the chain's clock)."""
         clock = self._port.clock
         while request.missing:
             remaining_s = deadline_s - clock.now()
@@ -196,7 +196,7 @@ class Receiver:
                 return
 
     def frames(self, deadline_s: float) -> Iterator[can.Message]:
-        """Yield frames as they arrive, until `deadline_s` (the clock's time); the caller hands them to `accept`."""
+        """Yield frames as they arrive, until `deadline_s` (the chain's clock); the caller passes them to `accept`."""
         clock = self._port.clock
         while (remaining_s := deadline_s - clock.now()) > 0.0:
             message = self._port.recv(remaining_s)
@@ -215,7 +215,7 @@ class Receiver:
             self._accept_other(message)
             return
         if data[0] < _NO_STATE and decode_reply(bytes(data)) is not None:
-            # As feedback such a frame would mean -12.5 rad, or one more turn. No joint comes below -11.7 rad.
+            # Decoded as feedback, such a frame would mean -12.5 rad, or one more turn. Joints stay above -11.7 rad.
             if self.late_registers:
                 self.late_registers -= 1
             else:

@@ -1,8 +1,8 @@
-"""Damiao register protocol on identifier 0x7FF: requests, replies and the register table. Pure, no I/O.
+"""Damiao register protocol on CAN id 0x7FF: requests, replies and the register table. Pure, no I/O.
 
 Request: motor id (2 bytes, little-endian), opcode, register, value (4 bytes, little-endian).
-Reply, on the motor's MST_ID: the same layout with the present value. A feedback frame can look the same by
-chance, so a reply is only meaningful for an outstanding request.
+Reply, sent to the motor's MST_ID: the same layout, with the current value. A feedback frame can have the same bytes by
+chance, so a frame may only be decoded as a reply while a request is outstanding.
 Sources: DM_Control_Python, python-damiao-driver, motorbridge, I2RT driver v1.2.4.
 """
 
@@ -30,7 +30,7 @@ class Opcode(IntEnum):
 
 
 class Register(IntEnum):
-    """Register by number (byte 3): kind of the four bytes, whether it can be written, unit ("" if none)."""
+    """Register number (byte 3), with the type of its four bytes, whether it is writable, and its unit ("": none)."""
 
     kind: Literal["float", "uint32"]
     writable: bool
@@ -84,7 +84,7 @@ class Register(IntEnum):
     K2 = 53, "float", False, ""
     M_OFF = 54, "float", False, ""
     DIR = 55, "float", False, ""
-    M_OFF_MOTOR = 56, "float", False, ""  # m_off on the motor's side
+    M_OFF_MOTOR = 56, "float", False, ""  # m_off on the motor side of the gear
     IMAX = 59, "float", False, "A"
     VBUS = 60, "float", False, "V"
     TPCB = 61, "float", False, "°C"
@@ -100,7 +100,7 @@ REGISTERS = {register.value: register for register in Register}
 
 
 class RegisterFrame(NamedTuple):
-    """Decoded request or reply. A request's `register` may be unknown; `value` is None unless the request writes."""
+    """Decoded request or reply. In requests, `register` may be unknown, and `value` is None except in writes."""
 
     motor_id: int
     opcode: int
@@ -109,7 +109,7 @@ class RegisterFrame(NamedTuple):
 
 
 def register_row(register: int) -> Register:
-    """Return the row of a register number. Raises ConfigError: Damiao motors have no such register."""
+    """Return the register with this number. Raises ConfigError: Damiao motors have no such register."""
     try:
         return REGISTERS[register]
     except KeyError:
@@ -117,13 +117,13 @@ def register_row(register: int) -> Register:
 
 
 def encode_read(motor_id: int, register: int) -> bytes:
-    """Encode a question to motor `motor_id` for a register, 8 bytes for identifier 0x7FF."""
+    """Encode a request to read a register of motor `motor_id`, 8 bytes for CAN id 0x7FF."""
     register_row(register)
     return _HEADER.pack(motor_id, Opcode.READ, register, _ZEROS)
 
 
 def encode_write(motor_id: int, register: int, value: float) -> bytes:
-    """Encode a write to a register in the motor's RAM; after `encode_store` the value survives a power cycle.
+    """Encode a write to a register in the motor's RAM; `encode_store` makes the value survive a power cycle.
 
     Raises:
         ConfigError: the register is unknown or read-only, or cannot hold the value.
@@ -135,17 +135,17 @@ def encode_write(motor_id: int, register: int, value: float) -> bytes:
 
 
 def encode_store(motor_id: int) -> bytes:
-    """Encode a command that stores all registers of the motor to flash."""
+    """Encode a command that stores all registers of the motor in flash."""
     return _HEADER.pack(motor_id, Opcode.STORE, 1, _ZEROS)
 
 
 def encode_refresh(motor_id: int) -> bytes:
-    """Encode a question for a feedback frame; commands no motion and enables nothing."""
+    """Encode a request for a feedback frame; it neither enables the motor nor commands motion."""
     return _HEADER.pack(motor_id, Opcode.REFRESH, 0, _ZEROS)
 
 
 def decode_request(data: bytes) -> RegisterFrame | None:
-    """Decode the request in a 0x7FF frame, as a motor does; return None for any other frame."""
+    """Decode a 0x7FF frame as a motor does; return None if the frame is no valid request."""
     if not 4 <= len(data) <= 8:
         return None
     motor_id, opcode, register, raw = _HEADER.unpack(bytes(data).ljust(8, b"\x00"))
@@ -157,12 +157,12 @@ def decode_request(data: bytes) -> RegisterFrame | None:
 
 
 def encode_reply(motor_id: int, opcode: int, register: int, value: float) -> bytes:
-    """Encode a motor's answer to a read or write, with the present value."""
+    """Encode a motor's reply to a read or write, with the current value."""
     return _HEADER.pack(motor_id, opcode, register, encode_value(register, value))
 
 
 def decode_reply(data: bytes) -> RegisterFrame | None:
-    """Decode a read or write reply; return None when the frame is none, but feedback."""
+    """Decode the reply to a read or write; return None if the frame is not such a reply but feedback."""
     if len(data) != 8 or data[1] > 7 or data[2] not in (Opcode.READ, Opcode.WRITE) or data[3] not in REGISTERS:
         return None
     motor_id, opcode, register, raw = _HEADER.unpack(data)
@@ -170,9 +170,9 @@ def decode_reply(data: bytes) -> RegisterFrame | None:
 
 
 def encode_value(register: int, value: float) -> bytes:
-    """Encode a value as the register's four little-endian bytes. Raises ConfigError: unknown register, wrong value."""
+    """Encode a value as the register's four little-endian bytes. Raises ConfigError: unknown register or bad value."""
     row = register_row(register)
-    with contextlib.suppress(OverflowError, ValueError, TypeError, struct.error):  # too large, NaN, no number
+    with contextlib.suppress(OverflowError, ValueError, TypeError, struct.error):  # too large, NaN, not a number
         if row.kind == "float":
             if math.isfinite(value):
                 return _FLOAT.pack(value)
@@ -183,12 +183,12 @@ def encode_value(register: int, value: float) -> bytes:
 
 
 def decode_value(register: int, raw: bytes) -> float | int:
-    """Decode the value of a register's four bytes: float or int by the register's kind."""
+    """Decode a register's four bytes to a float or int, according to the register's kind."""
     packer = _FLOAT if register_row(register).kind == "float" else _UINT
     value: float | int = packer.unpack(raw)[0]
     return value
 
 
 def agrees(found: float | None, expected: float | None) -> bool:
-    """Return whether a float register holds a value; motors have float32, our constants are rounded. None: unknown."""
+    """Return whether a float32 register value equals a rounded constant; False if either is None (unknown)."""
     return found is not None and expected is not None and math.isclose(found, expected, rel_tol=1e-4)

@@ -1,43 +1,43 @@
-"""Matching of answers to the commands that they belong to.
+"""Matching of replies to requests.
 
-An answer does not name its command. Three rules find the command, whatever time an adapter takes either way:
+A reply does not state its command. Three rules find the command for any adapter delay in either direction:
 
-1. A motor answers in the order of its questions, so an answer belongs to the motor's oldest open question.
-2. A wire keeps the order of ticks. Once a motor has answered tick k, answers that are owed for earlier ticks are lost.
-3. A channel that has lost whole ticks looks like one that has become slow. So, when every motor has owed more than
-   before for a while, the first motor is not asked for some ticks: if its answers end before all owed ones came, the
-   rest is lost, and rule 2 gives up the others' owed answers. A single motor that owes more than the others is
-   left out of one tick; rule 2 then gives up what it owes.
+1. A motor replies in the order of its requests, so a reply belongs to the motor's oldest open request.
+2. The wire keeps the order of ticks. Once a motor has replied to tick k, replies still owed for earlier ticks are lost.
+3. A channel that has lost whole ticks looks like a channel that has become slower. So, when every motor has owed more
+   replies than before for a while, the first motor gets no requests for some ticks. If its replies end before all owed
+   ones have come, the rest are lost, and by rule 2 the other motors' owed replies are lost, too. A single motor that
+   owes more replies than the others is left out of one tick; rule 2 then clears its owed replies.
 
-While a loss may be a delay, an answer counts for the older question, so that its sample may seem too old, but never too
-new.
+While it is unknown whether replies are lost or delayed, a reply counts for the older request. Its sample may then seem
+too old, but never too new.
 """
 
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 
-_OPEN_MAX = 128  # most open questions per motor: 0.5 s at 250 Hz; silence for so long is a fault
-_BEHIND_TICKS = 2  # ticks in a row in which a motor owes more than the others before it is left out
-_APART_TICKS, _APART_MAX_TICKS = 8, 128  # least and most ticks between two that leave out the same motor
-_SLOW_TICKS = 50  # ticks in a row in which all owe more than before, until the first motor rests
-_ENDED_TICKS = 4  # ticks in a row with answers of others only, after which the resting motor's have ended
-_REST_TICKS = 30  # longest rest, ticks (0.12 s): a motor without commands lets go after 0.4 s
+_OPEN_MAX = 128  # maximum number of open requests per motor: 0.5 s at 250 Hz; a longer silence is a fault
+_BEHIND_TICKS = 2  # consecutive ticks in which a motor owes more replies than the others before it is left out
+_APART_TICKS, _APART_MAX_TICKS = 8, 128  # minimum and maximum interval at which the same motor is left out, ticks
+_SLOW_TICKS = 50  # consecutive ticks in which all motors owe more than before until the first motor rests
+_ENDED_TICKS = 4  # consecutive ticks with replies of other motors only after which the resting motor's have ended
+_REST_TICKS = 30  # maximum rest, ticks (0.12 s): without commands a motor goes limp after 0.4 s
 
 
 class Request:
-    """Question to several motors.
+    """Request to several motors.
 
     Attributes:
-        number: number of the question, counted up.
-        asked: number of motors that were asked.
-        motors: indices of motors that have not answered.
-        handle: whether the handle was asked and has not answered.
-        sent_s: when the question was sent (the chain's clock).
-        paced: whether there were pauses between the motors, so that `sent_s` holds for the first only.
+        number: sequence number of the request.
+        asked: number of motors that got the request.
+        motors: indices of motors that have not replied yet.
+        handle: whether the handle got the request and has not replied yet.
+        sent_s: when the request was sent (the chain's clock).
+        paced: whether there were pauses between the motors, so that `sent_s` is valid for the first motor only.
 
     Args:
-        patient: whether to wait for the handle, too.
+        patient: whether to wait for the handle's reply.
     """
 
     __slots__ = ("_patient", "asked", "handle", "motors", "number", "paced", "sent_s")
@@ -53,18 +53,18 @@ class Request:
 
     @property
     def missing(self) -> int:
-        """Number of answers that are awaited."""
+        """Number of replies to wait for."""
         return len(self.motors) + (self.handle and self._patient)
 
 
 class Requests:
-    """Open questions to `count` motors.
+    """Open requests to `count` motors.
 
     Attributes:
-        newest: the last question.
-        heard: indices of motors that have answered since the caller last cleared the set.
-        duplicates: per motor, number of answers to no question.
-        lost: per motor, number of answers that never came.
+        newest: the last request.
+        heard: indices of motors that have replied since the caller last cleared the set.
+        duplicates: per motor, number of replies without a request.
+        lost: per motor, number of replies that never arrived.
     """
 
     def __init__(self, count: int):
@@ -73,32 +73,32 @@ class Requests:
         self.duplicates = [0] * count
         self.lost = [0] * count
         self._open: list[deque[Request]] = [deque() for _ in range(count)]
-        self._answered = 0  # number of the newest question that any motor has answered
+        self._answered = 0  # number of the newest request to which any motor has replied
         self._handle_silent = False
-        self._behind = [0] * count  # per motor: ticks in a row in which the motor owes more answers than others
-        self._left_out = [0] * count  # number of the last question that left out this motor
+        self._behind = [0] * count  # per motor: consecutive ticks in which it owes more replies than others
+        self._left_out = [0] * count  # per motor: number of the last request that left it out
         self._apart = [_APART_TICKS] * count
-        self._usual = 0  # answers that every motor owes when asked again: more on a slow adapter
+        self._usual = 0  # replies that every motor owes at the next request: more with a slow adapter
         self._slow_ticks = 0
-        self._losses = 0  # losses of all motors, a tick ago
-        # While the first motor rests (rule 3): what it owed a tick ago, the question that was answered then, for how
-        # many ticks its answers have ended, and for how many it has not been asked.
+        self._losses = 0  # losses of all motors, as of the previous tick
+        # While the first motor rests (rule 3): number of replies that it owed a tick ago; newest answered request at
+        # that time; ticks since its replies ended; ticks for which it has been resting.
         self._rest: tuple[int, int, int, int] | None = None
         self._losses_of_first = 0  # losses of the first motor before its rest
 
     def absent(self) -> Sequence[int]:
-        """Return motors to leave out of the next tick, to learn whose answers come (rule 3)."""
+        """Return the motors to leave out of the next tick, to find out whose replies are lost (rule 3)."""
         owed = [len(waiting) for waiting in self._open]
         if self._rest is not None:
             return [0] if self._go_on_resting(owed[0]) else ()
-        if max(owed) == 0 == self._usual:  # nearly always
+        if max(owed) == 0 == self._usual:  # the usual case
             self._slow_ticks = 0
             return ()
         number = self.newest.number + 1
         losses, self._losses = self._losses, sum(self.lost)
-        if losses != self._losses:  # losses explain what is owed, and end without a rest
+        if losses != self._losses:  # the losses explain the owed replies, so no rest is needed
             self._slow_ticks = 0
-        least = min(owed[1:] or owed)  # after a rest the first one owes less
+        least = min(owed[1:] or owed)  # without the first motor, which owes fewer replies after a rest
         if len(owed) > 1:
             self._usual = min(self._usual, least)
         self._slow_ticks = self._slow_ticks + 1 if least > self._usual else 0
@@ -110,7 +110,7 @@ class Requests:
         return [0]
 
     def _go_on_resting(self, owed: int) -> bool:
-        """Process a tick in which the first motor rested; return whether to leave it out of the next one, too."""
+        """Process a tick in which the first motor rested; return whether to leave this motor out of the next tick."""
         assert self._rest is not None
         before, answered, ended, ticks = self._rest
         if owed != before:
@@ -122,13 +122,13 @@ class Requests:
             self._give_up(0)
         if self._open[0] and ticks < _REST_TICKS:
             return True
-        if self._open[0] or self.lost[0] > self._losses_of_first:  # else all its answers came, and the channel is slow
+        if self._open[0] or self.lost[0] > self._losses_of_first:  # else no reply was lost: the channel is slow
             self._usual = 0
         self._rest = None
         return False
 
     def _is_behind(self, motor: int, owes_more: bool, number: int) -> bool:
-        """Return whether to leave out a motor that owes more than the others; less and less often if in vain."""
+        """Return whether to leave out a motor that owes more than the others; after each time, the interval doubles."""
         if not owes_more:
             self._behind[motor] = 0
             if number - self._left_out[motor] > 2 * self._apart[motor]:
@@ -142,9 +142,9 @@ class Requests:
         return True
 
     def begin(self, motors: Iterable[int], handle: bool, repeats: int) -> Request:
-        """Register a question that every motor answers `repeats` times."""
+        """Register a request to which every motor replies `repeats` times."""
         asked = list(motors)
-        # A silent handle must not delay every tick: its answer is awaited only while it answers.
+        # A silent handle must not delay every tick: its reply is awaited only if it replied to the previous request.
         request = Request(self.newest.number + 1, asked, handle, not self._handle_silent)
         for i in asked:
             waiting = self._open[i]
@@ -157,14 +157,14 @@ class Requests:
         return request
 
     def answer(self, index: int) -> Request | None:
-        """Note an answer of a motor; return its question, None when the motor was not asked. Hot: once per frame."""
+        """Record a motor's reply; return its request, None if the motor got none. Hot: once per frame."""
         waiting = self._open[index]
         if not waiting:
             self.duplicates[index] += 1
             return None
         self.heard.add(index)
         request = waiting.popleft()
-        if request.number > self._answered:  # the first answer to a question ends earlier ones (rule 2)
+        if request.number > self._answered:  # the first reply to a request closes earlier requests (rule 2)
             self._answered = request.number
             for i, others in enumerate(self._open):
                 while others and others[0].number < request.number:
@@ -174,7 +174,7 @@ class Requests:
         return request
 
     def withdraw(self) -> None:
-        """Note that the newest question was not sent, or not to all motors."""
+        """Record that the newest request was not sent, or not to all motors."""
         for i, waiting in enumerate(self._open):
             if waiting and waiting[-1] is self.newest:
                 waiting.pop()
@@ -182,11 +182,11 @@ class Requests:
 
     @property
     def owed(self) -> bool:
-        """Whether any answer is still to come."""
+        """Whether any reply is still expected."""
         return any(self._open)
 
     def forget(self) -> None:
-        """Count answers that have not come by now as lost."""
+        """Count replies that have not arrived by now as lost."""
         for i in range(len(self._open)):
             self._give_up(i)
 
@@ -195,12 +195,12 @@ class Requests:
         self._open[motor].clear()
 
     def handle_answer(self) -> None:
-        """Note that the handle has answered."""
+        """Record that the handle has replied."""
         self._handle_silent = False
         self.newest.handle = False
 
     def give_up_handle(self) -> bool:
-        """Note that the handle has not answered in time; return whether it was asked."""
+        """Record a missing reply of the handle; return whether the handle had got a request."""
         silent = self.newest.handle
         self._handle_silent |= silent
         return silent

@@ -1,8 +1,8 @@
-"""Constants of Damiao motors: ranges per type, fault codes, identifiers, wire constants.
+"""Constants of Damiao motors: value ranges per type, fault codes, CAN ids, bus timing.
 
-Source of every number: I2RT driver v1.2.4 for ranges and fault codes; DM_Control_Python and
-python-damiao-driver for the register identifier and the watchdog count; Damiao's manuals and I2RT's readings (driver
-v1.3.6) for the gear ratios.
+Sources: I2RT driver v1.2.4 for ranges and fault codes; DM_Control_Python and python-damiao-driver for the register
+id and the unit of the watchdog register; Damiao's manuals and register values read by I2RT (driver v1.3.6) for the
+gear ratios.
 """
 
 import math
@@ -14,20 +14,20 @@ from lerobot_robot_yam.errors import ConfigError
 BITRATE = 1_000_000  # bit/s, classic CAN
 BITS_PER_FRAME = 130  # an 8-byte frame with an 11-bit identifier and worst-case bit stuffing
 FRAME_TIME_S = BITS_PER_FRAME / BITRATE
-BANDWIDTH_MARGIN = 1.1  # margin of the wire's load: load <= bitrate / margin
+BANDWIDTH_MARGIN = 1.1  # safety factor: bus load <= bitrate / margin
 
 REGISTER_ID = 0x7FF  # all register requests go to this identifier
-TIMEOUT_COUNT_S = 50e-6  # one count of the TIMEOUT register
-WATCHDOG_S = 0.4  # time without a command after which a motor lets go; factory value (8000 counts)
+TIMEOUT_COUNT_S = 50e-6  # unit of the TIMEOUT register
+WATCHDOG_S = 0.4  # time without a command after which a motor goes limp; factory setting (8000 counts)
 
-# Identifier offsets of the command modes; MIT commands use the motor's own identifier.
+# Offsets from motor id to CAN id, per command mode; MIT commands use the motor id itself.
 POSITION_VELOCITY_OFFSET = 0x100
 VELOCITY_OFFSET = 0x200
 FORCE_POSITION_OFFSET = 0x300
 
 
 class Fault(IntEnum):
-    """Fault code (high nibble of a feedback frame), with a text. Only NORMAL means that the motor obeys commands."""
+    """Fault code (high nibble of a feedback frame) with its text. A motor obeys commands only in state NORMAL."""
 
     text: str
 
@@ -51,7 +51,7 @@ _FAULT_TEXT = {fault.value: fault.text for fault in Fault}
 
 
 def fault_text(code: int) -> str:
-    """Describe a fault code, for messages: `0xD communication lost …`."""
+    """Format a fault code for messages: `0xD communication lost …`."""
     return f"0x{code:X} {_FAULT_TEXT.get(code, 'unknown code')}"
 
 
@@ -65,7 +65,7 @@ class ControlMode(IntEnum):
 
 
 class ReceiveMode(StrEnum):
-    """Rule for the identifier of a motor's answers (its MST_ID register)."""
+    """Rule that gives the CAN id of a motor's replies (its MST_ID register)."""
 
     P16 = "p16"
     SAME = "same"
@@ -73,7 +73,7 @@ class ReceiveMode(StrEnum):
     PLUS_ONE = "plus_one"
 
     def feedback_id(self, motor_id: int) -> int:
-        """Return the CAN identifier of the feedback frames of motor `motor_id`."""
+        """Return the CAN id of the feedback frames from motor `motor_id`."""
         if self is ReceiveMode.ZERO:
             return 0
         return motor_id + {ReceiveMode.P16: 16, ReceiveMode.SAME: 0}.get(self, 1)
@@ -81,13 +81,12 @@ class ReceiveMode(StrEnum):
 
 @dataclass(frozen=True)
 class MotorType:
-    """Type of motor with the ranges that scale the packed frames: values lie in [-max, max], gains in [0, max].
+    """Motor type with the ranges that scale its frames: values are in [-max, max], gains in [0, max].
 
-    The ranges equal the registers PMAX, VMAX and TMAX of the motor; with other numbers every decoded
-    value would be scaled wrongly. Gains in Nm/rad and Nm s/rad. The gear ratio (register GR) is read-only and built in:
-    it identifies the motor; None where it is not published. The rotor's inertia, seen at the output, is
-    that of google-deepmind/mujoco_menagerie (i2rt_yam); for the DM3507 and the DM6248 it is an estimate from those by
-    size and gear.
+    The ranges equal the motor's registers PMAX, VMAX and TMAX; with other ranges every decoded value would be scaled
+    wrongly. Gains are in Nm/rad and Nm s/rad. The gear ratio (register GR) is read-only and thus identifies the motor
+    type; None: not published. The rotor inertia, reflected to the output, is from google-deepmind/mujoco_menagerie
+    (i2rt_yam); for the DM3507 and the DM6248 it is estimated from those values by size and gear ratio.
     """
 
     name: str
@@ -101,7 +100,7 @@ class MotorType:
 
     @property
     def acceleration_max_rad_s2(self) -> float:
-        """Acceleration of the bare rotor under its largest torque; a load makes it slower."""
+        """Acceleration of the rotor without load under maximum torque; infinite if the inertia is unknown."""
         return self.torque_max_nm / self.rotor_inertia_kg_m2 if self.rotor_inertia_kg_m2 else math.inf
 
 
@@ -122,7 +121,7 @@ MOTOR_TYPES: dict[str, MotorType] = {
 
 
 def motor_type(name: str) -> MotorType:
-    """Return the row of motor type `name`. Raises ConfigError: no such type."""
+    """Return the motor type called `name`. Raises ConfigError: no such type."""
     try:
         return MOTOR_TYPES[name]
     except KeyError:

@@ -1,4 +1,4 @@
-"""Access to a teaching handle on a bus that nobody drives: its reports, and its settings, verified.
+"""Access to a teaching handle on a bus that no program drives: its reports, and its settings with verification.
 
 The device acknowledges no setting, so each setting is read back.
 """
@@ -30,20 +30,20 @@ from lerobot_robot_yam.damiao.handle_encoder import (
 from lerobot_robot_yam.errors import ConfigError, MotorError
 
 _ANSWER_S = 0.1
-_SETTING_S = 0.1  # time in which the device writes its EEPROM
+_SETTING_S = 0.1  # time that the device needs to write its EEPROM, s
 _STILL_S, _STILL_RAD = 0.3, 0.02
 ZERO_RAD = 0.01
-"""A released trigger that was zeroed reads within this of 0; half a degree."""
+"""Maximum reading of a released trigger after zeroing, rad: half a degree."""
 
 
 class HandleAccess:
-    """Access to the only handle of a channel.
+    """Access to the only handle on a channel.
 
     Raises (every method):
-        BusError: the channel is gone.
+        BusError: the channel is lost.
 
     Args:
-        bus: open bus that nobody else drives.
+        bus: open bus that no other program drives.
         channel: the channel's name, for messages.
     """
 
@@ -56,7 +56,7 @@ class HandleAccess:
         """Read the firmware version of the only handle.
 
         Raises:
-            MotorError: no handle answers, or several devices do, as on a leader without motors.
+            MotorError: no handle replies, or several devices do, as on a leader without motors.
         """
         version = ask_handle(self._port, encode_version_request(), decode_version, _ANSWER_S)
         if version is None:
@@ -73,12 +73,12 @@ class HandleAccess:
         return version
 
     def devices(self) -> list[int]:
-        """Return the numbers of encoders that answer: one for a handle, more for a leader without motors."""
+        """Return the numbers of the encoders that reply: one for a handle, several for a leader without motors."""
         self._send(encode_version_request())
         return sorted({data[0] for data in self._frames(REQUEST_ID, _ANSWER_S) if decode_version(data)})
 
     def report(self) -> HandleReport:
-        """Read trigger and buttons. Raises MotorError: the handle does not report them."""
+        """Read trigger and buttons. Raises MotorError: the handle sends no report."""
         request = encode_report_request()
         report = ask_handle(self._port, request, _report, _ANSWER_S, REPORT_ID)
         if report is None:
@@ -86,22 +86,22 @@ class HandleAccess:
         return report
 
     def eeprom(self, offset: int) -> int:
-        """Read one byte of the handle's EEPROM. Raises MotorError: the handle does not report it."""
+        """Read one byte of the handle's EEPROM. Raises MotorError: the handle does not reply."""
         value = ask_handle(self._port, encode_eeprom_read(offset), decode_eeprom_byte, _ANSWER_S)
         if value is None:
             raise MotorError(f"{self.channel}: the teaching handle does not tell EEPROM byte {offset}")
         return value
 
     def report_frequency(self) -> int:
-        """Read how often the handle reports by itself, Hz; 0: only on request."""
+        """Read the frequency at which the handle reports without requests, Hz; 0: only on request."""
         return decode_frequency(self.eeprom(EEPROM_REPORT_FREQUENCY_LOW), self.eeprom(EEPROM_REPORT_FREQUENCY_HIGH))
 
     def set_report_frequency(self, hz: int) -> None:
-        """Set the report frequency, unless it is set already, and read it back.
+        """Set the report frequency, unless it is already set, and verify it.
 
         Raises:
-            ConfigError: the frequency is not 0 to 600 Hz.
-            MotorError: the handle did not take it.
+            ConfigError: the frequency is outside 0 … 600 Hz.
+            MotorError: the handle reports another frequency afterwards.
         """
         if not 0 <= hz <= REPORT_FREQUENCY_MAX_HZ:
             raise ConfigError(f"a handle reports 0 to {REPORT_FREQUENCY_MAX_HZ} times a second, not {hz}")
@@ -117,7 +117,7 @@ class HandleAccess:
             )
 
     def set_zero(self) -> None:
-        """Make the trigger's position zero; the trigger must be released and still.
+        """Make the trigger's current position zero; the trigger must be released and still.
 
         Raises:
             MotorError: the trigger moves, or does not read 0 afterwards.

@@ -1,4 +1,4 @@
-"""All registers of one motor: reads, compares and changes them in RAM, and stores them so that no others change."""
+"""All registers of one motor: read, compare, change in RAM, and store in flash without side effects on others."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -10,15 +10,15 @@ from lerobot_robot_yam.damiao.tables import Fault, fault_text
 from lerobot_robot_yam.errors import BusError, MotorError
 
 Contents = dict[Register, float | int]
-"""What a motor's registers hold; those that it does not tell are missing."""
+"""Register -> value of a motor; registers that the motor does not report are missing."""
 
 MEASURED = frozenset({Register.VBUS, Register.TPCB, Register.TMTR, Register.P_M, Register.XOUT})
-"""Registers that show a measurement: they change by themselves."""
-_UNUSED_GAINS = (500.0, 5.0)  # gain ranges, which feedback does not use
+"""Registers that contain a measurement, so they change by themselves."""
+_UNUSED_GAINS = (500.0, 5.0)  # gain ranges, not needed to decode feedback
 
 
 class MotorState(NamedTuple):
-    """Feedback of a motor: rad, rad/s, Nm, °C."""
+    """State of a motor, from its feedback: rad, rad/s, Nm, °C."""
 
     fault: int
     position_rad: float
@@ -29,10 +29,10 @@ class MotorState(NamedTuple):
 
 
 def read_contents(access: RegisterAccess, motor_id: int) -> Contents:
-    """Read all registers that the motor reports; empty when it does not answer.
+    """Read all registers that the motor reports; empty if the motor does not reply.
 
     Raises:
-        MotorError: two motors have this id, so that their answers cannot be distinguished.
+        MotorError: two motors share this id, so their replies cannot be distinguished.
     """
     found = access.replies(motor_id, Register.ESC_ID)
     _require_one(access, motor_id, len(found))
@@ -43,7 +43,7 @@ def read_contents(access: RegisterAccess, motor_id: int) -> Contents:
 
 
 def read_state(access: RegisterAccess, motor_id: int) -> MotorState | None:
-    """Read a motor's feedback, decoded with the ranges in its registers; None when it gives none."""
+    """Read a motor's feedback, decoded with the ranges in its registers; None if the motor sends none."""
     told = [access.read(motor_id, r) for r in (Register.MST_ID, Register.PMAX, Register.VMAX, Register.TMAX)]
     if None in told:
         return None
@@ -56,10 +56,10 @@ def read_state(access: RegisterAccess, motor_id: int) -> MotorState | None:
 
 
 def require_alone(access: RegisterAccess, motor_id: int, name: str) -> None:
-    """Refuse unless exactly one motor has this id, and it answers with the identifier in its registers.
+    """Check that exactly one motor has this id, and that its replies have the id in its MST_ID register.
 
     Raises:
-        MotorError: no motor or two have the id, or answers have another identifier.
+        MotorError: no motor or two motors have the id, or replies have another id than MST_ID.
     """
     found = access.find(motor_id)
     if not found:
@@ -85,7 +85,7 @@ def _require_one(access: RegisterAccess, motor_id: int, answered: int) -> None:
 
 
 def require_limp(access: RegisterAccess, motor_id: int, name: str) -> None:
-    """Refuse to change a motor that holds something up. Raises MotorError: the motor has torque or is silent."""
+    """Check that a motor is limp, so that changes are safe. Raises MotorError: it is energised, faulty or silent."""
     state = read_state(access, motor_id)
     if state is None:
         raise MotorError(f"{access.channel}: {name} (id {motor_id}) gives no feedback; nothing was changed")
@@ -103,14 +103,14 @@ def require_limp(access: RegisterAccess, motor_id: int, name: str) -> None:
 
 
 def equal(register: Register, one: float | int, other: float | int) -> bool:
-    """Return whether both values have the same four bytes in the register."""
+    """Return whether both values are encoded as the same four bytes of the register."""
     return encode_value(register, one) == encode_value(register, other)
 
 
 def changes(
     before: Mapping[Register, float | int], after: Mapping[Register, float | int]
 ) -> dict[Register, tuple[float | int, float | int | None]]:
-    """Compare contents without measurements: register -> value before and after, None where not reported any more."""
+    """Compare contents except measurements: register -> (old value, new value; None: no longer reported)."""
     found: dict[Register, tuple[float | int, float | int | None]] = {}
     for register, old in before.items():
         new = after.get(register)
@@ -120,16 +120,16 @@ def changes(
 
 
 def put(access: RegisterAccess, wanted: Mapping[int, Contents]) -> dict[int, Contents]:
-    """Set registers of motors in RAM; a register that holds its value already is not written.
+    """Set registers of motors in RAM; registers that already have their value are not written.
 
     Args:
-        wanted: motor id -> values of registers.
+        wanted: motor id -> register values.
 
     Returns:
         Motor id -> previous values of the registers that were written.
 
     Raises:
-        MotorError, BusError: a motor did not take a value. Written values are put back, or the message names them.
+        MotorError, BusError: writing a value failed. Earlier writes are undone, or the message lists them.
     """
     written: dict[int, Contents] = {motor_id: {} for motor_id in wanted}
     try:
@@ -147,7 +147,7 @@ def put(access: RegisterAccess, wanted: Mapping[int, Contents]) -> dict[int, Con
 
 
 def put_back(access: RegisterAccess, written: Mapping[int, Contents]) -> str:
-    """Undo `put` as far as the motors answer; return a message about registers that are not put back, or ""."""
+    """Undo `put` where the motors reply; return a message that lists registers not restored, or ""."""
     left = []
     for motor_id, contents in written.items():
         for register, value in contents.items():
@@ -159,16 +159,16 @@ def put_back(access: RegisterAccess, written: Mapping[int, Contents]) -> str:
 
 
 def store(access: RegisterAccess, motor_id: int) -> list[str]:
-    """Store RAM to flash, and restore registers that this changes.
+    """Store RAM in flash, and restore registers that storing changes.
 
-    Some firmware resets other registers to their flash values when it stores one. Such registers are written and stored
-    again, as long as their number shrinks each time.
+    Some firmware, when it stores one register, resets others to their flash values. Those are written and stored
+    again, as long as their number decreases each time.
 
     Returns:
-        Names of the registers that had to be stored again.
+        Names of the registers that were stored again.
 
     Raises:
-        MotorError: the motor fell silent, or registers changed for good; the message names them.
+        MotorError: the motor fell silent or did not confirm, or registers changed permanently; the message lists them.
     """
     before = read_contents(access, motor_id)
     again: dict[Register, None] = {}

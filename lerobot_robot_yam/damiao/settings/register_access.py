@@ -1,7 +1,7 @@
-"""Registers of any motor on a bus, whatever its answers' identifier. Not for use while somebody drives the bus.
+"""Registers of any motor on a bus, whatever its MST_ID. Not for use while another program drives the bus.
 
-Unlike a `MotorChain`, this access needs no profile: an answer is recognised by the motor id, opcode and register in its
-data. `RegisterAccess.replies` returns all answers, so that two motors with the same id show as two answers.
+Unlike a `MotorChain`, this access needs no profile: a reply is recognised by the motor id, opcode and register in its
+data. `RegisterAccess.replies` returns all replies, so two motors with the same id show up as two replies.
 """
 
 import math
@@ -26,27 +26,27 @@ from lerobot_robot_yam.damiao.registers import (
 from lerobot_robot_yam.damiao.tables import REGISTER_ID
 from lerobot_robot_yam.errors import MotorError
 
-_ANSWER_S = 0.05  # time to wait for an answer: the slowest adapters take 16 ms each way
-_SECOND_S = 0.02  # time to wait for a second motor with the same id, which answers right after the first
+_ANSWER_S = 0.05  # timeout for a reply, s: the slowest adapters take 16 ms each way
+_SECOND_S = 0.02  # timeout for a second motor with the same id, s: it replies right after the first
 _ATTEMPTS = 3
-_STORE_S = 0.5  # time to wait for a motor that writes its flash
+_STORE_S = 0.5  # timeout for a motor that writes its flash, s
 
 
 class Reply(NamedTuple):
-    """Value of a register, and the CAN identifier of the answer."""
+    """Value of a register, and the CAN id of the reply."""
 
     identifier: int
     value: float | int
 
 
 class RegisterAccess:
-    """Access to registers of motors, one after the other.
+    """Access to registers of motors, one motor at a time.
 
     Raises (every method):
-        BusError: the channel is gone or takes no frames.
+        BusError: the channel is lost or accepts no frames.
 
     Args:
-        bus: open bus that nobody else drives.
+        bus: open bus that no other program drives.
         channel: the channel's name, for messages.
     """
 
@@ -55,18 +55,18 @@ class RegisterAccess:
         self.port = BusPort(bus, channel)
 
     def replies(self, motor_id: int, register: Register, attempts: int = _ATTEMPTS) -> list[Reply]:
-        """Return all answers to one question: several if two motors have this id, none if no motor has."""
+        """Return all replies to one request: several if two motors share this id, none if no motor has it."""
         return self._registers(encode_read(motor_id, register), attempts)
 
     def find(self, motor_id: int) -> list[Reply]:
-        """Return the MST_ID of each motor that has this id, and the identifier of its answer.
+        """Return the MST_ID of each motor with this id, and the CAN id of its reply.
 
-        The question is sent three times, since answers of two motors may collide on the wire and be lost.
+        The request is sent three times, since replies of two motors may collide on the wire and be lost.
         """
         return max((self.replies(motor_id, Register.MST_ID, attempts=1) for _ in range(_ATTEMPTS)), key=len)
 
     def read(self, motor_id: int, register: Register) -> float | int | None:
-        """Read a register; None when the motor or its firmware reports nothing, or no number."""
+        """Read a register; None if the motor or its firmware does not report it, or if the value is not finite."""
         for _ in range(_ATTEMPTS):
             reply = next(self._answers(encode_read(motor_id, register), _ANSWER_S), None)
             if reply is not None:
@@ -74,19 +74,19 @@ class RegisterAccess:
         return None
 
     def write(self, motor_id: int, register: Register, value: float) -> None:
-        """Set a register in RAM. Read it back later: a motor whose ids change may answer with either, or not at all.
+        """Set a register in RAM, unverified: a motor whose ids change may reply with the old or new id, or not at all.
 
         Raises:
-            ConfigError: the register is read-only, or cannot hold the value.
+            ConfigError: the register is read-only, or cannot represent the value.
         """
         next(self._answers(encode_write(motor_id, register, value), _ANSWER_S), None)
 
     def write_and_check(self, motor_id: int, register: Register, value: float) -> None:
-        """Set a register in RAM, at a motor whose id stays.
+        """Set a register in RAM and read it back, for registers other than the motor's ids.
 
         Raises:
-            MotorError: the register holds another value afterwards, or the motor is silent.
-            ConfigError: the register is read-only, or cannot hold the value.
+            MotorError: the register has another value afterwards, or the motor is silent.
+            ConfigError: the register is read-only, or cannot represent the value.
         """
         held = None
         for _ in range(_ATTEMPTS):
@@ -98,16 +98,16 @@ class RegisterAccess:
         raise MotorError(f"{self.channel}: motor {motor_id} did not take {register.name} {value:g}: it {what}")
 
     def store(self, motor_id: int) -> bool:
-        """Make a limp motor store its registers to flash; return whether it has answered.
+        """Make a limp motor store its registers in flash; return whether the motor replied.
 
-        The content of the answer is not documented, so any frame with the motor's number confirms.
+        The content of the reply is not documented, so any frame with the motor's id nibble counts.
         """
         self._drain()
         self._send(REGISTER_ID, encode_store(motor_id))
         return any(data[0] & 0xF == motor_id & 0xF for _, data in self._frames(_STORE_S))
 
     def feedback(self, motor_id: int, master_id: int) -> bytes | None:
-        """Request a feedback frame (8 bytes), without commanding motion. None when none comes."""
+        """Request a feedback frame (8 bytes) without commanding motion; None if the motor does not reply."""
         for _ in range(_ATTEMPTS):
             data = self.exchange(motor_id, master_id, REGISTER_ID, encode_refresh(motor_id), _ANSWER_S)
             if data is not None:
@@ -115,7 +115,7 @@ class RegisterAccess:
         return None
 
     def exchange(self, motor_id: int, master_id: int, identifier: int, data: bytes, timeout_s: float) -> bytes | None:
-        """Send a frame that a motor answers with feedback; return the feedback, None when none comes in time."""
+        """Send a frame to which the motor replies with feedback; return the feedback, None on timeout."""
         self._drain()
         self._send(identifier, data)
         for found, answer in self._frames(timeout_s):
@@ -128,7 +128,7 @@ class RegisterAccess:
         self._send(motor_id, command.value)
 
     def _registers(self, payload: bytes, attempts: int) -> list[Reply]:
-        """Return every answer; wait for a second one after the first."""
+        """Return every reply; after the first, wait for a second one."""
         for _ in range(attempts):
             first = next(self._answers(payload, _ANSWER_S), None)
             if first is not None:
@@ -148,7 +148,7 @@ class RegisterAccess:
                 yield Reply(identifier, reply.value)
 
     def _frames(self, timeout_s: float) -> Iterator[tuple[int, bytes]]:
-        """Yield frames of motors for `timeout_s`, without those of a handle and questions of other programs."""
+        """Yield motors' frames for `timeout_s`, skipping those of a handle and register requests of other programs."""
         deadline = self.port.clock.now() + timeout_s
         while (remaining := deadline - self.port.clock.now()) > 0.0:
             message = self.port.recv(remaining)

@@ -1,4 +1,4 @@
-"""Allowed values of registers. Source: the register tables of DM_Control_Python and python-damiao-driver."""
+"""Allowed values of registers. Source: the register tables in DM_Control_Python and python-damiao-driver."""
 
 import math
 from typing import NamedTuple
@@ -7,7 +7,7 @@ from lerobot_robot_yam.damiao.registers import REGISTERS, Register, encode_value
 from lerobot_robot_yam.errors import ConfigError
 
 _MOST_ID = 0x7FF
-_SMALLEST = 1e-6  # least value that counts as above zero
+_SMALLEST = 1e-6  # minimum of registers whose values must be above zero
 
 
 class _Range(NamedTuple):
@@ -53,10 +53,10 @@ def register_named(name: str) -> Register:
 
 
 def check_value(register: Register, value: float) -> None:
-    """Refuse values that a motor must not get.
+    """Check that a value is allowed in a register.
 
     Raises:
-        ConfigError: the register is read-only, cannot hold the value, or must not have it.
+        ConfigError: the register is read-only, cannot represent the value, or does not allow it.
     """
     if not register.writable:
         raise ConfigError(f"register {register.name} is read-only")
