@@ -7,7 +7,7 @@ a the maximum acceleration of the motor, a reading is possible if
     |v₁|  ≤  |v₀| + min(a Δt, g) + noise
 
 From one tick to the next, the bare rotor of a small motor could gain more speed than g = 2.5 rad/s, and more on average
-than u = 2 rad/s, but no joint of an arm is that light. Grippers are that light: they open and close within half a second.
+than u = 2 rad/s. No joint of an arm is that light, but a gripper is: it opens and closes within half a second.
 During a silence a hand may have snatched at a joint, which then moves up to 0.24 rad farther, at up to 5 rad/s.
 Whatever delays an adapter adds, a joint turns by at most 0.5 rad between two readings and gains at most 10 rad/s.
 
