@@ -1,6 +1,6 @@
-"""Configuration of one arm: its channel, its hardware, and overrides of its profile.
+"""Configuration of one arm: channel, hardware, and overrides of profile values.
 
-All values are plain: the dataclass travels as JSON to the control process.
+All values are plain, since the dataclass is sent to the control process as JSON.
 """
 
 import shlex
@@ -17,15 +17,15 @@ from lerobot_robot_yam.arm.option import from_plain, option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.runtime_files import rig_name
 
-SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"  # python-can interfaces: the kernel's sockets, and the virtual rig
+SOCKETCAN, VIRTUAL = "socketcan", "yam_sim"  # python-can interfaces: SocketCAN and the virtual rig
 PROFILES = Path(__file__).parent / "profiles"
 NO_ARM = "none"
-"""Arm name for gripper-only use: no joints, the gripper fixed in the world."""
+"""Arm name for a gripper without an arm: no joints, the gripper fixed in the world."""
 USUAL_ARM, USUAL_GRIPPER = "yam", "linear_4310"
 
 
 def _packaged(folder: str, usual: str) -> tuple[str, ...]:
-    """List the names of the profiles in a folder, the usual profile first."""
+    """List the names of the profiles in a folder, the default profile first."""
     names = {path.stem for path in (PROFILES / folder).glob("*.yaml")} - {usual, NO_ARM}
     return usual, *sorted(names)
 
@@ -143,14 +143,14 @@ class ArmConfig:
     )
 
     def __post_init__(self) -> None:
-        if isinstance(self.workspace, Mapping):  # plain values from JSON
+        if isinstance(self.workspace, Mapping):  # values from JSON
             self.workspace = WorkspaceConfig.from_mapping(self.workspace)
         config_checks.check(self)
         self.workspace.check(self.name)
 
     @property
     def on_command_line(self) -> str:
-        """Options that name the arm's channel to `yam-identify` and `yam-zero`."""
+        """Command line options with which `yam-identify` and `yam-zero` find the arm's channel."""
         words = ["--channel", self.channel]
         rig = self.can_options.get("rig")
         if self.interface == VIRTUAL and rig and rig_name(rig)[1] is None:  # auto rigs end with their process
@@ -162,7 +162,7 @@ class ArmConfig:
 
 @dataclass(kw_only=True)
 class LeadArmConfig(ArmConfig):
-    """Configuration of a leader's arm. lead: None if the arm only floats. passive: for a leader without motors."""
+    """Configuration of a leader's arm. lead: None if the arm has no follower. passive: for a leader without motors."""
 
     lead: LeadConfig | None = None
     passive: PassiveConfig | None = None
@@ -170,7 +170,7 @@ class LeadArmConfig(ArmConfig):
     def __post_init__(self) -> None:
         if isinstance(self.passive, Mapping):
             self.passive = from_plain(PassiveConfig, self.passive, "passive")
-        if isinstance(self.lead, Mapping):  # plain values from JSON
+        if isinstance(self.lead, Mapping):  # values from JSON
             self.lead = from_plain(LeadConfig, self.lead, "lead")
         super().__post_init__()
         if self.lead is not None:
@@ -178,20 +178,20 @@ class LeadArmConfig(ArmConfig):
 
 
 def lead_of(config: ArmConfig) -> LeadConfig | None:
-    """Return the options of an arm's coupling to its follower; None: the arm leads no follower."""
+    """Return the options that couple a leader to its follower, or None if the arm leads no follower."""
     return config.lead if isinstance(config, LeadArmConfig) else None
 
 
 def passive_of(config: ArmConfig) -> PassiveConfig | None:
-    """Return the options of reading a leader without motors; None: the arm has motors."""
+    """Return the options for reading a leader without motors, or None if the arm has motors."""
     return config.passive if isinstance(config, LeadArmConfig) else None
 
 
 def check_together(configs: Sequence[ArmConfig]) -> None:
-    """Refuse arms of one robot with equal names, channels or files, or with different rates.
+    """Check that the arms of one robot have different names, channels and files, and the same rate.
 
     Raises:
-        ConfigError: two arms have one name, channel or file, or rates differ; the message names them.
+        ConfigError: two arms share a name, channel or file, or rates differ; the message names the values.
     """
     names = [config.name for config in configs]
     channels = [(config.interface, config.channel) for config in configs]

@@ -1,6 +1,6 @@
-"""Checks of the values of an `ArmConfig`: first the type that the field declares, then the range of the quantity.
+"""Checks of the values in an `ArmConfig`: first the declared type of each field, then the range of the quantity.
 
-`profile_files` checks ranges that depend on the motors.
+Ranges that depend on the motors are checked in `profile_files`.
 """
 
 import json
@@ -17,21 +17,19 @@ from lerobot_robot_yam.arm.option import real
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
-_PATHS = ("calibration_path", "identity_path", "tuning")  # fields whose `~` is expanded
-_TEXT_MAX = 100  # longest name of a channel, bytes: file names contain it
-GRAVITY_FACTOR_MOST = 2.0  # largest factor on the modelled weight; the vendor uses 1.0 to 1.2
-PAYLOAD_MOST_KG = 3.0  # heaviest load: outstretched, joint 2 of a YAM carries 2.1 kg, joint 3 of a big YAM 3.8 kg
-_FRICTION_MOST_NM = (
-    1.0  # largest friction that is fed forward: too much moves a joint by itself; the vendor feeds 0.06-0.3
-)
-_TOOL_M = 0.5  # farthest centre of mass from the tool's frame, m: the length of the arm's links
-_FLOAT_SPEEDS_RAD_S = (0.5, 10.0)  # range of the floating speed: slower is like holding; motors limit at 10 and more
-_TIMEOUTS_S = (0.02, 10.0)  # range of the command timeout: from the quickest to the slowest stream of targets
-_AGES_S = (0.02, 2.0)  # range of the largest age of a state: from a few ticks to when the arm may be anywhere
-_FORCES_N = (1.0, 200.0)  # range of the grip force: from what a finger feels to four times the default
-_RATE_MIN_HZ = 100.0  # slowest loop; the motors' watchdog and the stand-by would take a slower one for dead
+_PATHS = ("calibration_path", "identity_path", "tuning")  # fields in which `~` is expanded
+_TEXT_MAX = 100  # maximum length of a channel name, bytes: file names contain it
+GRAVITY_FACTOR_MOST = 2.0  # maximum factor on the modelled gravity torque; the vendor uses 1.0 to 1.2
+PAYLOAD_MOST_KG = 3.0  # maximum payload: outstretched, joint 2 of a YAM holds 2.1 kg, joint 3 of a big YAM 3.8 kg
+_FRICTION_MOST_NM = 1.0  # maximum friction feedforward: too much moves a joint by itself; the vendor uses 0.06-0.3
+_TOOL_M = 0.5  # maximum distance of a centre of mass from the tool's frame, m: the length of the arm's links
+_FLOAT_SPEEDS_RAD_S = (0.5, 10.0)  # allowed floating speeds: slower resembles holding; motors limit at 10 and more
+_TIMEOUTS_S = (0.02, 10.0)  # allowed command timeouts: from the fastest to the slowest stream of targets
+_AGES_S = (0.02, 2.0)  # allowed age limits of a state: from a few ticks to a time in which the arm can move anywhere
+_FORCES_N = (1.0, 200.0)  # allowed grip forces: from what a finger feels to four times the default
+_RATE_MIN_HZ = 100.0  # minimum loop rate: the watchdog of the motors and the stand-by would treat a slower loop as dead
 _RATE_MAX_HZ = 1000.0
-_PER_JOINT = -1  # stands for one number per joint; `ResolvedArm` has the profile, and checks how many
+_PER_JOINT = -1  # count for one number per joint; `ResolvedArm`, which has the profile, checks the number
 _ABOVE_ZERO = math.nextafter(0.0, 1.0)
 
 
@@ -43,8 +41,8 @@ def _each(high: float, unit: str = "") -> tuple[int, float, float, str]:
     return _PER_JOINT, 0.0, high, f"numbers within 0 … {high:g}{unit}, one per joint"
 
 
-# Rule per field: how many numbers (None: one), least, largest, and the text for a refusal. `profile_files` has the
-# bounds that depend on the motors: gains, torques and speeds.
+# Rule per field: how many numbers (None: one), minimum, maximum, and the accepted values in words. `profile_files` has
+# the bounds that depend on the motors: gains, torques and speeds.
 _NUMBERS: dict[str, tuple[int | None, float, float, str]] = {
     **dict.fromkeys(
         ("kp", "kd", "idle_kd", "torque_limit_nm"), (_PER_JOINT, 0.0, math.inf, "numbers from zero up, one per joint")
@@ -115,10 +113,10 @@ def check(config: Any) -> None:
 
 
 def check_switches(device: str, options: Any) -> None:
-    """Refuse None for a truth value of a device's config, which LeRobot's parser accepts.
+    """Check that no boolean of a device's config is None, which LeRobot's parser would accept.
 
     Raises:
-        ConfigError: a field takes true or false and has None; the message names device and field.
+        ConfigError: a boolean field is None; the message names device and field.
     """
     for name, hint in typing.get_type_hints(type(options)).items():
         if hint is bool and not isinstance(value := getattr(options, name), bool):
@@ -126,7 +124,7 @@ def check_switches(device: str, options: Any) -> None:
 
 
 def _members(hint: Any) -> tuple[Any, ...]:
-    """List the types of a hint, and the values of a `Literal`: `float | None` is (float, NoneType)."""
+    """List the types in a hint, and the values in a `Literal`: `float | None` becomes (float, NoneType)."""
     if typing.get_origin(hint) in (types.UnionType, typing.Union):
         return tuple(kind for part in typing.get_args(hint) for kind in _members(part))
     if typing.get_origin(hint) is typing.Literal:
@@ -158,7 +156,7 @@ def _check_text(config: Any, key: str, value: Any) -> None:
 
 
 def _check_options(config: Any, key: str, value: Any) -> None:
-    """Refuse CAN options that JSON cannot carry to the control process, or that cannot be keyword arguments there."""
+    """Check that CAN options can be encoded as JSON for the control process, and be keyword arguments there."""
     if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
         raise _refusal(config, key, "names and values, such as {rig: auto}")
     taken = sorted({"interface", "channel"} & value.keys())

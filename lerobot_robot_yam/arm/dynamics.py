@@ -1,7 +1,8 @@
 """Rigid-body dynamics of an arm at loop rate: torques as functions of q, dq and ddq.
 
-Gravity torque is inverse dynamics at rest, tau = g(q): recursive Newton–Euler with zero velocity and acceleration.
-Kinematics, centres of mass and RNE take a few microseconds; `mj_forward` would also run collision and constraints.
+Gravity torque is inverse dynamics at rest, tau = g(q): recursive Newton–Euler (RNE) with zero velocity and
+acceleration. Kinematics, centres of mass and RNE take a few microseconds; `mj_forward` would also run collision
+detection and constraints.
 """
 
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from lerobot_robot_yam.system.few_values import any_of
 
 
 class GravityModel:
-    """Rigid-body model of arm + end effector. n joints (0 for the arm-less arm); fingers stay closed.
+    """Rigid-body model of an arm with its end effector. n joints (0 without an arm); the fingers stay closed.
 
     Not thread-safe: each thread needs its own model.
     """
@@ -49,13 +50,13 @@ class GravityModel:
         self._tcp = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, "tcp_site")
 
     def torque(self, q: np.ndarray) -> np.ndarray:
-        """Compute the torques (n,) Nm that hold pose `q` (n,) rad still, without the gravity factor."""
+        """Compute the torques (n,) Nm that balance gravity at `q` (n,) rad, without the profile's gravity factor."""
         self._move(q)
         mujoco.mj_rne(self.model, self._data, 0, self._tau)
         return self._tau[: self.joint_count].copy()
 
     def torques(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compute g(q), C(q, dq) dq and M(q) ddq, (n,) Nm each, of the links alone, from (n,) rad, rad/s, rad/s²."""
+        """Compute g(q), C(q, dq) dq and M(q) ddq of the links without rotors, (n,) Nm each, in rad, rad/s, rad/s²."""
         data, tau = self._data, self._tau[: self.joint_count]
         holding = self.torque(q)
         if not (any_of(dq != 0.0) or any_of(ddq != 0.0)):
@@ -66,11 +67,11 @@ class GravityModel:
         moving = tau.copy()
         mujoco.mj_rne(self.model, data, 1, self._tau)
         accelerating = tau - moving
-        self._qvel[:] = self._cvel[:] = self._cdof_dot[:] = 0.0  # `torque` assumes rest; NaN would stay
+        self._qvel[:] = self._cvel[:] = self._cdof_dot[:] = 0.0  # `torque` assumes rest, and a NaN would persist
         return holding, moving - holding, accelerating
 
     def torque_per_kg(self, q: np.ndarray) -> np.ndarray:
-        """Compute the torques (n,) Nm per kg of a load at the tool, at `q` (n,) rad: −J(q)ᵀ g."""
+        """Compute the torques (n,) Nm that a load at the tool adds per kg, at `q` (n,) rad: −J(q)ᵀ g."""
         self._move(q)
         jacobian = np.zeros((3, self.model.nv))
         mujoco.mj_jacSite(self.model, self._data, jacobian, None, self._tcp)

@@ -1,13 +1,14 @@
-"""Damped least squares, the inner loop of inverse kinematics, and the choice of starts.
+"""Damped least squares, the inner loop of inverse kinematics, and the choice of start vectors.
 
-With the error twist e of the site in its own frame and its Jacobian J (mink's FrameTask), each iteration solves
+With the error twist e of the site in its own frame, and the Jacobian J of e (mink's FrameTask), each iteration solves
 
     min   ½ |W (J Δq − e)|²  +  ½ μ |Δq|²  +  ½ w² |q + Δq − q_posture|²
     s.t.  q_lower ≤ q + Δq ≤ q_upper,   |Δq_j| ≤ Δ_max,   d_k(q) + ∇d_k · Δq ≥ limit_k
 
 as a box-constrained QP with DAQP, whose box constraints take a fifth of the time of `mink.solve_ik`. Levenberg's μ
-falls with the error, so that the last steps are Newton's, and grows when a step does not help: far from the solution
-and near singularities it is gradient descent. The last row is optional, see `SelfClearance`.
+decreases with the error, so that the last steps are Newton steps, and increases after a step that does not help; far
+from the solution and near singularities the method becomes gradient descent. The last constraint is optional, see
+`SelfClearance`.
 """
 
 import time
@@ -24,34 +25,34 @@ from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 
 LEVER_M = 0.1
-"""Position error, m, that weighs as much as one radian of orientation error."""
+"""Position error, m, that costs as much as an orientation error of one radian."""
 
 _ITERATIONS = 25
-_STOP_M, _STOP_RAD = 1e-6, 1e-5  # errors that end a descent, a hundredth of the tolerance, for smooth paths
-_STUCK = 1e-3  # least gain of a step, share of the cost: less ends the descent
-_STEP_RAD = 0.7  # largest step per joint, rad: the linearisation is bad beyond
-_CAREFUL_STEP_RAD = 0.2  # largest step per joint with distances to keep, rad: distances are less linear than poses
-_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-6, 1e3
-_FLOOR = 1e-12  # added to the Hessian's diagonal: QP solvers need it definite
-_POSTURE = 1e-9  # w²: posture decides at singularities, where the pose leaves freedom; elsewhere < 1e-8 m
-_UNBOUNDED = 1e30  # bound that DAQP takes for infinite
-_FOUL_M = 1e-4  # most that curvature may reduce a kept distance in a step, m
-_NEAR_M = 0.05  # distance beyond its limit at which a pair no longer constrains a step, m
-_ENOUGH_M = 5e-4  # tolerance of a kept distance, m: hulls are approximations to millimetres
+_STOP_M, _STOP_RAD = 1e-6, 1e-5  # errors that end a descent: a hundredth of the tolerance, for smooth paths
+_STUCK = 1e-3  # minimum relative decrease of the cost per step; a smaller decrease ends the descent
+_STEP_RAD = 0.7  # maximum step per joint, rad: the linearisation is poor beyond
+_CAREFUL_STEP_RAD = 0.2  # same with a clearance: distances are less linear than poses
+_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-6, 1e3  # initial, minimum and maximum μ
+_FLOOR = 1e-12  # added to the Hessian's diagonal: QP solvers need a positive definite matrix
+_POSTURE = 1e-9  # w²: posture decides only where the pose leaves freedom, at singularities; error elsewhere < 1e-8 m
+_UNBOUNDED = 1e30  # bound that DAQP treats as infinite
+_FOUL_M = 1e-4  # maximum loss of a limited distance through curvature in one step, m
+_NEAR_M = 0.05  # distance beyond its limit above which a pair does not constrain a step, m
+_ENOUGH_M = 5e-4  # tolerance of a limited distance, m: hulls are accurate to millimetres only
 
 _STARTS = 1000  # number of stored joint vectors
-_ALIKE_M_PER_RAD = 0.3  # weight of orientation against position when starts are chosen; LEVER_M would favour position
-_TRAVEL_M_PER_RAD = 0.05  # price of joint motion when starts are chosen: of two good starts the nearer comes first
+_ALIKE_M_PER_RAD = 0.3  # weight of orientation in the choice of starts; LEVER_M would favour position
+_TRAVEL_M_PER_RAD = 0.05  # cost of joint motion in the choice of starts: of two similar poses the nearer comes first
 
 _NO_SLACK = np.zeros(0)
 
 
 class SelfClearance:
-    """Distances between an arm's own links, gripper open: the pairs of `choose_pairs`, each with its limit.
+    """Distances between an arm's own links with the gripper open: the pairs of `choose_pairs` and their limits.
 
     Args:
         arm, gripper: profiles.
-        margin_m: least distance between links; links that are nearer by construction keep less.
+        margin_m: minimum distance between links; links that are closer by construction have a smaller limit.
 
     Raises:
         ConfigError: the margin is out of range.
@@ -67,7 +68,7 @@ class SelfClearance:
         self._reach = self._parts.radius[first] + self._parts.radius[second] + limits + _NEAR_M
 
     def rows(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute gradients (k, n), m/rad, and slack (k,), m, of pairs near their limit at `q` (n,); < 0: too near."""
+        """Compute gradients (k, n), m/rad, and slacks (k,), m, of pairs near their limit at `q` (n,); < 0: too near."""
         parts = self._parts
         parts.place(q)
         between = parts.centres[self._first] - parts.centres[self._second]
@@ -81,18 +82,18 @@ class SelfClearance:
         return np.array(gradients).reshape(len(slack), len(q)), np.array(slack)
 
     def kept(self, q: np.ndarray) -> bool:
-        """Return whether every pair keeps its distance at `q` (n,)."""
+        """Return whether every pair is at least as far apart as its limit at `q` (n,)."""
         return bool((self.rows(q)[1] > -_ENOUGH_M).all())
 
 
 class Descent:
-    """Descent to a pose of a frame from any start. Not thread-safe.
+    """Iterative descent from a start vector to a pose of one frame. Not thread-safe.
 
     Args:
-        model: model whose first joints are the arm's; the other joints stay where `qpos0` has them.
+        model: model whose first joints are the arm's; its other joints stay at `qpos0`.
         joints: number of the arm's joints.
-        frame: name and kind ("site" or "body") of a frame of the model.
-        clearance: distances to keep; None keeps no distance.
+        frame: name and kind ("site" or "body") of a frame in the model.
+        clearance: distances to maintain; None: none.
     """
 
     def __init__(
@@ -111,10 +112,10 @@ class Descent:
     def run(
         self, q: np.ndarray, lower: np.ndarray, upper: np.ndarray, posture: np.ndarray, deadline_s: float
     ) -> np.ndarray:
-        """Descend from `q`, which lies between `lower` and `upper`; returns the joints (n,) reached.
+        """Descend from `q`, which is between `lower` and `upper`; return the final joints (n,).
 
         Args:
-            posture: (n,) preferred joints where the pose leaves a choice.
+            posture: (n,) joints preferred where the pose leaves freedom.
             deadline_s: monotonic time at which to stop.
         """
         damping, (jacobian, error) = _DAMPING, self._residual(q)
@@ -146,21 +147,21 @@ class Descent:
         return q
 
     def _residual(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute W J (6, n) and W e (6,): three rows of position, three of orientation."""
+        """Compute W J (6, n) and W e (6,), with three rows for position and three for orientation."""
         self._full[: self._joints] = q
         self._configuration.update(self._full)
         jacobian, error, _ = self._task.compute_qp_residual(self._configuration)
         return jacobian[:, : self._joints], error
 
     def _distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute gradients (k, n) and slack (k,) of the distances near their limit."""
+        """Compute gradients (k, n) and slacks (k,) of the distances near their limits."""
         return (self._no_rows, _NO_SLACK) if self._clearance is None else self._clearance.rows(q)
 
 
 class Starts:
-    """Joint vectors drawn evenly from the joint ranges, with their poses: starts for targets with no known pose nearby.
+    """Joint vectors drawn uniformly from the joint ranges, with their poses: starts for targets without a known one.
 
-    Starting at poses that resemble the target halves the number of descents, compared with random starts.
+    Starting at poses similar to the target halves the number of descents, compared with random starts.
 
     Args:
         fk: function from joints (n,) to the pose (4, 4).
@@ -172,7 +173,7 @@ class Starts:
         self._poses = np.array([fk(q) for q in self._q])
 
     def nearest(self, pose: np.ndarray, count: int, near: np.ndarray | None = None) -> np.ndarray:
-        """Select at most `count` joint vectors (count, n) whose poses resemble `pose` (4, 4), the most similar first.
+        """Select at most `count` joint vectors (count, n) with poses most similar to `pose` (4, 4), best first.
 
         Rotations are compared by |R₁ − R₂|² ≈ 2 φ².
         """
@@ -200,7 +201,7 @@ def _worst(slack: np.ndarray) -> float:
 def _solve_qp(
     hessian: np.ndarray, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray, rows: np.ndarray, slack: np.ndarray
 ) -> np.ndarray:
-    """Minimise ½ x H x + g x in the box, with rows · x ≥ −slack. Negative slack counts as 0: no pair gets nearer."""
+    """Minimise ½ xᵀ H x + gᵀ x in the box, with rows · x ≥ −max(slack, 0): pairs already too near get no nearer."""
     if not slack.size:
         return daqp.solve(hessian, gradient, rows, upper, lower, np.zeros(upper.size, np.int32))[0]
     highest = np.concatenate([upper, np.full(slack.size, _UNBOUNDED)])

@@ -1,6 +1,6 @@
-"""Conversion between motor angles and joint angles: direction, and which turn the joint is on.
+"""Conversion between motor angles and joint angles: direction, and the turn in which a motor is.
 
-joint = (motor − offset) · direction; velocity and torque take the direction only.
+joint = (motor − offset) · direction; velocity and torque are only multiplied by direction.
 """
 
 import math
@@ -10,9 +10,9 @@ import numpy as np
 from lerobot_robot_yam.errors import MotorError
 
 TURN = 2.0 * math.pi
-RANGE_TOLERANCE_RAD = 0.15  # tolerance of a range for measured angles, rad: at rest, joints 2 and 3 are at their limit
-# Least difference in fit between the best turn and the next, rad, before a turn is added: packaged arms have 0.524 or
-# more. Joint 1 turns almost all the way round: a zero that slipped at one end of its range looks like the other end.
+RANGE_TOLERANCE_RAD = 0.15  # tolerance of joint ranges for measured angles, rad: at rest, joints 2 and 3 are at a limit
+# Minimum difference in fit between the best turn and the next, rad, for a turn to be added: packaged arms have at least
+# 0.524. Joint 1 covers almost a full turn: a zero that slipped at one end of its range looks like the other end.
 TURN_MARGIN_RAD = 0.5
 
 
@@ -21,18 +21,18 @@ def resolve_turn(
 ) -> float:
     """Find the shift (−2π, 0 or 2π, in joint coordinates) that brings a measured angle into the joint's range.
 
-    A Damiao encoder knows its angle within one turn only, so after a power cycle the reading may be off by one turn. A
-    reading that is off by more turns is refused: the wire carries positions modulo 25 rad, which is not a whole number
+    A Damiao encoder measures its angle within one turn only, so after a power cycle the reading may be off by one turn.
+    A reading that is off by more turns is rejected: feedback positions wrap every 25 rad, which is not a whole number
     of turns, so the result would be wrong by 0.13 rad.
 
     Args:
         arm, joint: names for messages.
-        angle_rad: joint angle as read, motor direction applied.
+        angle_rad: measured joint angle, with the motor direction applied.
         lower_rad, upper_rad: the joint's limits.
-        place: options that name the arm to `yam-zero`, for messages.
+        place: options with which `yam-zero` finds the arm, for messages.
 
     Raises:
-        MotorError: no turn fits, or more than one does; nothing may be energised.
+        MotorError: no turn fits, or several do; nothing may be energised.
     """
     if not math.isfinite(angle_rad):
         raise MotorError(f"{arm}: {joint} has not been read yet; check the motor's power and cable")
@@ -63,12 +63,12 @@ def resolve_turn(
 
 
 def _outside(angle_rad: float, lower_rad: float, upper_rad: float) -> float:
-    """Compute the distance from a range, rad; 0 inside."""
+    """Compute how far an angle is outside a range, rad; 0 inside."""
     return max(lower_rad - angle_rad, angle_rad - upper_rad, 0.0)
 
 
 class JointMap:
-    """Conversion of n motors between motor and joint coordinates.
+    """Conversion between motor and joint coordinates for n motors.
 
     Args:
         direction: (n,) +1 or −1.
@@ -82,7 +82,7 @@ class JointMap:
         self._signs[:, [0, 1, 4]] = self.direction[:, np.newaxis]
 
     def shift(self, index: int, joint_shift_rad: float) -> None:
-        """Move the zero of one joint so that its joint angle grows by `joint_shift_rad`."""
+        """Shift the zero of one joint so that its joint angle increases by `joint_shift_rad`."""
         self.offset_rad[index] -= joint_shift_rad * self.direction[index]
 
     def position(self, motor_rad: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ class JointMap:
         return joint_rad * self.direction + self.offset_rad
 
     def commands(self, joint_commands: np.ndarray) -> np.ndarray:
-        """Convert (n, 5) q, dq, kp, kd, tau from joint to motor coordinates, into a copy."""
+        """Convert commands (n, 5) q, dq, kp, kd, tau from joint to motor coordinates; returns a copy."""
         out: np.ndarray = joint_commands * self._signs
         out[:, 0] += self.offset_rad
         return out

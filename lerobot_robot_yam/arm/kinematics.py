@@ -2,10 +2,10 @@
 
     arm = YamKinematics("yam", "linear_4310")
     pose = arm.fk(q)                     # (4, 4) of tcp_site in the frame of the arm's base
-    result = arm.ik(pose)                # from anywhere: many starts, within 100 ms
-    result = arm.ik(pose, near=q, attempts=1)   # in a control loop: one solve (better still: `PoseTracker`)
+    result = arm.ik(pose)                # from any start: many descents, within 100 ms
+    result = arm.ik(pose, near=q, attempts=1)   # in a control loop: one descent (better still: `PoseTracker`)
 
-A pose out of reach is no error: the result is the nearest pose found, with its remaining error.
+A pose out of reach is not an error: the result is the nearest pose found, with its remaining error.
 """
 
 import math
@@ -26,11 +26,11 @@ from lerobot_robot_yam.errors import ActionError, ConfigError
 
 POSITION_TOLERANCE_M, ORIENTATION_TOLERANCE_RAD = 1e-4, 1e-3
 
-_FARTHEST_M = 10.0  # bound on a target's coordinates, m: no arm reaches 1 m, and squares must not overflow
-_SKEW = 1e-3  # tolerance of RᵀR = 1, for single precision and rounded text
+_FARTHEST_M = 10.0  # limit of a target's coordinates, m: no arm reaches 1 m, and squares must not overflow
+_SKEW = 1e-3  # tolerance of RᵀR = 1, for single precision and text rounded to few digits
 _UNIT = np.eye(4)
-_TURN_M_PER_RAD = 0.01  # price of joint motion when inexact solutions are compared, m of error per radian
-_ELSEWHERE_M = 0.01  # price of an inexact solution from another start than `near`, m
+_TURN_M_PER_RAD = 0.01  # cost of joint motion in the choice among inexact solutions, m of error per radian
+_ELSEWHERE_M = 0.01  # cost of an inexact solution from another start than `near`, m
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class IkResult:
 
     Attributes:
         q: (n,) rad, within the joint limits.
-        converged: whether q is within 1e-4 m and 1e-3 rad of the target, and clear.
-        clear: whether the arm's links keep their distances; True if they were not checked.
+        converged: whether q is within 1e-4 m and 1e-3 rad of the target, and `clear` is true.
+        clear: whether the arm's links keep their minimum distances; True if these were not checked.
         position_error_m, orientation_error_rad: remaining errors.
         attempts: number of descents.
     """
@@ -54,20 +54,20 @@ class IkResult:
 
     @property
     def error_m(self) -> float:
-        """Position and orientation error in one number, m; a radian counts as `LEVER_M`."""
+        """Position and orientation error as one number, m; an error of 1 rad counts as `LEVER_M` metres."""
         return math.hypot(self.position_error_m, self.orientation_error_rad * LEVER_M)
 
 
 class YamKinematics:
-    """Kinematics of arm + end effector. Poses are (4, 4) homogeneous, m, in the frame of the arm's base.
+    """Kinematics of an arm with its end effector. Poses are (4, 4) homogeneous, m, in the frame of the arm's base.
 
     Not thread-safe: each thread needs its own object.
 
     Args:
         arm, gripper: profiles or their names.
-        site: frame to place: the end effector's "tcp_site" or "grasp_site" (if there is one), or a link of the arm.
-        collision_margin_m: least distance between the arm's links in solutions (less for links that are nearer
-            by construction), with the gripper open; None: unchecked, which is many times faster.
+        site: frame to be positioned: the end effector's "tcp_site" or "grasp_site" (if it has one), or an arm link.
+        collision_margin_m: minimum distance between the arm's links in solutions (less for links that are nearer
+            by construction), with the gripper open; None: not checked, which is many times faster.
 
     Attributes:
         lower, upper: (n,) joint limits, rad.
@@ -93,8 +93,7 @@ class YamKinematics:
 
     @classmethod
     def of_model(cls, model: mujoco.MjModel, site: str = "tcp_site") -> "YamKinematics":
-        """Make the kinematics of a model from `model.build_model`, base at the origin, whose first hinges are the
-        arm's.
+        """Create the kinematics of a model from `model.build_model`: base at the origin, first hinges are the arm's.
 
         Raises:
             ConfigError: there is no such site, or the model has no arm.
@@ -114,7 +113,7 @@ class YamKinematics:
             raise ConfigError(f"this end effector has no site '{site}'; it has {sites}")
         self._model, self._data = model, mujoco.MjData(model)
         kind, frame = ("site", self._data.site(site)) if site in sites else ("body", self._data.body(site))
-        self._position, self._rotation = frame.xpos, frame.xmat.reshape(3, 3)  # views: they follow the data
+        self._position, self._rotation = frame.xpos, frame.xmat.reshape(3, 3)  # views, updated with the data
         self._body = int(model.site_bodyid[frame.id]) if kind == "site" else frame.id
         self._descent, self._clearance = Descent(model, joints, (site, kind), clearance), clearance
         self.lower, self.upper = model.jnt_range[:joints].T.copy()
@@ -122,7 +121,7 @@ class YamKinematics:
         self._starts = Starts(self._pose, self.lower, self.upper)
 
     def fk(self, q: np.ndarray) -> np.ndarray:
-        """Compute the pose (4, 4) of the site at joints `q` (n,) rad, which may lie outside the limits.
+        """Compute the site's pose (4, 4) at joints `q` (n,) rad, which may be outside the limits.
 
         Raises:
             ActionError: `q` has a wrong shape, or is not finite.
@@ -130,12 +129,12 @@ class YamKinematics:
         return self._pose(finite_vector("kinematics", "q", q, self._joints))
 
     def poses(self, q: np.ndarray) -> np.ndarray:
-        """Compute poses (…, 4, 4) of the site at joints (…, n) rad, without checks."""
+        """Compute the site's poses (…, 4, 4) at joints (…, n) rad, without checks."""
         rows = np.reshape(np.asarray(q, dtype=float), (-1, self._joints))
         return np.array([self._pose(row) for row in rows]).reshape(*np.shape(q)[:-1], 4, 4)
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
-        """Compute the Jacobian (6, n) of the site, in the axes of the base: m/s, then rad/s, per rad/s."""
+        """Compute the site's Jacobian (6, n) in the axes of the base: m/s per rad/s, then rad/s per rad/s."""
         self._pose(q)
         mujoco.mj_comPos(self._model, self._data)
         jacobian = np.empty((6, self._model.nv))
@@ -143,12 +142,12 @@ class YamKinematics:
         return jacobian[:, : self._joints]
 
     def descend(self, target: np.ndarray, start: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> IkResult:
-        """Run one descent to a pose (4, 4) from joints `start` (n,) rad, between bounds (n,) rad.
+        """Run one descent to the pose `target` (4, 4) from joints `start` (n,) rad, between bounds (n,) rad.
 
-        The bounds may be wider than the arm's limits, so that an arm a little outside its limits gets back inside.
+        The bounds may be wider than the arm's limits, so that an arm slightly outside its limits can return.
 
         Raises:
-            ActionError: `target` is no pose.
+            ActionError: `target` is not a pose.
         """
         pose, begin = _rigid(target), np.clip(start, lower, upper)
         self._descent.aim(pose)
@@ -163,23 +162,22 @@ class YamKinematics:
         budget_s: float = 0.1,
         within_rad: float | None = None,
     ) -> IkResult:
-        """Find joints that put the site at a pose, or as near to the pose as possible.
+        """Find joints that bring the site to a pose, or as near to the pose as possible.
 
         Args:
             target: pose (4, 4) of the site.
-            near: (n,) rad, start of the first descent, clipped to the limits; None: a stored pose that resembles the
-                target. The first solution found is returned, which is usually the one near the start.
-            attempts: largest number of descents; those after the first start at stored poses that resemble the target.
-            budget_s: time limit for the second and later descents; the first takes 2 ms at most.
-            within_rad: largest distance of each joint from `near`.
+            near: (n,) rad, start of the first descent, clamped to the limits; None: a stored vector with a pose similar
+                to the target. The first solution found is returned, which is usually the one near the start.
+            attempts: maximum number of descents; all after the first start at stored vectors with similar poses.
+            budget_s: time limit for the second and later descents; the first takes at most 2 ms.
+            within_rad: maximum deviation of each joint from `near`, rad; None: no limit besides the joint limits.
 
         Returns:
-            The first solution, or the best attempt. The best has the least error plus, with `near`, 1 cm per radian of
-            motion and 1 cm for another start; attempts whose links keep
-            their distances come first.
+            The first solution, or the best attempt: the one with the least error plus, with `near`, 1 cm per radian of
+            motion and 1 cm for another start. Attempts whose links keep their distances take precedence.
 
         Raises:
-            ActionError: a shape is wrong, a number is not finite, or the target has no rotation.
+            ActionError: a shape is wrong, a number is not finite, or the target has no valid rotation.
         """
         deadline_s = time.monotonic() + budget_s
         pose = _rigid(target)
@@ -210,7 +208,7 @@ class YamKinematics:
         return best
 
     def _begins(self, pose: np.ndarray, start: np.ndarray | None, attempts: int) -> Iterator[np.ndarray]:
-        """Generate the starts of the descents, the most promising first."""
+        """Yield the starts of the descents, the most promising first."""
         if start is not None and attempts > 0:
             attempts -= 1
             yield start
@@ -232,15 +230,15 @@ class YamKinematics:
 
 
 class PoseTracker:
-    """Tracker of a target pose: each solve starts where the two solves before it lead.
+    """Tracker of a target pose: each solve starts at the extrapolation of the two previous solutions.
 
-    At a singularity, such as the stretched elbow, two branches of solutions meet, and the pose alone does not tell them
-    apart. The motion does: the solution is sought at q + Δq, with Δq the last step. Without this, one random joint path
-    in ten ends on the wrong branch, half of these at a joint limit.
+    At a singularity, such as the stretched elbow, two branches of solutions meet, and the pose alone cannot distinguish
+    them, but the motion can: the solution is sought near q + Δq, with Δq the last step. Without the extrapolation, one
+    random joint path in ten ends on the wrong branch, half of these at a joint limit.
 
     Args:
-        kinematics: kinematics of the arm; no other thread may use it.
-        q: (n,) rad, present joints.
+        kinematics: kinematics of the arm; no other thread may use this object.
+        q: (n,) rad, current joints.
 
     Attributes:
         q: (n,) rad, the newest solution, or the start.
@@ -251,7 +249,7 @@ class PoseTracker:
         self.restart(q)
 
     def restart(self, q: np.ndarray) -> None:
-        """Restart at `q` (n,) rad, standing still."""
+        """Restart at `q` (n,) rad, at rest."""
         self.q: np.ndarray = np.array(q, dtype=float)
         self._step, self._moving = np.zeros(len(q)), False
 
@@ -259,11 +257,11 @@ class PoseTracker:
         """Solve for the next pose (4, 4); arguments as for `YamKinematics.ik`. The result does not depend on the clock.
 
         Raises:
-            ActionError: `target` is no pose; nothing has changed.
+            ActionError: `target` is not a pose; nothing has changed.
         """
         start = self.q + self._step
         result = self._kinematics.ik(target, start, attempts=attempts, budget_s=math.inf, within_rad=within_rad)
-        # Only moves between converged first attempts are steps of the path: not the move to the first pose.
+        # Only moves between converged first attempts are steps of the path, unlike the move to the first pose.
         on_path = result.converged and result.attempts == 1
         self._step = result.q - self.q if self._moving and on_path else np.zeros_like(result.q)
         self.q, self._moving = result.q, on_path
@@ -271,22 +269,22 @@ class PoseTracker:
 
 
 def pose_errors(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
-    """Compute the distance of two poses (4, 4): m, and rad.
+    """Compute the distance between two poses (4, 4) as (position, m; angle, rad).
 
-    The angle φ comes from |R₁ − R₂|² = 8 sin²(φ/2), which is exact for small angles too.
+    The angle φ is computed from |R₁ − R₂|² = 8 sin²(φ/2), which is accurate for small angles, too.
     """
     chord = float(np.linalg.norm(first[:3, :3] - second[:3, :3])) / math.sqrt(8.0)
     return float(np.linalg.norm(first[:3, 3] - second[:3, 3])), 2.0 * math.asin(min(chord, 1.0))
 
 
 def pose_distance_m(first: np.ndarray, second: np.ndarray) -> float:
-    """Compute the distance of two poses (4, 4) in one number, m; a radian counts as `LEVER_M`."""
+    """Return the distance between two poses (4, 4) as one number, m; a rotation of 1 rad counts as `LEVER_M` metres."""
     position, angle = pose_errors(first, second)
     return math.hypot(position, angle * LEVER_M)
 
 
 def _rigid(target: np.ndarray) -> np.ndarray:
-    """Copy `target` as a (4, 4) pose with orthonormal rotation. Raises ActionError: `target` is no pose."""
+    """Copy `target` as a (4, 4) pose with orthonormal rotation. Raises ActionError: `target` is not a pose."""
     given = np.asarray(target)
     if given.shape != (4, 4):
         raise ActionError(f"kinematics: a target pose must have shape (4, 4), not {given.shape}")
@@ -299,7 +297,7 @@ def _rigid(target: np.ndarray) -> np.ndarray:
             "kinematics: a target pose must be a rotation and a translation in metres, the last row 0 0 0 1; "
             f"this one is\n{pose}"
         )
-    pose[:3, :3] = rotation @ (1.5 * _UNIT[:3, :3] - 0.5 * gram)  # Newton's step to the nearest rotation
+    pose[:3, :3] = rotation @ (1.5 * _UNIT[:3, :3] - 0.5 * gram)  # Newton step to the nearest rotation
     pose[:3, 3] = np.minimum(np.maximum(pose[:3, 3], -_FARTHEST_M), _FARTHEST_M)
     pose[3] = _UNIT[3]
     return pose

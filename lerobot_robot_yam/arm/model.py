@@ -1,8 +1,8 @@
-"""MuJoCo models of arm + end effector, assembled from the profiles with MjSpec.
+"""MuJoCo models of an arm with its end effector, assembled from the profiles with MjSpec.
 
 Without `physics` the model is the bare rigid-body tree, for gravity compensation and kinematics; published reference
-values describe this tree. With `physics` it also has rotor inertia, friction, joint stops, contacts and coupled
-fingers, for the virtual rig.
+values describe this tree. With `physics`, for the virtual rig, the model also has rotor inertia, friction, joint stops,
+contacts and coupled fingers.
 
     scene.attach(build_spec("yam", "linear_4310", physics=Physics()), prefix="left_", frame=frame)
 """
@@ -22,22 +22,22 @@ from lerobot_robot_yam.errors import ConfigError
 EE_BODY = "gripper"
 
 # Coefficient of sliding friction between motor housings: coated metal, 0.2 … 0.4. With MuJoCo's default of 1 (rubber)
-# a wrist that leans on the shoulder locks the elbow.
+# a wrist that leans on the shoulder would lock the elbow.
 _HOUSING_FRICTION = 0.3
-_STOP_SOLREF = (0.005, 1.0)  # solref of joint stops, so stiff that they sag < 1 mrad under the arm's own weight
+_STOP_SOLREF = (0.005, 1.0)  # solref of joint stops: they give way by less than 1 mrad under the arm's weight
 
 VISUAL_GROUP = 2
-COLLISION_GROUP = 3  # group of invisible collision shapes; visible shapes that collide stay in the visual group
+COLLISION_GROUP = 3  # group of invisible collision shapes; visible shapes that collide are in the visual group
 
 _SHAPES = {
     kind: getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}") for kind in ("cylinder", "capsule", "box", "ellipsoid")
 }
-_GRIPPING = ("rubber", "soft")  # colours of finger pads, which get more friction
+_GRIPPING = ("rubber", "soft")  # colours of finger pads, which get more friction than other shapes
 
 
 @dataclass(frozen=True)
 class Physics:
-    """Physics that the virtual rig adds to the rigid-body tree. Scales multiply the profiles' friction and armature."""
+    """Physics that the virtual rig adds to the rigid-body tree. The scales multiply friction and armature."""
 
     friction_scale: float = 1.0
     armature_scale: float = 1.0
@@ -46,10 +46,10 @@ class Physics:
 
 @dataclass(frozen=True)
 class Load:
-    """Differences from the profile at the end effector.
+    """Differences between the real end effector and its profile.
 
-    payload_com_m is the payload's centre in the frame of tcp_site. ee_mass_kg replaces the mass of the end effector's
-    root body, ee_inertia that body's inertial: centre of mass (3), quaternion (4), principal moments (3).
+    payload_com_m is the payload's centre of mass in the frame of tcp_site. ee_mass_kg replaces the mass of the end
+    effector's root body, ee_inertia its inertial: centre of mass (3), quaternion (4), principal moments (3).
     """
 
     payload_mass_kg: float = 0.0
@@ -73,11 +73,11 @@ class Load:
 def base_quat(yaw_rad: float, tilt_rad: Sequence[float] = (0.0, 0.0)) -> np.ndarray:
     """Compute the quaternion (4,) w x y z of a base: roll about x, then pitch about y, then yaw about z of the world.
 
-    The order is that of URDF's rpy. tilt_rad: [roll, pitch]; [1.57, 0] is a wall, [3.14, 0] a ceiling.
+    The order of rotations is that of URDF's rpy. tilt_rad: [roll, pitch]; [1.57, 0] is a wall, [3.14, 0] a ceiling.
     """
     quat = np.array([math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)])
     for angle, axis in ((tilt_rad[1], [0.0, 1.0, 0.0]), (tilt_rad[0], [1.0, 0.0, 0.0])):
-        if angle:  # skipping 0 keeps upright bases exact to the last bit
+        if angle:  # skipping zero angles keeps upright bases exact to the last bit
             turn, before = np.empty(4), quat.copy()
             mujoco.mju_axisAngle2Quat(turn, np.array(axis), angle)
             mujoco.mju_mulQuat(quat, before, turn)
@@ -92,10 +92,10 @@ def build_spec(
     physics: Physics | None = None,
     visuals: bool = True,
 ) -> mujoco.MjSpec:
-    """Build the editable model, base at the origin; `MjSpec.attach` puts it into a scene.
+    """Build the editable model with its base at the origin; `MjSpec.attach` adds it to a scene.
 
-    The model has joints joint1 … jointn, then the fingers' (joint7 and joint8, or numbered on); sites tcp_site and,
-    except for the teaching handle, grasp_site. Raises ConfigError: a name is unknown, or a profile broken.
+    Joints: joint1 … jointn, then those of the fingers (joint7 and joint8, or the next free numbers). Sites: tcp_site
+    and, except for the teaching handle, grasp_site. Raises ConfigError: a name is unknown or a profile invalid.
     """
     arm, gripper = resolve_profiles(arm, gripper)
     load = load or Load()
@@ -128,7 +128,7 @@ def build_spec(
 
 
 def build_model(arm: str, gripper: str, **options) -> mujoco.MjModel:
-    """Build and compile the model; options as for `build_spec`."""
+    """Build and compile the model; `options` as for `build_spec`."""
     return build_spec(arm, gripper, **options).compile()
 
 
@@ -147,11 +147,11 @@ def _add_body(bodies: dict[str, mujoco.MjsBody], row: Body, inertial: Inertial) 
 
 
 def _add_shape(body: mujoco.MjsBody, shape: Shape, *, collisions: bool, name: str) -> None:
-    """Add a primitive geom without mass that draws `body`, and collides if `collisions` is set.
+    """Add a primitive geom without mass to `body`; it collides only if both `collisions` and the profile say so.
 
     Arm parts (contype 2, conaffinity 1) collide with MuJoCo's default objects (contype 1, conaffinity 1: table, props),
-    but neither with each other nor with another arm, which saves most of the collision time of two arms. The profile
-    names the links that collide all the same (`self_contacts`).
+    but neither with each other nor with another arm, which saves most of the collision time of two arms. Links that
+    must collide with each other are listed in the profile (`self_contacts`).
     """
     visible = shape.colour != "none"
     if not visible and not (collisions and shape.collides):
@@ -172,9 +172,9 @@ def _add_shape(body: mujoco.MjsBody, shape: Shape, *, collisions: bool, name: st
     geom.contype, geom.conaffinity = (2, 1) if collisions and shape.collides else (0, 0)
     if shape.colour in _GRIPPING:
         geom.condim = 4
-        geom.friction = [1.5, 0.02, 0.0001]  # rubber on wood, our estimate; torsion for a flat pad
+        geom.friction = [1.5, 0.02, 0.0001]  # rubber on wood, estimated; torsional friction for a flat pad
         geom.priority = 1
-        # MuJoCo's soft default lets the gripper's heavy rotor sink 8 mm into a 50 g prop and squeeze it out.
+        # MuJoCo's soft default would let the gripper's heavy rotor sink 8 mm into a 50 g prop and squeeze it out.
         geom.solref, geom.solimp[:3] = [0.004, 1.0], [0.95, 0.99, 0.001]
 
 
@@ -242,4 +242,4 @@ def _add_payload(bodies: dict[str, mujoco.MjsBody], gripper: GripperProfile, loa
     body = bodies[EE_BODY].add_body(name="payload", pos=tcp.pos_m + offset)
     body.explicitinertial = True
     body.mass, body.ipos, body.iquat = load.payload_mass_kg, [0, 0, 0], [1, 0, 0, 0]
-    body.inertia = [1e-6 * load.payload_mass_kg] * 3  # a point mass, as far as MuJoCo accepts one
+    body.inertia = [1e-6 * load.payload_mass_kg] * 3  # a point mass, as nearly as MuJoCo allows

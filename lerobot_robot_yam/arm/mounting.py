@@ -1,4 +1,4 @@
-"""Mounting of an end effector on an arm: adapts the parts of its profile that depend on the arm."""
+"""Mounting of an end effector on an arm: adapts the arm-dependent parts of the end effector's profile."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,8 +10,8 @@ from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.errors import ConfigError
 
 TIP = "tip"
-"""Name in profiles for the parent of an end effector's root body: the arm's last body."""
-MAKERS_GRIPPER_ID = 7  # CAN id of the motor of every gripper that the maker sells
+"""Parent of an end effector's root body in profiles: stands for the arm's last body."""
+MAKERS_GRIPPER_ID = 7  # CAN id of the motor in every gripper that the maker sells
 
 _GRASP_SITE = "grasp_site"
 
@@ -19,12 +19,12 @@ _GRASP_SITE = "grasp_site"
 def resolve_profiles(
     arm: str | Path | ArmProfile, gripper: str | Path | GripperProfile
 ) -> tuple[ArmProfile, GripperProfile]:
-    """Load an arm's profile and the end effector's, adapted to this arm, by names or paths.
+    """Load the profiles of an arm and of an end effector by name or path, and adapt the end effector to the arm.
 
-    Two profiles count as resolved already and are returned unchanged.
+    If both are profiles already, they count as resolved and are returned unchanged.
 
     Raises:
-        ConfigError: a name is unknown, a profile is broken, or the end effector does not fit.
+        ConfigError: a name is unknown, a profile is invalid, or the end effector does not fit the arm.
     """
     if isinstance(arm, ArmProfile) and isinstance(gripper, GripperProfile):
         return arm, gripper
@@ -33,7 +33,7 @@ def resolve_profiles(
 
 
 def gripper_id(arm: ArmProfile, own: int = MAKERS_GRIPPER_ID) -> int:
-    """Choose the CAN id of a gripper's motor: the arm profile's, else `own`, or the next id if a joint has `own`."""
+    """Choose the CAN id of a gripper's motor: the arm profile's, else `own`, or the next id if a joint uses `own`."""
     if arm.gripper_can_id is not None:
         return arm.gripper_can_id
     joints = [motor.can_id for motor in arm.motors]
@@ -48,18 +48,18 @@ def seeks_stops(config: ArmConfig) -> bool:
 
 
 def arm_ids(arm: ArmProfile) -> tuple[int, ...]:
-    """List the CAN ids of all motors that may answer on this arm's channel: the joints', then a gripper's."""
+    """List the CAN ids of all motors that may reply on this arm's channel: the joints', then a gripper's."""
     return (*(motor.can_id for motor in arm.motors), gripper_id(arm))
 
 
 def mounted(gripper: GripperProfile, arm: ArmProfile) -> GripperProfile:
     """Adapt an end effector's profile to this arm: the motor's CAN id, the root body's parent, names, grasp point.
 
-    Finger joints with names that the arm uses are numbered on behind the arm's joints. The arm's profile may override
-    the grasp point.
+    If the arm uses the names of the finger joints, these get the numbers after the arm's joints. The arm's profile may
+    override the grasp point.
 
     Raises:
-        ConfigError: a body is fixed to something else than the end effector or the arm's last body.
+        ConfigError: the parent of a body is neither in the end effector nor the arm's last body.
     """
     joints = {body.joint.name for body in arm.bodies if body.joint}
     numbers = range(len(joints) + 1, len(joints) + 1 + len(gripper.finger_joints))

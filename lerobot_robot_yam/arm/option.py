@@ -1,4 +1,4 @@
-"""Options of config classes: texts for `--help` and docs/options.md, configs from JSON, and checks of numbers."""
+"""Options of config classes: help texts for `--help` and docs/options.md, configs from JSON, conversion of numbers."""
 
 import dataclasses
 import math
@@ -13,18 +13,18 @@ _NEEDED = dataclasses.MISSING
 
 
 def option(text: str, default: Any = _NEEDED, factory: Callable[[], Any] | Any = _NEEDED) -> Any:
-    """Make a field of a config dataclass.
+    """Create a field of a config dataclass.
 
     Args:
-        text: meaning of the field, its unit, and what happens without it; draccus, LeRobot's parser, shows it.
+        text: help text with the meaning of the field, its unit and its default; LeRobot's parser draccus shows it.
         default, factory: as for `dataclasses.field`; with neither, the field is required.
     """
-    escaped = text.replace("%", "%%")  # argparse formats the text
+    escaped = text.replace("%", "%%")  # argparse applies % formatting to the text
     return dataclasses.field(default=default, default_factory=factory, metadata={"custom_args": {"help": escaped}})
 
 
 def from_plain[T](kind: type[T], values: Mapping[str, Any], where: str) -> T:
-    """Make a config from plain values, as in the output of `dataclasses.asdict` and in JSON.
+    """Create a config from plain values, as from `dataclasses.asdict` or JSON.
 
     Raises:
         ConfigError: a key is unknown; the message begins with `where`.
@@ -37,7 +37,7 @@ def from_plain[T](kind: type[T], values: Mapping[str, Any], where: str) -> T:
 
 
 def options_of(kind: type) -> list[tuple[str, Any, str]]:
-    """List name, default and text of each option of a config class, in order."""
+    """List name, default and help text of each option of a config class, in order."""
     rows = []
     for field in dataclasses.fields(kind):
         text = field.metadata.get("custom_args", {}).get("help", "").replace("%%", "%")
@@ -47,10 +47,10 @@ def options_of(kind: type) -> list[tuple[str, Any, str]]:
 
 
 def real(value: Any) -> float:
-    """Convert a real number of a config to a float; NaN for anything else: text, truth values, overflow."""
+    """Convert a real number in a config to a float; NaN for anything else: text, booleans, overflow."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return math.nan
     try:
         return float(value)
-    except OverflowError:  # an integer that is too large for a float
+    except OverflowError:  # an integer too large for a float
         return math.nan

@@ -1,7 +1,7 @@
-"""Arm and gripper profiles: every number that describes the hardware. `profile_files` reads them.
+"""Arm and gripper profiles: all numbers that describe the hardware. `profile_files` loads them.
 
-Conventions: SI units; quaternions w x y z; joint value = (motor angle - zero) * direction; a gripper command is
-0 closed … 1 open. Arm arrays have one entry per arm joint: n joints, 0 for the arm-less arm "none".
+Conventions: SI units; quaternions w x y z; joint value = (motor angle - zero) * direction; gripper commands from 0
+(closed) to 1 (open). Arrays of an arm have one entry per joint: n joints, 0 for the arm "none".
 """
 
 from dataclasses import dataclass, field
@@ -24,7 +24,7 @@ COLOURS: dict[str, tuple[float, float, float, float]] = {
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """Hinge (rad) about, or slide (m) along `axis`, which is in the body's own frame."""
+    """Hinge (rad) or slide (m). `axis` is in the body's own frame."""
 
     name: str
     kind: str
@@ -33,7 +33,7 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Inertial:
-    """Mass, centre of mass, principal frame and moments, in the body's frame."""
+    """Mass, centre of mass, principal axes and principal moments of inertia, in the body's frame."""
 
     mass_kg: float
     com_m: np.ndarray = array_field(3)
@@ -54,8 +54,8 @@ class Site:
 class Shape:
     """Primitive that draws a body, and collides if `collides` is set.
 
-    kind: "cylinder" or "capsule" between `from_m` and `to_m`; "box" or "ellipsoid" of full `size_m` at
-    `center_m`, turned by `quat_wxyz`. colour: a key of `COLOURS`, or "none" for an invisible shape.
+    kind: "cylinder" or "capsule" between `from_m` and `to_m`; "box" or "ellipsoid" with full extents `size_m` at
+    `center_m`, rotated by `quat_wxyz`. colour: a key of `COLOURS`, or "none" for an invisible shape.
     """
 
     kind: str
@@ -71,9 +71,9 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """One link: frame in its parent at joint value 0, inertia, sites, shapes.
+    """One link: its frame in the parent's frame at joint value 0, inertia, sites, shapes.
 
-    extents_m (2, 3): the box [min, max] of the real surface in the body's frame, if known.
+    extents_m (2, 3): bounding box [min, max] of the real surface in the body's frame, if known.
     """
 
     name: str
@@ -89,7 +89,7 @@ class Body:
 
 @dataclass(frozen=True)
 class ArmMotor:
-    """Joint motor. `type` is a row of `damiao.tables.MOTOR_TYPES`; direction is +1 or -1."""
+    """Motor of a joint. `type` is a key of `damiao.tables.MOTOR_TYPES`; direction is +1 or -1."""
 
     name: str
     can_id: int
@@ -99,10 +99,10 @@ class ArmMotor:
 
 @dataclass(frozen=True)
 class Folding:
-    """Joints with a role in a landing, by the names of their motors; None where the arm has no such joint.
+    """Motor names of the joints with a role in a landing; None if the arm has no such joint.
 
-    The base turns about the vertical and keeps its angle. Shoulder and elbow grow as the arm unfolds, and lift the tool
-    over obstacles. The wrist stays raised while the arm folds, and is lowered last.
+    The base turns about the vertical and keeps its angle. Angles of shoulder and elbow increase as the arm unfolds,
+    which lifts the tool over obstacles. The wrist stays raised while the arm folds, and is lowered last.
     """
 
     base: str | None = "joint_1"
@@ -113,7 +113,7 @@ class Folding:
 
 @dataclass(frozen=True)
 class GripperMotor:
-    """Gripper's motor with its gains (Nm/rad, Nm s/rad) and limits; `speed_limit_per_s` in strokes/s."""
+    """Motor of a gripper, with gains (Nm/rad, Nm s/rad) and limits; `speed_limit_per_s` in strokes per second."""
 
     name: str
     can_id: int
@@ -130,9 +130,9 @@ class GripperMotor:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Parameters of the search for a gripper's two stops; spans between them, rad, outside of min and max are refused.
+    """Parameters of the search for a gripper's stops. Results with a span, rad, outside min … max are rejected.
 
-    Angles are joint-space (motor angle * direction). nominal_stops_rad is [closed, open].
+    Angles are in joint space (motor angle * direction). nominal_stops_rad is [closed, open].
     """
 
     closed_is_larger: bool
@@ -168,12 +168,12 @@ class ArmProfile:
     """Profile of an arm: motors, gains, limits, simulation parameters, rest poses, links. Arrays have shape (n,).
 
     Attributes:
-        self_contacts: pairs of body names whose shapes collide with each other; other links pass through.
-        gripper_can_id: CAN id of any gripper's motor on this arm; None: see `mounting.gripper_id`.
-        bent_q_rad: pose of table work, tool pointing down, from which the scripted operator plans.
-        zero_pose: motor name -> pose of its joint at 0, in words.
-        grasp_site_m: gripper name -> position of `grasp_site` in the gripper's root body, m, where the gripper's
-            profile has another.
+        self_contacts: pairs of body names whose shapes collide with each other; other links do not collide.
+        gripper_can_id: CAN id of the motor of any gripper on this arm; None: see `mounting.gripper_id`.
+        bent_q_rad: pose for work on a table, tool pointing down, from which the scripted operator plans.
+        zero_pose: motor name -> description of the joint's pose at 0.
+        grasp_site_m: gripper name -> position of `grasp_site` in the gripper's root body, m; overrides the gripper's
+            profile.
     """
 
     name: str
@@ -202,8 +202,9 @@ class ArmProfile:
         return len(self.motors)
 
     def rest_q(self, gripper: "GripperProfile") -> np.ndarray:
-        """Return the rest pose (n,) rad with `gripper` mounted, in which cutting torque moves nothing: this profile's,
-        else the gripper's.
+        """Return the rest pose (n,) rad with `gripper` mounted, in which the arm stays when torque is cut.
+
+        A pose in this profile takes precedence over one in the gripper's profile.
 
         Raises:
             ConfigError: neither profile has a rest pose, or the gripper's does not fit this arm's joints.
@@ -229,12 +230,12 @@ class ArmProfile:
 
 @dataclass(frozen=True, eq=False)
 class GripperProfile:
-    """Profile of an end effector. Without a motor, `motor`, `calibration` and `limiter` are None.
+    """Profile of an end effector. `motor`, `calibration` and `limiter` are None if there is no motor.
 
     Attributes:
         finger_range_m: [closed, open] position of both finger joints, m.
-        handle_encoder: whether a teaching handle sits on the bus.
-        rest_q_rad: arm name -> rest pose, rad, with this end effector; one in the arm's profile goes first.
+        handle_encoder: whether the end effector is a teaching handle with an encoder on the bus.
+        rest_q_rad: arm name -> rest pose, rad, with this end effector; the arm's profile takes precedence.
     """
 
     name: str
@@ -248,12 +249,12 @@ class GripperProfile:
 
     @property
     def finger_joints(self) -> tuple[str, ...]:
-        """Names of the sliding finger joints, empty without fingers."""
+        """Names of the sliding finger joints; empty if there are none."""
         return tuple(body.joint.name for body in self.bodies if body.joint)
 
     @property
     def stroke_rad(self) -> float:
-        """Nominal motor stroke between the stops, 0 without a motor."""
+        """Nominal stroke of the motor between the stops, rad; 0 if there is no motor."""
         if self.calibration is None:
             return 0.0
         closed, opened = self.calibration.nominal_stops_rad

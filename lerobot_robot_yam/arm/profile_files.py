@@ -1,9 +1,9 @@
-"""Arm and gripper profiles: reads the YAML files in `profiles/`, or a file of the user's, and checks them.
+"""Loading and checking of arm and gripper profiles, from `profiles/` or from the user's YAML files.
 
-`load_arm("yam")`, `load_gripper("linear_4310")`. A path to a YAML file works in place of a name, and `overrides`
+`load_arm("yam")`, `load_gripper("linear_4310")`. The name may also be the path of a YAML file, and `overrides`
 replaces any field: `load_arm("yam", {"kp": [...]})`.
 
-Every number is checked against its range. The bounds are those of the packed frames (`damiao.tables`), which motors
+Every number is checked against its range. The bounds are those of the command frames (`damiao.tables`), which motors
 cannot exceed, or follow from the meaning (a mass is above zero, a lower limit below the upper one).
 """
 
@@ -25,24 +25,24 @@ from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.strict_yaml import merge, parse, read_yaml
 
-_KP_LEAST = 1.0  # least stiffness, Nm/rad: an arm with less falls
-_KD_LEAST = 0.02  # least damping as a share of kp, s: an arm with less swings; the makers use 0.025 to 0.15
-_TORQUE_LEAST = 0.1  # least torque limit as a share of the motor's range: less carries no arm
-_LEAST = 1e-9  # size below which a divisor counts as zero
-_ROUNDING = 1e-6  # relative rounding of published moments
-_FINGER_TRAVEL_M = (1e-3, 1.0)  # range of the fingers' travel, a divisor of the gearing; the makers' have 0.040-0.048
+_KP_LEAST = 1.0  # minimum stiffness, Nm/rad: an arm with less sinks
+_KD_LEAST = 0.02  # minimum ratio of damping to kp, s: an arm with less oscillates; the maker uses 0.025 to 0.15
+_TORQUE_LEAST = 0.1  # minimum torque limit as a fraction of the motor's range: less cannot hold an arm
+_LEAST = 1e-9  # magnitude below which a divisor counts as zero
+_ROUNDING = 1e-6  # relative rounding error of published moments of inertia
+_FINGER_TRAVEL_M = (1e-3, 1.0)  # allowed finger travel, m, a divisor of the gearing; the maker has 0.040-0.048
 _FORCE_MAPS = ("linear", "crank")
 
 
 def load_arm(name: str | Path, overrides: Mapping[str, Any] | None = None) -> ArmProfile:
-    """Load an arm's profile by name (`ARMS` or "none") or YAML path. Raises ConfigError: name or value is wrong."""
+    """Load an arm's profile by name (`ARMS` or "none") or YAML path. Raises ConfigError: wrong name or value."""
     if name in (*ARMS, NO_ARM) and not overrides:
         return _shipped_arm(str(name))
     return _load("arm", ArmProfile, check_arm, (*ARMS, NO_ARM), name, overrides)
 
 
 def load_gripper(name: str | Path, overrides: Mapping[str, Any] | None = None) -> GripperProfile:
-    """Load an end effector's profile by name (`GRIPPERS`) or YAML path. Raises ConfigError: name or value is wrong."""
+    """Load an end effector's profile by name (`GRIPPERS`) or YAML path. Raises ConfigError: wrong name or value."""
     if name in GRIPPERS and not overrides:
         return _shipped_gripper(str(name))
     return _load("gripper", GripperProfile, check_gripper, GRIPPERS, name, overrides)
@@ -67,7 +67,7 @@ def _load[T](
     return _checked(what, kind, check, str(name), merge(document, overrides or {}))
 
 
-@cache  # safe to share: a profile and its arrays are read-only
+@cache  # safe to share, since profiles and their arrays are read-only
 def _shipped_arm(name: str) -> ArmProfile:
     return _checked("arm", ArmProfile, check_arm, name, _packaged("arms", name))
 
@@ -89,7 +89,7 @@ def _packaged(folder: str, name: str) -> dict[str, Any]:
 
 
 def check_arm(arm: ArmProfile, where: str) -> None:
-    """Check an arm's profile (or override). Raises ConfigError: a value is impossible; the message names the field."""
+    """Check an arm's profile or overrides. Raises ConfigError: a value is invalid; the message names the field."""
     n = arm.joint_count
     jointed = [body for body in arm.bodies if body.joint]
     lengths = {key: len(value) for key, value in vars(arm).items() if isinstance(value, np.ndarray) and len(value) != n}
@@ -130,7 +130,7 @@ def check_arm(arm: ArmProfile, where: str) -> None:
 
 
 def _check_names(arm: ArmProfile, joints: list[str], where: str) -> None:
-    """Refuse joints that are not named in the order of the motors, and unknown names of motors."""
+    """Check that joints are named in the order of the motors, and that all names refer to existing motors."""
     expected = [f"joint{i + 1}" for i in range(arm.joint_count)]
     if joints != expected:
         raise ConfigError(
@@ -146,7 +146,7 @@ def _check_names(arm: ArmProfile, joints: list[str], where: str) -> None:
 
 
 def check_gripper(gripper: GripperProfile, where: str) -> None:
-    """Check an end effector's profile. Raises ConfigError: a value is impossible; the message names the field."""
+    """Check an end effector's profile. Raises ConfigError: a value is invalid; the message names the field."""
     _check_bodies(gripper.bodies, where)
     fingers, motor, calibration = gripper.finger_joints, gripper.motor, gripper.calibration
     travel = gripper.finger_range_m
@@ -201,7 +201,7 @@ def check_gripper(gripper: GripperProfile, where: str) -> None:
 
 
 def _check_limiter(limiter: Limiter, kp: float, where: str) -> None:
-    """Refuse zero where the limiter divides by a number or compares with it."""
+    """Check that numbers are above zero where the limiter divides by them or compares with them."""
     if limiter.force_map not in _FORCE_MAPS:
         raise ConfigError(f"{where}: limiter.force_map is one of {_FORCE_MAPS}, not {limiter.force_map!r}")
     lever = math.cos(limiter.close_angle_rad) - math.cos(limiter.open_angle_rad)

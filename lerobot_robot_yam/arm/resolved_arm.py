@@ -1,4 +1,4 @@
-"""One arm as configured: profiles with the user's overrides, and constants that follow from them."""
+"""One arm as configured: profiles with the user's overrides, and constants derived from them."""
 
 import copy
 import dataclasses
@@ -20,7 +20,7 @@ _GRIPPER_OVERRIDES = {"gripper_kp": "kp", "gripper_kd": "kd", "gripper_speed_lim
 
 
 class Roles(NamedTuple):
-    """Joint indices of a `profile.Folding`; None where the arm has no such joint."""
+    """Joint indices for the motor names in a `profile.Folding`; None if the arm has no such joint."""
 
     base: int | None
     shoulder: int | None
@@ -29,26 +29,26 @@ class Roles(NamedTuple):
 
 
 class ResolvedArm:
-    """One arm with its end effector. n motors: the joints, then the gripper's if it has one.
+    """One arm with its end effector. n motors: those of the joints, then the gripper's if it has one.
 
     Attributes:
         config: the configuration. name: the arm's name, for messages.
         arm, gripper: profiles with overrides applied.
-        joints, joint_names: number of arm joints, 0 for gripper-only use, and the names of their motors.
+        joints, joint_names: number of arm joints (0 without an arm), and names of their motors.
         n: number of motors.
         slots: slice of the motors in the shared records.
-        direction, kp, kd, idle_kd, torque_limit_nm: (n,) values of the profiles.
-        speed_limit: (n,) limit of the set-point's speed; rad/s, and strokes per second for the gripper.
-        lower, upper: (n,) command limits; rad, and 0 … 1 for the gripper.
-        coulomb_nm: (joints,) friction torque that is fed forward.
+        direction, kp, kd, idle_kd, torque_limit_nm: (n,) values from the profiles.
+        speed_limit: (n,) speed limit of the set-point; rad/s, for the gripper strokes per second.
+        lower, upper: (n,) command limits; rad, for the gripper 0 … 1.
+        coulomb_nm: (joints,) friction feedforward.
         folding: indices of the joints with a role in a landing.
         rest_q: (joints,) rad, pose in which the arm lands.
         tilt_rad: roll and pitch of the base.
-        lies_at_rest: whether cutting torque at rest_q is known to move nothing.
-        load: differences from the profile at the end effector.
+        lies_at_rest: whether the arm is known to stay at rest_q when torque is cut.
+        load: differences between the real end effector and its profile.
 
     Raises:
-        ConfigError: a name is unknown, or a value does not fit or is out of range; the message names the arm.
+        ConfigError: a name is unknown, or a value is inconsistent or out of range; the message names the arm.
     """
 
     def __init__(self, config: ArmConfig):
@@ -113,7 +113,7 @@ class ResolvedArm:
             self.load = tuning.load
 
     def _use(self, tuning: Tuning) -> Tuning:
-        """Apply a tuning; gravity factors in the configuration replace those of the tuning."""
+        """Apply a tuning; gravity factors in the configuration take precedence over those of the tuning."""
         if self.config.ee_inertia is not None:
             raise ConfigError("tuning and ee_inertia both say what the end effector weighs; leave one of them out")
         if self.config.payload_mass_kg and tuning.payload.mass_kg:
@@ -136,7 +136,7 @@ class ResolvedArm:
         return rest
 
     def without_search(self) -> "ResolvedArm":
-        """Copy the arm, with the search for the gripper's stops at the start switched off."""
+        """Return a copy in whose configuration the start-up search for the gripper's stops is switched off."""
         other = copy.copy(self)
         other.config = dataclasses.replace(self.config, gripper_search=False)
         return other
@@ -148,7 +148,7 @@ class ResolvedArm:
 
 
 def _per_joint(config: ArmConfig, joints: int) -> dict[str, list[float]]:
-    """Map fields to the configuration's numbers per joint. Raises ConfigError: there are too few or too many."""
+    """Map field names to the configuration's numbers per joint. Raises ConfigError: the count is wrong."""
     given = {}
     for key in (*_ARM_OVERRIDES, "coulomb_friction_nm", "effort_limit_nm", "rest_q_rad"):
         value = getattr(config, key)

@@ -1,11 +1,11 @@
-"""Tool poses as six numbers: position, and rotation vector from "pointing straight down, facing forward".
+"""Tool poses as six numbers: position, and rotation vector relative to "pointing straight down, facing forward".
 
     R = exp(r) R_down        r (3,): axis times angle, rad, in the axes of the arm's base
 
-R_down is the tool's orientation at zero joints, where it points forward, turned by a quarter until it points straight
-down. So r is small in table work: r_z is the tool's heading, r_x and r_y its tilt. At an angle of π (a tool that
-points straight up or backward), two values of r describe the same rotation; LeRobot's rotation vector, which counts
-from the base's own axes, is near such an angle for every tool that points down.
+R_down is the tool's orientation at zero joints, pointing forward, turned by 90° so that the tool points straight down.
+So r is small in table work: r_z is the tool's heading, r_x and r_y its tilt. At an angle of π (a tool that points
+straight up or backward), two values of r describe the same rotation. LeRobot's rotation vector, relative to the base's
+own axes, is near such an angle for every tool that points down.
 """
 
 import mink
@@ -15,24 +15,24 @@ import numpy as np
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.errors import ActionError
 
-_TIP = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # quarter turn about y: forward to down
+_TIP = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # 90° about y: from forward to down
 
 
 def downward(kinematics: YamKinematics) -> np.ndarray:
-    """Compute R_down (3, 3) of an arm's site."""
+    """Compute R_down (3, 3) for an arm's site."""
     return _TIP @ kinematics.fk(np.zeros_like(kinematics.lower))[:3, :3]
 
 
 def pose_to_vector(pose: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Convert a pose (4, 4) to (6,): position, m, and rotation vector, rad, from the orientation `reference` (3, 3)."""
+    """Convert a pose (4, 4) to (6,): position, m, and rotation vector, rad, relative to `reference` (3, 3)."""
     return np.concatenate([pose[:3, 3], rotation_vector(pose[:3, :3] @ reference.T)])
 
 
 def vector_to_pose(vector: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Convert (6,) to a pose (4, 4), the inverse of `pose_to_vector`; angles beyond π are allowed.
+    """Convert (6,) to a pose (4, 4), the inverse of `pose_to_vector`; rotation angles above π are allowed.
 
     Raises:
-        ActionError: the numbers are too large for a rotation.
+        ActionError: the numbers are too large for a finite rotation.
     """
     pose = np.eye(4)
     pose[:3, :3] = rotation_matrix(vector[3:]) @ reference
@@ -43,9 +43,9 @@ def vector_to_pose(vector: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
 
 def rotation_vector(rotation: np.ndarray) -> np.ndarray:
-    """Convert a rotation (3, 3) to (3,) axis times angle, rad, of length π at most.
+    """Convert a rotation (3, 3) to axis times angle (3,), rad, at most π long.
 
-    MuJoCo computes the vector, since mink's `SO3.log` gives zeros for exactly half a turn.
+    MuJoCo computes the vector, since mink's `SO3.log` returns zeros for an angle of exactly π.
     """
     quat, vector = np.empty(4), np.empty(3)
     mujoco.mju_mat2Quat(quat, rotation.ravel())

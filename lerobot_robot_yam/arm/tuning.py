@@ -1,7 +1,7 @@
-"""Result of `yam-tune` for one arm: the file that the option `tuning` names.
+"""Result of `yam-tune` for one arm, read from the file in the option `tuning`.
 
-The file names an arm and an end effector, and holds their differences from the profiles. Each `*_95` is half
-the width of a 95 % confidence interval.
+The file names an arm and an end effector, and contains their differences from the profiles. Each `*_95` is half the
+width of a 95 % confidence interval.
 """
 
 from collections.abc import Sequence
@@ -20,13 +20,13 @@ from lerobot_robot_yam.system.paths import write_whole
 from lerobot_robot_yam.system.strict_yaml import array_field, parse, read_yaml
 
 _HEAD = "# What yam-tune has found out about one arm; SI units, one entry per joint. See docs/tuning.md.\n"
-_SHIFT_MOST_M = 0.5  # largest shift of a centre of mass, m: the length of the links
-_FRICTION_MOST = 5.0  # largest friction: dry, Nm, and viscous, Nm s/rad
+_SHIFT_MOST_M = 0.5  # maximum shift of a centre of mass, m: the length of the links
+_FRICTION_MOST = 5.0  # maximum friction: Coulomb, Nm, and viscous, Nm s/rad
 
 
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """Load of the tool: mass, kg, and centre of mass (3,), m, in the frame of the tcp."""
+    """Load at the tool: mass, kg, and centre of mass (3,), m, in the frame of the tcp."""
 
     mass_kg: float = 0.0
     mass_kg_95: float = 0.0
@@ -40,8 +40,9 @@ class Tuning:
 
     Attributes:
         arm, gripper: names of the profiles.
-        moment_kg_m: (n, 3) mass times centre of each link in its own frame, minus the profile's; see `gravity_terms`.
-        gravity_factor: (n,) the same differences as factors on the weight that the profile gives each joint.
+        moment_kg_m: (n, 3) mass times centre of mass of each link in its own frame, minus the profile's value; see
+            `gravity_terms`.
+        gravity_factor: (n,) the same differences as factors on the profile's gravity torque per joint.
         coulomb_nm, viscous_nm_s: (n,) friction, Nm and Nm s/rad.
         payload: load at the tcp.
     """
@@ -65,10 +66,10 @@ class Tuning:
         return Load(payload_mass_kg=self.payload.mass_kg, payload_com_m=(x, y, z))
 
     def tuned(self, arm: ArmProfile, gripper: GripperProfile) -> tuple[ArmProfile, GripperProfile]:
-        """Apply centres of mass and friction to copies of the profiles; their gravity factors become 1.
+        """Apply centres of mass and friction to copies of the profiles, and set their gravity factors to 1.
 
         Raises:
-            ConfigError: the tuning belongs to another arm or end effector.
+            ConfigError: the tuning is for another arm or end effector.
         """
         if (arm.name, gripper.name) != (self.arm, self.gripper) or len(self.moment_kg_m) != arm.joint_count:
             raise ConfigError(
@@ -85,7 +86,7 @@ class Tuning:
 
 
 def load_tuning(path: str | Path) -> Tuning:
-    """Read a tuning from its file. Raises ConfigError: the file cannot be read, or has impossible values."""
+    """Read a tuning from its file. Raises ConfigError: the file cannot be read, or contains invalid values."""
     where = f"tuning {path}"
     tuning = parse(Tuning, read_yaml(Path(path)), where)
     counts = {name: len(value) for name, value in vars(tuning).items() if np.ndim(value)}
@@ -101,7 +102,7 @@ def load_tuning(path: str | Path) -> Tuning:
 
 
 def save_tuning(path: Path, tuning: Tuning) -> None:
-    """Write the file, whole or not at all. Raises ConfigError: the file cannot be written."""
+    """Write the file atomically. Raises ConfigError: the file cannot be written."""
     text = yaml.safe_dump(_plain(tuning), sort_keys=False, default_flow_style=None, width=110)
     try:
         write_whole(path, _HEAD + text)
@@ -110,14 +111,14 @@ def save_tuning(path: Path, tuning: Tuning) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """Convert a dataclass to plain values, numbers to five places."""
+    """Convert a dataclass to plain values, with numbers rounded to five places."""
     if is_dataclass(value):
         return {name: _plain(own) for name, own in vars(value).items()}
     return np.round(value, 5).tolist() if isinstance(value, np.ndarray | float) else value
 
 
 def _shifted(bodies: Sequence[Body], moments: dict[str, np.ndarray]) -> tuple[Body, ...]:
-    """Copy bodies with centres of mass shifted by moment / mass."""
+    """Copy bodies with their centres of mass shifted by moment / mass."""
     found = []
     for body in bodies:
         moment = moments.get(body.name)

@@ -1,4 +1,4 @@
-"""Checks of numbers from callers; each check returns a private copy."""
+"""Checks of numbers from callers; each conversion returns a copy."""
 
 import math
 
@@ -6,11 +6,11 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ActionError
 
-_NUMERIC = "fiu"  # kinds of numpy types that hold real numbers
+_NUMERIC = "fiu"  # kinds of numpy types for real numbers
 
 
 def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
-    """Convert `value` to a private (n,) float array.
+    """Convert `value` to a new (n,) float array.
 
     Raises:
         ActionError: length or type is wrong, or an element is NaN or infinite; the message names the element.
@@ -33,7 +33,7 @@ def finite_vector(arm: str, what: str, value: object, n: int) -> np.ndarray:
 
 
 def finite_floats(arm: str, what: str, value: object, n: int) -> list[float]:
-    """Convert `value` to a list of n floats. A list of floats needs no numpy, whose code is seldom in the caches.
+    """Convert `value` to a list of n floats. For a list of floats this avoids numpy, whose code is rarely in the cache.
 
     Raises:
         ActionError: see `finite_vector`.
@@ -45,10 +45,10 @@ def finite_floats(arm: str, what: str, value: object, n: int) -> list[float]:
 
 
 def finite_number(arm: str, what: str, value: object) -> float:
-    """Convert `value` to a float. Raises ActionError: `value` is no finite number."""
+    """Convert `value` to a float. Raises ActionError: `value` is not a finite number."""
     try:
         number = value if type(value) is float else _number(value)
-    except Exception as error:  # a value may raise anything on its way to a number
+    except Exception as error:  # the conversion of an unknown type may raise anything
         raise ActionError(f"{arm}: {what} is not a number but {type(value).__name__} ({error})") from error
     if not math.isfinite(number):
         raise ActionError(f"{arm}: {what} is {number}; nothing was sent")
@@ -56,12 +56,12 @@ def finite_number(arm: str, what: str, value: object) -> float:
 
 
 def check_range(arm: str, what: str, value: np.ndarray, low: float, high: np.ndarray) -> None:
-    """Refuse values that a motor's frame cannot carry: the torque limit would use the values, the motor clipped ones.
+    """Check that values fit the range of the motor's frames: otherwise torque limit and motor would differ.
 
     Args:
         arm, what: names for messages.
         value: (n,) values, one per joint.
-        low: lower bound as a share of `high`: 0, or -1.
+        low: lower bound as a fraction of `high`: 0 or -1.
         high: (n,) upper bound.
 
     Raises:
@@ -77,7 +77,7 @@ def check_range(arm: str, what: str, value: np.ndarray, low: float, high: np.nda
 
 
 def _number(value: object) -> float:
-    """Convert one number to a float. Raises what the value's type raises, and TypeError for text and truth values."""
+    """Convert one number to a float. Raises TypeError for text and booleans, else what `float(value)` raises."""
     if isinstance(value, str | bytes | bytearray | bool):
         raise TypeError("text and truth values are no positions")
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind not in _NUMERIC:

@@ -1,26 +1,26 @@
-"""Collision check of a straight move of the joints: finds the pairs of parts that the move brings into conflict.
+"""Collision check of a straight joint move: finds the pairs of parts that the move brings too near to each other.
 
-A pair is in conflict if somewhere on the way it is nearer than its limit, and nearer than at the start. So an approach
-ends at the limit, and a pair that is already nearer than its limit may stay or separate, but not approach further.
+A pair is in conflict if, somewhere along the move, it is nearer than its limit and nearer than at the start. So an
+approach ends at the limit, and a pair that is already nearer than its limit may stay or separate, but not approach.
 
-For most pairs it is enough to bound how much a move changes their distance. With lever arms r_j, this is at most
+For most pairs a bound on the change of their distance is enough. With lever arms r_j, the distance changes by at most
 
-    travel = Σ r_j |Δq_j|        over the joints that move one of its parts but not the other
+    travel = Σ r_j |Δq_j|        over the joints that move one of the two parts but not the other
 
-so that a pair that is farther from its limit than travel / 2 at mid-way is clear. A few vector operations on bounding
-spheres show this for almost all pairs. The rest is measured in steps of `_STEP_M` of travel.
+so a pair whose distance at the middle of the move exceeds its limit by more than travel / 2 is clear. A few vector
+operations on bounding spheres show this for almost all pairs. The others are measured in steps of `_STEP_M` of travel.
 
-These parts are compared, and each pair keeps its distance:
+These parts are compared, with these limits:
 
     two parts of one arm, or of two arms    the collision margin
-    a part and a box or the floor           0: box and floor are the limits themselves
+    a part and a box or the floor           0: box and floor have no margin
 
-Links are compared by their hulls. Two rules are for parts of one arm that cannot keep the margin by construction:
+Links are compared by their hulls. Two rules apply to parts of one arm that cannot keep the margin by construction:
 
-- Links that a joint connects, and links that are within `_JOINED_M` of each other over most of the joint range (next
-  but one in the chain, their motor housings nearly touch), are not compared.
+- Links connected by a joint, and links within `_JOINED_M` of each other over most of the joint range (next but one in
+  the chain, so that their motor housings nearly touch), are not compared.
 - Links that are nearer than the margin in the arm's rest pose, where the wrist leans on the shoulder motor, are
-  compared shape by shape; their limit is the distance at rest, less `_REST_SLACK_M`.
+  compared shape by shape. Their limit is the distance at rest minus `_REST_SLACK_M`.
 """
 
 import itertools
@@ -33,18 +33,18 @@ import numpy as np
 from lerobot_robot_yam.arm.collision.parts import ArmParts, GuardedArm
 from lerobot_robot_yam.errors import ConfigError
 
-_NOISE_M = 5e-7  # noise of a distance, m: axes are 1e-6 rad off the vertical
-_DEEP_NOISE_M = 2e-5  # noise of the depth of two overlapping cylinders, m
-_PASSING_M = 0.0002  # tolerance between start and end of a move, m: no set-point comes to rest in between
+_NOISE_M = 5e-7  # numerical noise of a distance, m: axes are 1e-6 rad off the vertical
+_DEEP_NOISE_M = 2e-5  # numerical noise of the penetration depth of two cylinders, m
+_PASSING_M = 0.0002  # tolerance between start and end of a move, m: set-points never stop there
 _STEP_M = 0.008  # travel between two measurements of a pair, m
-_STEPS = 10  # most measurements of a pair in a tick: 3 cm apart when all joints of two arms move at 1.5 rad/s
+_STEPS = 10  # maximum measurements of a pair per tick: 3 cm apart when all joints of two arms move at 1.5 rad/s
 _JOINED_M = 0.025  # median distance below which links count as joined, m: profiles have 0 … 16 mm, or 36 and more
-_JOINED_SAMPLES = 101  # number of random poses that this median is taken over
+_JOINED_SAMPLES = 101  # number of random poses for this median
 _REST_SLACK_M = 0.004  # tolerance for a folded arm that is not exactly in its rest pose, m
 
 
 class Pair(NamedTuple):
-    """Two parts that keep a distance of `limit_m`. arms: indices of the arms that can change the distance."""
+    """Two parts with the minimum distance `limit_m`. arms: indices of the arms that can change the distance."""
 
     first: int
     second: int
@@ -53,7 +53,7 @@ class Pair(NamedTuple):
 
 
 class Conflict(NamedTuple):
-    """Pair that comes too near at `share` of the way. before_m, there_m: distance at the start and at `share`, m."""
+    """Pair that is too near at `share` of the move. before_m, there_m: distance at the start and at `share`, m."""
 
     pair: Pair
     share: float
@@ -62,21 +62,21 @@ class Conflict(NamedTuple):
 
     @property
     def floor_m(self) -> float:
-        """Least allowed distance, m: the limit, or the distance at the start if that is less."""
+        """Minimum allowed distance, m: the limit, or the distance at the start if that distance is smaller."""
         return min(self.pair.limit_m, self.before_m)
 
 
 class Clearance:
-    """Distances of all pairs that matter in one control loop.
+    """Distances of all pairs to be checked in one control loop.
 
     Args:
         arms: one or more arms with different names.
 
     Attributes:
-        parts: parts of the arms; `parts.place` moves them.
+        parts: parts of the arms; `parts.place` moves the arms.
 
     Raises:
-        ConfigError: a workspace cannot be used, or arms overlap.
+        ConfigError: a workspace is invalid, or arms overlap.
     """
 
     def __init__(self, arms: Sequence[GuardedArm]):
@@ -102,8 +102,8 @@ class Clearance:
     ) -> list[Conflict]:
         """Find the pairs that the straight move from `start` to `end` (N,) rad brings into conflict, worst first.
 
-        The check is exact at `station`, a share of the way, and at the end. In between the check may be wrong by
-        `_PASSING_M` and the curvature of the way between two of `most_steps` measurements.
+        The check is exact at `station`, a fraction of the move, and at the end. In between its error is `_PASSING_M`
+        plus the curvature of the motion between two of at most `most_steps` measurements.
         """
         move = end - start
         travel = self._levers.dot(np.abs(move))
@@ -129,11 +129,11 @@ class Clearance:
         return sorted(found, key=lambda conflict: conflict.there_m - conflict.pair.limit_m)
 
     def distance(self, pair: Pair) -> float:
-        """Measure the present distance of the two parts, m; negative: depth of the overlap."""
+        """Measure the current distance between the two parts, m; negative: penetration depth."""
         return self.parts.distance(pair.first, pair.second)
 
     def _near(self, q: np.ndarray, travel: np.ndarray) -> list[int]:
-        """Find indices of the pairs that come nearer than their limit within half of `travel` (pairs,) from q."""
+        """Find indices of the pairs that can come nearer than their limit within half of `travel` (pairs,) from q."""
         parts = self.parts
         parts.place(q)
         x = parts.centres
@@ -153,7 +153,7 @@ class Clearance:
 
 
 def choose_pairs(parts: ArmParts, arms: Sequence[GuardedArm]) -> list[Pair]:
-    """List all pairs to compare; the second part of a pair may be a box or a floor, the first is a link.
+    """List all pairs to compare. The first part of a pair is a link; the second is a link, a box or a floor.
 
     Raises:
         ConfigError: two arms overlap.
@@ -173,7 +173,7 @@ def choose_pairs(parts: ArmParts, arms: Sequence[GuardedArm]) -> list[Pair]:
 
 
 def _links(parts: ArmParts, arm: int, hull: bool = True) -> list[int]:
-    """List the hulls of an arm's links, or, with `hull` False, the shapes that form them."""
+    """List the hulls of an arm's links or, if `hull` is False, the shapes of these links."""
     return [part for part in range(parts.count) if parts.owner[part] == arm and parts.is_hull[part] == hull]
 
 
@@ -207,7 +207,7 @@ def _own_pairs(parts: ArmParts, index: int, arm: GuardedArm, margin: float) -> I
 
 
 def _apart(parts: ArmParts, arm: int, margin: float, first: Sequence[int], second: Sequence[int]) -> list[Pair]:
-    """List the pairs with one part of each list, nearer to the base first, that no joint connects."""
+    """List pairs with one part from each list, the one nearer to the base first, that are not connected by a joint."""
     return [Pair(a, b, margin, (arm,)) for a in first for b in second if parts.link[b] - parts.link[a] > 1]
 
 
@@ -216,7 +216,7 @@ def _links_of(parts: ArmParts, pair: Pair) -> tuple[int, int]:
 
 
 def _joined(parts: ArmParts, index: int, arm: GuardedArm, pairs: Sequence[Pair]) -> set[tuple[int, int]]:
-    """Find the links that are near each other in most poses."""
+    """Find the pairs of links that are near each other in most poses."""
     low, high = arm.arm.joint_limits_rad.T
     near = dict.fromkeys((_links_of(parts, pair) for pair in pairs), 0)
     for q in np.random.default_rng(0).uniform(low, high, size=(_JOINED_SAMPLES, len(low))):
@@ -228,7 +228,7 @@ def _joined(parts: ArmParts, index: int, arm: GuardedArm, pairs: Sequence[Pair])
 
 
 def _distances_at_rest(parts: ArmParts, index: int, arm: GuardedArm, pairs: Sequence[Pair]) -> np.ndarray:
-    """Measure distances (pairs,) in the rest pose, m, with the gripper open or closed, whichever is nearer."""
+    """Measure distances (pairs,) in the rest pose, m: the smaller one of gripper open and closed."""
     rows = []
     for opening in (0.0, 1.0):
         parts.open_grippers([opening] * len(parts.names))

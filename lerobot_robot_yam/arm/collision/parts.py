@@ -1,8 +1,8 @@
 """All arms of one control loop in one MuJoCo model, with their keep-out boxes and floors.
 
-A part is one of four: a shape that draws a link in its profile (shapes fill the real surface to within 6 mm), the
-convex hull of all shapes of a link (enough for most questions, and four times as fast), a keep-out box, or a floor. A
-part is identified by its geom id.
+A part is one of: a shape of a link in the profile (the shapes are within 6 mm of the real surface), the convex hull of
+all shapes of a link (accurate enough for most checks, and four times as fast), a keep-out box, or a floor. Parts are
+identified by their geom ids.
 """
 
 import itertools
@@ -21,13 +21,13 @@ from lerobot_robot_yam.errors import ConfigError
 THING = -1
 """Owner of parts that belong to no arm: boxes and floors."""
 
-_FLOOR_HALF_M = (2.0, 2.0, 0.5)  # half extents of the box that is a floor, since MuJoCo has no distances to planes
-_ACCURACY = (1e-10, 100)  # tolerance and iterations; MuJoCo's defaults leave 0.2 mm of noise in sunk cylinders
-_OPENING_STEP = 0.05  # rounding of gripper openings, share of the stroke (2 mm of a finger): measurements never rest
-_FAR_M = 10.0  # largest distance that is measured, m
-_TOUCH_M = 1e-9  # distance below which two parts have no direction between them, m
-_HULL = "/hull"  # end of a hull's name
-_CORNERS = 12  # corners of a polygon that stands for a circle
+_FLOOR_HALF_M = (2.0, 2.0, 0.5)  # half extents of the box that models a floor: MuJoCo has no distances to planes
+_ACCURACY = (1e-10, 100)  # tolerance and iterations; MuJoCo's defaults cause 0.2 mm of noise in overlapping cylinders
+_OPENING_STEP = 0.05  # rounding of openings, fraction of the stroke (2 mm of a finger): measurements are noisy
+_FAR_M = 10.0  # maximum distance that is measured, m
+_TOUCH_M = 1e-9  # distance below which the direction between two parts is undefined, m
+_HULL = "/hull"  # suffix of a hull's name
+_CORNERS = 12  # corners of the polygon that replaces a circle
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class GuardedArm:
 
 
 class ArmParts:
-    """Parts of all arms, placed by their joint values.
+    """Parts of all arms, positioned by joint values.
 
     Args:
         arms: one or more arms with different names.
@@ -53,14 +53,14 @@ class ArmParts:
         owner: per part, index of its arm, or `THING`.
         part_names: per part, its name in messages: "left link4", "keep-out 'camera mast'", "floor".
         body: per part, id of its link.
-        link: per part, how many joints of its arm move it; 0 for the base and for things.
-        is_hull: per part, whether it is the hull of a link; an arm's other parts are the shapes.
-        radius: (parts,) radius of the bounding spheres about `centres`, m.
-        levers: (parts, N) largest distance of a point of the part from a joint's axis, m; 0 where the joint does not
+        link: per part, number of the arm's joints that move it; 0 for the base and for things.
+        is_hull: per part, whether it is the hull of a link; an arm's other parts are shapes.
+        radius: (parts,) radius of the bounding spheres around `centres`, m.
+        levers: (parts, N) maximum distance between a point of the part and a joint's axis, m; 0 if the joint does not
             move the part.
 
     Raises:
-        ConfigError: two arms have the same name, or a workspace cannot be used.
+        ConfigError: two arms have the same name, or a workspace is invalid.
     """
 
     def __init__(self, arms: Sequence[GuardedArm]):
@@ -91,9 +91,9 @@ class ArmParts:
         self.place(np.zeros(len(joints)))
 
     def open_grippers(self, openings: Sequence[float]) -> bool:
-        """Set the openings of the grippers, 0 closed … 1 open, one per arm; the next `place` moves the fingers.
+        """Set the gripper openings, 0 closed … 1 open, one per arm; the next `place` moves the fingers.
 
-        Openings are rounded up to the next `_OPENING_STEP`. Returns whether any has changed.
+        Openings are rounded up to a multiple of `_OPENING_STEP`. Return whether any opening has changed.
         """
         steps = [min(max(math.ceil(opening / _OPENING_STEP), 0) * _OPENING_STEP, 1.0) for opening in openings]
         if steps == self._openings:
@@ -105,29 +105,29 @@ class ArmParts:
         return True
 
     def place(self, q: np.ndarray) -> None:
-        """Move the arms to joint values (N,), rad, arm after arm."""
+        """Move the arms to joint values (N,), rad, one arm after the other."""
         self._data.qpos[self._joint_index] = q
         mujoco.mj_kinematics(self._model, self._data)
 
     @property
     def centres(self) -> np.ndarray:
-        """Centres (parts, 3) in the rig frame, m; a view that follows `place`."""
+        """Centres (parts, 3) in the rig frame, m; a view that `place` updates."""
         return self._data.geom_xpos
 
     def distance(self, first: int, second: int, farthest_m: float = _FAR_M) -> float:
-        """Measure the distance of two parts, m, up to `farthest_m`; negative: depth of the overlap."""
+        """Measure the distance between two parts, m, up to `farthest_m`; negative: penetration depth."""
         return mujoco.mj_geomDistance(self._model, self._data, first, second, farthest_m, None)
 
     def distances(self, pairs: Sequence[tuple[int, int]]) -> list[float]:
-        """Measure the distances of many pairs, m, a little faster than `distance`."""
+        """Measure the distances of many pairs, m; slightly faster than `distance`."""
         model, data, measure = self._model, self._data, mujoco.mj_geomDistance
         return [measure(model, data, first, second, _FAR_M, None) for first, second in pairs]
 
     def distance_gradient(self, first: int, second: int, farthest_m: float) -> tuple[float, np.ndarray]:
-        """Measure the distance of two parts, m, and its gradient by the joints (N,), m/rad.
+        """Measure the distance between two parts, m, and its gradient with respect to the joints (N,), m/rad.
 
         ∇d = n · (J_2 − J_1), with unit vector n from the first part's nearest point to the second's. The gradient is 0
-        beyond `farthest_m`, and where the parts just touch.
+        beyond `farthest_m`, and for parts that just touch.
         """
         model, data, ends = self._model, self._data, np.zeros(6)
         distance = mujoco.mj_geomDistance(model, data, first, second, farthest_m, ends)
@@ -147,7 +147,7 @@ class ArmParts:
         return [part for part in things if self._model.geom(part).name.startswith(prefix)]
 
     def floor_height(self, part: int) -> float | None:
-        """Return the height of a floor, m; None for any other part."""
+        """Return the height of a floor, m; None if the part is no floor."""
         if self.owner[part] != THING or not self._model.geom(part).name.endswith("/floor"):
             return None
         return float(self._model.geom_pos[part][2] + self._model.geom_size[part][2])
@@ -175,7 +175,7 @@ def _part_name(geom: str, body: str) -> str:
 
 
 def _build(arms: Sequence[GuardedArm]) -> mujoco.MjModel:
-    """Build the model; names begin with the arm's name: "left/link4", "left/keep-out 'camera mast'"."""
+    """Build the model; names begin with the name of an arm: "left/link4", "left/keep-out 'camera mast'"."""
     spec = mujoco.MjSpec()
     spec.option.ccd_tolerance, spec.option.ccd_iterations = _ACCURACY
     world = spec.worldbody

@@ -1,7 +1,7 @@
-"""Workspace of an arm: its place in the rig, a floor, keep-out boxes, and the collision margin.
+"""Workspace of an arm: pose of its base in the rig, floor, keep-out boxes and collision margin.
 
-The dataclasses have plain values and need no heavy module: LeRobot parses them as part of `ArmConfig`, and they travel
-as JSON. `collision_guard` does the check. The rig frame is any frame that the arms of one robot share, z up.
+The dataclasses have plain values and import no heavy module: LeRobot parses them as part of `ArmConfig`, and they are
+sent as JSON. `collision_guard` enforces the limits. The rig frame is any frame common to the arms of one robot, z up.
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 from lerobot_robot_yam.arm.option import from_plain, option, real
 from lerobot_robot_yam.errors import ConfigError
 
-_MOST_MARGIN_M = 0.3  # largest collision margin, m: more than half a forearm must be a mistake in units
+_MOST_MARGIN_M = 0.3  # maximum collision margin, m: more than half a forearm must be a mistake in units
 
 
 @dataclass(kw_only=True)
@@ -25,7 +25,7 @@ class KeepOut:
         name: name for messages ("camera mast").
         center_m: centre (3), m.
         size_m: full extents (3), m.
-        yaw_rad: turn about the vertical, rad.
+        yaw_rad: rotation about the vertical, rad.
     """
 
     name: str = "box"
@@ -56,17 +56,17 @@ class WorkspaceConfig:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "WorkspaceConfig":
-        """Make a config from plain values, as `asdict` and JSON give them. Raises ConfigError: a key is unknown."""
+        """Create a config from plain values, as from `asdict` or JSON. Raises ConfigError: a key is unknown."""
         boxes = [from_plain(KeepOut, box, "workspace.keep_out") for box in _boxes(values)]
         return from_plain(cls, {**values, "keep_out": boxes}, "workspace")
 
     @property
     def limits_anything(self) -> bool:
-        """Whether there is anything to check."""
+        """Whether any limit is set."""
         return self.floor_z_m is not None or bool(self.keep_out) or self.collision_margin_m is not None
 
     def check(self, arm: str) -> None:
-        """Check the values. Raises ConfigError: a value is impossible; the message names `arm` and the value."""
+        """Check the values. Raises ConfigError: a value is invalid; the message names `arm` and the value."""
         _numbers(arm, "base_position_m", self.base_position_m, 3)
         _numbers(arm, "base_yaw_rad", [self.base_yaw_rad], 1)
         if self.floor_z_m is not None:
@@ -96,7 +96,7 @@ def _boxes(values: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
 
 
 def _numbers(arm: str, what: str, values: Sequence[Any], count: int) -> list[float]:
-    """Convert `values` to `count` finite floats. Raises ConfigError: `values` are something else."""
+    """Convert `values` to `count` finite floats. Raises ConfigError: that is not possible."""
     numbers = [real(value) for value in values] if isinstance(values, Sequence | np.ndarray) else []
     if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
         raise ConfigError(f"{arm}: workspace.{what} takes {count} finite number(s), not {values!r}")

@@ -1,4 +1,4 @@
-"""Meshes of the bodies of a MuJoCo model, for yam-view and Waldo Commander; and STL files."""
+"""Meshes of the bodies in a MuJoCo model, for yam-view and Waldo Commander, and STL encoding."""
 
 from collections.abc import Collection
 
@@ -14,7 +14,7 @@ _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute",
 
 
 def meshes(model: mujoco.MjModel, body: int, groups: Collection[int]) -> list[tuple[Mesh, Colour]]:
-    """Make one mesh per colour of a body's shapes in these groups, in the body's frame, m."""
+    """Create one mesh per colour from a body's shapes in these groups, in the body's frame, m."""
     by_colour: dict[Colour, list[Mesh]] = {}
     for geom in range(model.ngeom):
         shown = model.geom_bodyid[geom] == body and model.geom_group[geom] in groups
@@ -25,7 +25,7 @@ def meshes(model: mujoco.MjModel, body: int, groups: Collection[int]) -> list[tu
 
 
 def _mesh(model: mujoco.MjModel, geom: int) -> Mesh:
-    """Make the mesh of one shape in the frame of its body."""
+    """Create the mesh of one shape, in the frame of its body."""
     kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         mesh = box(2.0 * size)
@@ -43,7 +43,7 @@ def _mesh(model: mujoco.MjModel, geom: int) -> Mesh:
 
 
 def stl(mesh: Mesh) -> bytes:
-    """Encode a mesh as a binary STL file, in m."""
+    """Encode a mesh as a binary STL file with lengths in m."""
     corners = mesh.vertices[mesh.faces]
     rows = np.zeros(len(corners), _STL)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

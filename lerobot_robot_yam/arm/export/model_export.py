@@ -1,7 +1,7 @@
-"""Export of an arm with its end effector for other software: MJCF for MuJoCo, URDF for everything else.
+"""Export of an arm with its end effector for other software: MJCF for MuJoCo, URDF for other programs.
 
-Both have the links, inertias, joints, limits and sites of `model.build_spec`. The URDF's joints are called `joint_1`,
-`joint_2` … as in LeRobot's features.
+Both formats have the links, inertias, joints, limits and sites of `model.build_spec`. Joints in the URDF are called
+`joint_1`, `joint_2` … as in LeRobot's features.
 """
 
 import xml.etree.ElementTree as ET
@@ -15,26 +15,26 @@ from lerobot_robot_yam.arm.model import EE_BODY, Physics, build_spec
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 
 _ROOT = "world"
-_NOWHERE = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))  # position and quaternion of a frame equal to its parent's
+_NOWHERE = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))  # position and quaternion of a frame that equals its parent
 
 
 def mjcf(arm: ArmProfile, gripper: GripperProfile) -> str:
-    """Write MJCF text: the arm of the virtual rig, with its shapes, friction, stops and contacts, without actuators.
+    """Write MJCF text: the arm as in the virtual rig, with shapes, friction, stops and contacts, without actuators.
 
-    MuJoCo writes six digits, so poses of the tool agree to 1e-6 m.
+    MuJoCo writes six digits, so tool poses agree to 1e-6 m.
 
     Args:
         arm, gripper: resolved profiles, see `mounting.resolve_profiles`.
     """
     spec = build_spec(arm, gripper, physics=Physics())
-    spec.compile()  # MuJoCo writes only what it has compiled
+    spec.compile()  # MuJoCo can write only compiled models
     return spec.to_xml()
 
 
 def urdf(arm: ArmProfile, gripper: GripperProfile) -> str:
     """Write URDF text without shapes. Lengths in m, angles in rad; the root link is the frame of the arm's base.
 
-    A further joint `gripper` moves nothing; LeRobot looks for a joint of each feature's name.
+    An additional joint `gripper` moves nothing: LeRobot requires a joint for the name of each feature.
 
     Args:
         arm, gripper: resolved profiles, see `mounting.resolve_profiles`.
@@ -53,11 +53,11 @@ def urdf(arm: ArmProfile, gripper: GripperProfile) -> str:
 
 
 def drawn_urdf(arm: ArmProfile, model: mujoco.MjModel, files: Mapping[str, Mapping[Colour, str]]) -> str:
-    """Write URDF text of the arm alone, from its base to its last link, with meshes.
+    """Write URDF text for the arm alone, from its base to its last link, with meshes.
 
     Args:
-        arm: resolved profile.
-        model: model of the arm with an end effector.
+        arm: resolved profile of the arm.
+        model: model of the arm with any end effector.
         files: link -> colour -> URL of the mesh.
     """
     links = [model.body(body.name).id for body in arm.bodies]
@@ -72,7 +72,7 @@ def drawn_urdf(arm: ArmProfile, model: mujoco.MjModel, files: Mapping[str, Mappi
 
 
 def frame(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    """Make a pose (4, 4) from a position (3,) and a quaternion w x y z (4,) of any length."""
+    """Compute a pose (4, 4) from a position (3,) and a quaternion w x y z (4,) of any length."""
     pose, turn, unit = np.eye(4), np.empty(9), np.array(quat, dtype=float)
     mujoco.mju_normalize4(unit)
     mujoco.mju_quat2Mat(turn, unit)
@@ -81,18 +81,18 @@ def frame(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
 
 
 def rpy(turn: np.ndarray) -> np.ndarray:
-    """Compute roll, pitch, yaw (3,) rad of a rotation (3, 3), R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Compute roll, pitch, yaw (3,) rad from a rotation (3, 3), R = Rz(yaw) Ry(pitch) Rx(roll)."""
     level = np.hypot(turn[0, 0], turn[1, 0])
     pitch = np.arctan2(-turn[2, 0], level)
     if level > 1e-9:
         roll, yaw = np.arctan2(turn[2, 1], turn[2, 2]), np.arctan2(turn[1, 0], turn[0, 0])
-    else:  # roll and yaw turn about the same axis: put all into roll
+    else:  # roll and yaw have the same axis: assign the whole rotation to roll
         roll, yaw = np.arctan2(-turn[1, 2], turn[1, 1]), 0.0
     return np.array([roll, pitch, yaw])
 
 
 def _links(robot: ET.Element, model: mujoco.MjModel, arm: ArmProfile, bodies: Iterable[int]) -> ET.Element:
-    """Add these bodies of a model, each with the joint to its parent."""
+    """Add a link for each of these bodies, and the joint to its parent."""
     ET.SubElement(robot, "link", name=_ROOT)
     for body in bodies:
         name, parent = model.body(body).name, model.body(model.body_parentid[body]).name
@@ -120,7 +120,7 @@ def _add_link(robot: ET.Element, model: mujoco.MjModel, body: int) -> None:
 def _add_joint(
     robot: ET.Element, name: str, kind: str, links: tuple[str, str], place: tuple[np.ndarray, np.ndarray]
 ) -> ET.Element:
-    """Add a joint. links: parent and child; place: position and quaternion of the child in the parent."""
+    """Add a joint. links: parent and child; place: position and quaternion of the child in the parent's frame."""
     joint = ET.SubElement(robot, "joint", name=name, type=kind)
     joint.append(_origin(*place))
     for tag, link in zip(("parent", "child"), links, strict=True):

@@ -1,6 +1,7 @@
-"""Options of a leader for its follower: coupling, gate, force.
+"""Options of a leader that concern its follower: coupling, gate, force feedback.
 
-All values are plain: the dataclass travels as JSON to the control process. docs/teleoperation.md explains the options.
+All values are plain, since the dataclass is sent to the control process as JSON. docs/teleoperation.md explains the
+options.
 """
 
 import math
@@ -12,8 +13,8 @@ from typing import Literal
 from lerobot_robot_yam.arm.option import real
 from lerobot_robot_yam.errors import ConfigError
 
-GAIN_MOST = 0.5  # largest force gain, share of the position gain: hands of all weights can bear it
-_SCALES = (0.05, 1.0)  # range of the share of the leader's motion in fine mode
+GAIN_MOST = 0.5  # maximum force gain, as a fraction of the position gain: any person's hand can resist it
+_SCALES = (0.05, 1.0)  # range of `fine_scale`
 _THRESHOLD_MOST_RAD = 3.0
 _SPEEDS_RAD_S = (0.05, 1.5)
 _TIMES_S = (0.0, 10.0)
@@ -24,23 +25,23 @@ Button = Literal["top", "bottom"]
 
 @dataclass(kw_only=True)
 class LeadConfig:
-    """Options of the leader in one pair of arms.
+    """Options of the leader in one leader-follower pair.
 
     Attributes:
         follower: CAN channel of the follower, on the leader's interface.
         arm, gripper: profiles of the follower.
-        gate: what engages: lifting (auto), a button, or nothing (always engaged).
+        gate: what engages the pair: lifting the leader (auto), a button (button), or nothing: always engaged (always).
         together: whether both leaders of a robot share one gate.
         home_rad: (joints,) pose in which leader and follower wait; None: all zero.
         home_gripper: gripper opening of the follower in the pose `home_rad`, 0 closed … 1 open.
-        gate_joints: numbers of the joints, from 1, whose distance from home opens the gate; empty: L2 of all.
+        gate_joints: joint numbers, from 1, whose distance from home opens the gate; empty: L2 norm of all joints.
         engage_threshold_rad, release_threshold_rad, release_s: the gate engages beyond the first threshold,
             and releases after `release_s` below the second.
-        homing_speed_rad_s, idle_speed_rad_s: speeds of the ramp home, and of a follower that comes home in IDLE.
-        approach_speed_rad_s, approach_s: speed and least duration of the follower's approach to the leader.
-        gate_button, fine_button: buttons of the handle that engage and release, and that switch fine mode.
-        fine_scale: share of the leader's motion in fine mode.
-        bilateral: gain of the force per joint, a share of the leader's position gain; 0: none.
+        homing_speed_rad_s, idle_speed_rad_s: speed of the ramp home, and of a follower returning home in IDLE.
+        approach_speed_rad_s, approach_s: speed and minimum duration of the follower's approach to the leader.
+        gate_button, fine_button: handle buttons that engage and release, and that switch fine mode on and off.
+        fine_scale: scale of the leader's motion in fine mode.
+        bilateral: force feedback gain per joint, as a fraction of the leader's position gain; 0: none.
         mirror: whether the leader moves along with its follower while a policy drives the follower.
     """
 
@@ -66,7 +67,7 @@ class LeadConfig:
     mirror: bool = False
 
     def check(self, name: str) -> None:
-        """Check the values. Raises ConfigError: a value is impossible; the message names arm, option and what fits."""
+        """Check the values. Raises ConfigError: a value is invalid; the message names arm, option and valid values."""
         for key, (low, high), unit in (
             ("home_gripper", (0.0, 1.0), ""),
             ("engage_threshold_rad", (0.0, _THRESHOLD_MOST_RAD), " rad"),
@@ -110,7 +111,7 @@ class LeadConfig:
             raise _refusal(name, self, "home_rad", "angles in rad, one per joint")
 
     def check_joints(self, name: str, joints: int) -> None:
-        """Check the lists for an arm of `joints` joints. Raises ConfigError: one does not fit; the message names it."""
+        """Check lists for an arm of `joints` joints. Raises ConfigError: a list does not fit; the message names it."""
         for key in ("home_rad", "bilateral"):
             value = getattr(self, key)
             if isinstance(value, list) and len(value) != joints:
@@ -119,25 +120,25 @@ class LeadConfig:
             raise _refusal(name, self, "gate_joints", f"numbers of joints within 1 … {joints}")
 
     def check_handle(self, name: str, has_handle: bool) -> None:
-        """Check the options for buttons. Raises ConfigError: one is set, and the arm has no teaching handle."""
+        """Check the button options. Raises ConfigError: a button is set, but the arm has no teaching handle."""
         for key in ("gate_button", "fine_button"):
             if getattr(self, key) is not None and not has_handle:
                 raise ConfigError(f"{name}: {key} is a button of the teaching handle, and this arm has none")
 
 
 class LeadOptions:
-    """Options of an arm that may lead a follower."""
+    """Options of an arm that may have a follower."""
 
     @abstractmethod
     def lead_config(self) -> LeadConfig | None:
-        """Make the options for the follower; None without a follower."""
+        """Create the options that concern the follower; None if the arm has no follower."""
 
 
 def check_leads(configs: Sequence[LeadConfig]) -> None:
-    """Refuse leaders of one robot that lead the same arm, or share a gate with different options.
+    """Check that the leaders of one robot have different followers, and the same options for a shared gate.
 
     Raises:
-        ConfigError: two leaders lead one follower, or an option of a shared gate differs; the message names it.
+        ConfigError: two leaders have the same follower, or an option of a shared gate differs; the message names it.
     """
     followers = [config.follower for config in configs]
     if len(set(followers)) < len(followers):

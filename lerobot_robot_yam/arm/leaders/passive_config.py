@@ -1,6 +1,6 @@
-"""Options of a leader without motors: how the angles of its encoders become the follower's.
+"""Options of a leader without motors: how its encoder angles are converted to the follower's joint angles.
 
-All values are plain: the dataclass travels as JSON to the process that reads the encoders.
+All values are plain, since the dataclass is sent as JSON to the process that reads the encoders.
 """
 
 import math
@@ -19,19 +19,19 @@ JOINT_SIGNS: dict[str, list[int]] = {
     "mobile_left": [-1, 1, 1, 1, -1, -1],
     "mobile_right": [-1, -1, -1, -1, -1, -1],
 }
-_LEAST_RANGE_RAD = 0.2  # smallest range of a joint, rad; less means that nobody moved the joint
+_LEAST_RANGE_RAD = 0.2  # minimum range of a joint, rad; less means that the joint was not moved
 
 
 @dataclass(kw_only=True)
 class PassiveConfig:
-    """Options of reading the encoders of one leader.
+    """Options for reading the encoders of one leader.
 
     Attributes:
         joint_sign: (n,) 1 or -1.
-        mapping: direct: the follower takes the leader's angle; range: leader's range is stretched onto the follower's.
-        leader_range_rad: (n, 2) lowest and highest angle of each joint of the leader; None: as calibrated.
-        calibration_path: file with zeros and ranges; without it the encoders' own zeros are used.
-        home_rad: (n,) pose in which the leader lies while its zeros are found; None: all zero.
+        mapping: direct: the follower gets the leader's angles; range: the leader's range is scaled to the follower's.
+        leader_range_rad: (n, 2) minimum and maximum angle of each leader joint; None: as calibrated.
+        calibration_path: file with zeros and ranges; None: the encoders' own zeros are used.
+        home_rad: (n,) pose of the leader during its zero calibration; None: all zero.
     """
 
     joint_sign: list[int]
@@ -41,7 +41,7 @@ class PassiveConfig:
     home_rad: list[float] | None = None
 
     def check(self, name: str, joints: int) -> None:
-        """Check the values. Raises ConfigError: a value is impossible; the message names arm, option and what fits."""
+        """Check the values. Raises ConfigError: a value is invalid; the message names arm, option and valid values."""
         signs = self.joint_sign
         if not isinstance(signs, Sequence) or len(signs) != joints or any(sign not in (1, -1) for sign in signs):
             raise ConfigError(f"{name}: joint_sign takes 1 or -1 for each of {joints} joints; got {signs!r}")
@@ -57,13 +57,13 @@ class PassiveConfig:
 
 
 class PassiveOptions:
-    """Options of a leader without motors: the fields of `ArmConfig` that apply to it."""
+    """Options of a leader without motors: those fields of `ArmConfig` that apply without motors."""
 
     name: str
 
     @abstractmethod
     def passive_config(self) -> PassiveConfig:
-        """Make the options of reading the leader's encoders."""
+        """Create the options for reading the leader's encoders."""
 
 
 def _finite(values: Sequence[Any]) -> bool:
