@@ -1,4 +1,4 @@
-"""Reductions of an arm's few values at loop rate: over a list they take 0.5 µs, numpy's take 2 µs."""
+"""Fast reductions of an arm's few values at loop rate: 0.5 µs by way of a list, instead of 2 µs with numpy."""
 
 import numpy as np
 
@@ -14,5 +14,5 @@ def all_of(mask: np.ndarray) -> bool:
 
 
 def largest(values: np.ndarray) -> float:
-    """Return the largest |value| of (n,), 0 if there is none. NaNs are skipped."""
-    return max([0.0, *map(abs, values.tolist())])  # `max` keeps what comes first beside a NaN
+    """Return the maximum of |values| (n,), 0 if there are none. NaNs are skipped."""
+    return max([0.0, *map(abs, values.tolist())])  # with a NaN, `max` keeps the first operand

@@ -1,4 +1,4 @@
-"""Logging that cannot block a loop: a terminal on hold (Ctrl-S) or a full pipe blocks only the logging thread."""
+"""Logging that cannot block a loop: a stopped terminal (Ctrl-S) or a full pipe blocks only the logging thread."""
 
 import logging
 import queue
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from logging.handlers import QueueHandler, QueueListener
 
-_LAST_LINES_S = 1.0  # longest wait for the last log lines to be written, s
+_LAST_LINES_S = 1.0  # maximum wait for the last log lines to be written, s
 
 
 @contextmanager
@@ -17,7 +17,7 @@ def log_from_a_thread() -> Iterator[None]:
     lines: queue.SimpleQueue = queue.SimpleQueue()
     listener = QueueListener(lines, *handlers)
     root.handlers[:] = [QueueHandler(lines)]
-    listener.start()  # a daemon thread: if it is stuck, the process ends without the last lines
+    listener.start()  # daemon thread: if it is blocked, the process exits without the last lines
     thread = listener._thread
     try:
         yield

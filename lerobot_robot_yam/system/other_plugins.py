@@ -1,6 +1,6 @@
-"""Clashes with other projects' plugins: which distribution owns a module, and whether its files overwrite ours.
+"""Conflicts with other plugins: which distribution owns a module, and whether its files overwrite this package.
 
-The package index has another project's `lerobot_robot_yam`, some of whose files have the same names as ours.
+PyPI has a `lerobot_robot_yam` from another project, with some files of the same names.
 """
 
 import contextlib
@@ -9,11 +9,11 @@ import importlib.metadata
 import importlib.util
 
 _US = "lerobot_robot_yam"
-_OURS_ALONE = f"{_US}/face/registration.py"  # file that no other distribution has
+_OURS_ALONE = f"{_US}/face/registration.py"  # file that only this distribution has
 
 
 def distribution_of(module: str) -> str:
-    """Return name and version of the distribution that a module comes from, and the module, for messages."""
+    """Return name and version of the distribution that owns a module, and the module's name, for messages."""
     package = module.partition(".")[0]
     names = importlib.metadata.packages_distributions().get(package) or [package]
     found = []
@@ -24,17 +24,17 @@ def distribution_of(module: str) -> str:
 
 
 def overwritten() -> bool:
-    """Return whether Python imports another project's `lerobot_robot_yam`, although files of ours are there."""
-    return not hasattr(importlib.import_module(_US), "registration")  # our __init__ imports it
+    """Return whether Python imports another project's `lerobot_robot_yam`, although files of this package exist."""
+    return not hasattr(importlib.import_module(_US), "registration")  # set by this package's __init__
 
 
 def is_foreign(module: str) -> bool:
-    """Return whether a module of ours that cannot be imported is missing, or overwritten by another project."""
+    """Return whether a module of this package that fails to import is missing, or overwritten by another project."""
     return importlib.util.find_spec(module) is None or bool(_claimants(module.partition(".")[0]))
 
 
 def mixture(module: str = _US) -> tuple[str, str]:
-    """Describe the fault and its remedy for a module of ours that is missing or another project's."""
+    """Describe fault and remedy for a module of this package that is missing or overwritten by another project."""
     package = module.partition(".")[0]
     others = _claimants(package)
     theirs = " and ".join(f"{name} {version}" for name, version in others) or "another distribution"
@@ -48,7 +48,7 @@ def mixture(module: str = _US) -> tuple[str, str]:
 
 
 def _claimants(package: str) -> list[tuple[str, str]]:
-    """Return name and version of other distributions that have installed a package of this name."""
+    """Return name and version of all other distributions that have installed a package with this name."""
     found = set()
     for distribution in importlib.metadata.distributions():
         files = {str(file) for file in distribution.files or ()}

@@ -9,7 +9,7 @@ from lerobot_robot_yam.errors import ConfigError
 
 
 def user_path(path: str | Path) -> Path:
-    """Expand a leading `~`, which no shell does in a file or after `=`. Raises ConfigError: there is no such user."""
+    """Expand a leading `~`, which shells leave in files and after `=`. Raises ConfigError: there is no such user."""
     try:
         return Path(path).expanduser()
     except RuntimeError as error:
@@ -17,14 +17,14 @@ def user_path(path: str | Path) -> Path:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file and its missing directories, so that a crash in the middle leaves the old file.
+    """Write a file atomically, creating missing directories; after a crash the old file is intact.
 
-    An existing file keeps its mode and, as far as the rights of this process allow, its owner.
+    An existing file keeps its mode and, if this process has the permission, its owner.
 
     Raises:
         OSError: the file cannot be written.
     """
-    scratch = path.with_name(f"{path.name}.{os.getpid()}")  # two processes may write at once
+    scratch = path.with_name(f"{path.name}.{os.getpid()}")  # unique per process: two processes may write at once
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         old = path.stat() if path.exists() else None

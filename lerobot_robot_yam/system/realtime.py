@@ -1,4 +1,4 @@
-"""Real-time scheduling and locked memory, as far as the kernel grants them."""
+"""Real-time scheduling and locked memory, where the kernel permits them."""
 
 import contextlib
 import ctypes
@@ -11,21 +11,21 @@ from pathlib import Path
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}.get(platform.machine())
 _SCHED_ATTR = struct.Struct("<IIQiIQQQII")  # size, policy, flags, nice, priority, runtime, deadline, period, 2 clamps
-_SHORT_SLICE_NS = 100_000  # shortest slice that Linux >= 6.12 grants without privilege, ns
+_SHORT_SLICE_NS = 100_000  # minimum slice that Linux >= 6.12 grants without privilege, ns
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
-_GIVING_WAY_NICE = 2  # nice value: two thirds of an ordinary share, so that a busy machine still draws pictures
-_OOM_SCORES = (-900, 0)  # out-of-memory scores to try, of -1000 … 1000; only root may go below a process's first score
+_GIVING_WAY_NICE = 2  # nice value: two thirds of the usual CPU share, so that a busy machine still draws images
+_OOM_SCORES = (-900, 0)  # OOM scores to try, of -1000 … 1000; only root may go below a process's initial score
 
 
 def request_realtime(priority: int) -> str:
-    """Request SCHED_FIFO at `priority` (else slices of 0.1 ms), locked memory and 1 µs of timer slack.
+    """Request SCHED_FIFO at `priority` (else slices of 0.1 ms), locked memory and a timer slack of 1 µs.
 
-    Present objects are exempted from garbage collection, too. Call this once, after start-up, in the thread that runs
-    the loop. Children do not inherit the scheduling.
+    Also exempts all existing objects from garbage collection. Call this once, after start-up, in the thread that runs
+    the loop. Child processes do not inherit the scheduling.
 
     Returns:
-        What was granted, for the log: for example "SCHED_FIFO 10, memory locked".
+        What was granted, for the log, such as "SCHED_FIFO 10, memory locked".
     """
     gc.collect()
     gc.freeze()
@@ -36,43 +36,43 @@ def request_realtime(priority: int) -> str:
 
 
 def raise_threads(priority: int, named: str) -> None:
-    """Request SCHED_FIFO at `priority` for threads whose names begin with `named`; a refusal changes nothing.
+    """Request SCHED_FIFO at `priority` for threads whose names begin with `named`; ignore a refusal.
 
-    Call this only once the threads have their names: libzmq sets names after the scheduling, and aborts the process if
-    the scheduling is changed earlier.
+    Call this only after the threads have got their names: libzmq sets the scheduling before the name, and aborts the
+    process if the scheduling was changed earlier.
     """
     for thread in Path("/proc/self/task").iterdir():
-        with contextlib.suppress(OSError):  # no privilege and no RLIMIT_RTPRIO; or the thread has ended
+        with contextlib.suppress(OSError):  # no privilege and no RLIMIT_RTPRIO, or the thread has ended
             if (thread / "comm").read_text().startswith(named):
                 policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
                 os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
 
 
 def spare_what_is_loaded() -> None:
-    """Exempt all present objects from Python's garbage collector.
+    """Exempt all existing objects from Python's garbage collection.
 
-    A LeRobot command has half a million objects after its start. Once a quarter more exist, Python would walk
-    all objects in the middle of an episode, and the arms would get no target for 0.25 s.
+    A LeRobot command has half a million objects after its start. Once there are a quarter more, Python would scan all
+    of them, even in the middle of an episode, and the arms would get no target for 0.25 s.
     """
     gc.freeze()
 
 
 def give_way() -> None:
-    """Lower the priority of this process below others. The process needs a session of its own (`start_new_session`).
+    """Lower the priority of this process. Requires a session of its own (`start_new_session`).
 
-    Linux shares the processors among sessions first (autogroup); a nice value counts only within a session.
+    Linux first distributes the processors among sessions (autogroup); a nice value applies only within a session.
     """
-    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # a batch process preempts nobody when it wakes up
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # a batch process preempts no other when it wakes up
     os.setpriority(os.PRIO_PROCESS, 0, _GIVING_WAY_NICE)
     with contextlib.suppress(OSError):  # no autogroups in the kernel, or another nice value was set within 0.1 s
         Path("/proc/self/autogroup").write_text(str(_GIVING_WAY_NICE))
 
 
 def avoid_oom_killer() -> str:
-    """Lower this process's out-of-memory score, so that the kernel kills others first. Children inherit the score.
+    """Lower this process's OOM score, so that the kernel kills others first. Child processes inherit the score.
 
     Returns:
-        The score now, for the log: for example "out-of-memory score -900".
+        The new score, for the log, such as "out-of-memory score -900".
     """
     path = Path("/proc/self/oom_score_adj")
     score = int(path.read_text())
@@ -82,17 +82,17 @@ def avoid_oom_killer() -> str:
                 path.write_text(str(wish))
                 score = wish
             except OSError:
-                pass  # lowering the score needs privilege
+                pass  # lowering the score requires privilege
     return f"out-of-memory score {score}"
 
 
 def request_scheduling(priority: int) -> str:
-    """Request the scheduling of `request_realtime` for the calling thread; returns what was granted."""
+    """Request the scheduling of `request_realtime` for the calling thread; return what was granted."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
         return f"SCHED_FIFO {priority}"
     except OSError:
-        pass  # SCHED_FIFO needs privilege or RLIMIT_RTPRIO
+        pass  # SCHED_FIFO requires privilege or RLIMIT_RTPRIO
     if _SCHED_SETATTR is not None:
         attributes = _SCHED_ATTR.pack(_SCHED_ATTR.size, os.SCHED_OTHER, 0, 0, 0, _SHORT_SLICE_NS, 0, 0, 0, 0)
         kernel = tuple(int(part) for part in platform.release().split(".")[:2] if part.isdigit())

@@ -1,6 +1,6 @@
-"""Rig file: one YAML file with `robot` (followers and cameras) and `teleop` (leaders), as in a run config of LeRobot.
+"""Rig file: one YAML file with the sections `robot` (followers and cameras) and `teleop` (leaders) of a run config.
 
-Run configs name the file instead of repeating the arms: `robot: {type: yam_rig, file: rig.yaml}`.
+Run configs of LeRobot refer to the file instead of repeating the arms: `robot: {type: yam_rig, file: rig.yaml}`.
 """
 
 from collections.abc import Mapping
@@ -17,15 +17,15 @@ _CAMERAS = "cameras"
 
 
 def device_of(section: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Read the options of a device in a run config; options of type `yam_rig` come from the file that it names.
+    """Return the options of a device in a run config; a device of type `yam_rig` is read from its rig file.
 
     Args:
         section: "robot" or "teleop".
         given: the device in the run config. A `yam_rig` has `file`; `options`, `id` and `calibration_dir`, which
-            override the file's; `arm_options`, which override those of each arm; `cameras`: False omits cameras.
+            override those in the file; `arm_options`, which override those of each arm; `cameras`: False omits cameras.
 
     Raises:
-        ConfigError: there is no such file, or the file cannot be read or has no such device.
+        ConfigError: the file does not exist, cannot be read, or has no such device.
     """
     if given.get("type") != RIG_TYPE:
         return dict(given)

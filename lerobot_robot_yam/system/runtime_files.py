@@ -1,6 +1,6 @@
-"""Runtime files of a user (locks, state blocks, rig sockets), and which process holds a lock.
+"""Runtime files of a user (locks, state blocks, rig sockets), and the processes that hold the locks.
 
-Every file name contains the CAN channel and, on a virtual rig, the rig's id, so two rigs never conflict.
+Every file name contains the CAN channel and, on a virtual rig, the rig's id, so that rigs never conflict.
 """
 
 import contextlib
@@ -15,24 +15,24 @@ from lerobot_robot_yam.errors import BusError, ChannelInUseError, ConfigError
 ENV_RUNTIME_DIR = "YAM_RUNTIME_DIR"
 ENV_RIG = "YAM_RIG"
 AUTO_RIG = "auto-"
-# Beginnings of file names, before a channel's key: lock of its driver, state block and configuration of its arm.
+# Prefixes of file names, followed by a channel's key: driver's lock, state block, configuration of the arm.
 LOCK, STATE, ABOUT = "lock-", "state-", "about-"
-DESK = "desk-"  # beginning of the file names of a LeRobot command, before its process number
+DESK = "desk-"  # prefix of the file names of a LeRobot command, followed by its process id
 _CONTROL_PROCESS = "lerobot_robot_yam.control.process.control_process"
-_SHARED = (Path("/dev/shm"), Path("/tmp"))  # parents, the same in every shell, unlike XDG_RUNTIME_DIR and TMPDIR
+_SHARED = (Path("/dev/shm"), Path("/tmp"))  # parents; the same in every shell, unlike XDG_RUNTIME_DIR and TMPDIR
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
-_RIG_NAME_MAX = 64  # longest name of a rig, characters: a socket's path contains it (108 bytes in all)
+_RIG_NAME_MAX = 64  # maximum length of a rig's name, characters: socket paths contain it (limit 108 bytes)
 
 
 def runtime_dir() -> Path:
     """Return the directory for sockets, locks, shared blocks and the emergency stop; create it with mode 0700.
 
-    The path is `YAM_RUNTIME_DIR`, else this user's in /dev/shm, else in /tmp. Variables of a login session would
-    not do: cron, su, ssh and `docker exec` lack them, and must find the arms that they are to stop. The path must be
-    short, since Unix sockets lie in it (108 bytes in all).
+    The path is `YAM_RUNTIME_DIR`, else a directory of this user in /dev/shm, else in /tmp. Variables of a login session
+    are unsuitable: processes of cron, su, ssh and `docker exec` lack them, but must find the arms to stop. The path
+    must be short, since it is part of socket paths (limit 108 bytes).
 
     Raises:
-        ConfigError: the directory cannot be made, belongs to somebody else, or is open to others.
+        ConfigError: the directory cannot be created, belongs to another user, or is writable by others.
     """
     path = _own_path()
     try:
@@ -51,10 +51,10 @@ def runtime_dir() -> Path:
 
 
 def runtime_dirs() -> list[Path]:
-    """List the runtime directories of all users of this machine; ours is first, whether it exists or not.
+    """List the runtime directories of all users on this machine, the own one first even if it does not exist.
 
-    If `YAM_RUNTIME_DIR` is set, that directory is the only one. Anybody may write into /dev/shm, so other directories
-    count only if they are no links and belong to the user whose number is in their name.
+    If `YAM_RUNTIME_DIR` is set, only that directory is listed. Every user can write to /dev/shm, so other users'
+    directories count only if they are not links and belong to the user whose id is in the name.
     """
     own = _own_path()
     if os.environ.get(ENV_RUNTIME_DIR):
@@ -80,7 +80,7 @@ def _is_directory_of(path: Path, uid: int) -> bool:
 
 
 def slug(name: str) -> str:
-    """Replace characters of a channel or rig name that do not fit into a file name."""
+    """Replace the characters of a channel or rig name that are unsuitable in a file name."""
     return re.sub(r"[^A-Za-z0-9_.-]", "-", name)
 
 
@@ -90,10 +90,10 @@ def rig_name(rig: str | None = None) -> tuple[str, int | None]:
     "auto" is the rig of this process, "auto:1234" that of process 1234.
 
     Returns:
-        The name and, for auto rigs, the pid of the owner.
+        The name and, for auto rigs, the process id of the owner.
 
     Raises:
-        ConfigError: "auto:" is not followed by a process id, or the name cannot be part of a file's name.
+        ConfigError: "auto:" is not followed by a process id, or the name cannot be part of a file name.
     """
     if rig is not None and (not isinstance(rig, str) or len(rig) > _RIG_NAME_MAX or "\0" in rig):
         raise ConfigError(f"a rig's name is a text of at most {_RIG_NAME_MAX} characters, not {rig!r}")
@@ -110,9 +110,9 @@ def rig_name(rig: str | None = None) -> tuple[str, int | None]:
 
 
 class FileLock:
-    """Exclusive advisory lock on a file, released by the kernel when its holder dies.
+    """Exclusive advisory lock on a file; the kernel releases it when the holder dies.
 
-    The file holds the holder's pid, so that a refusal can name it.
+    The file contains the holder's process id, so that error messages can name the holder.
     """
 
     def __init__(self, path: Path, what: str):
@@ -124,8 +124,8 @@ class FileLock:
         """Acquire the lock.
 
         Raises:
-            ChannelInUseError: another process holds the lock (only when not blocking).
-            BusError: the lock's file cannot be made.
+            ChannelInUseError: another process holds the lock (only if not blocking).
+            BusError: the lock file cannot be created.
         """
         while True:
             try:
@@ -143,17 +143,17 @@ class FileLock:
                     f"{self._what} is in use by process {holder}{_program_of(holder)}; wait while it lands its arms, "
                     "else end it, and try again"
                 ) from None
-            # The previous holder may have unlinked the file between our open and our lock.
+            # The previous holder may have removed the file between open and flock.
             if self._is_ours(fd):
                 break
             os.close(fd)
         self._fd = fd
-        with contextlib.suppress(OSError):  # the lock works on a full disk, too
+        with contextlib.suppress(OSError):  # the lock works even on a full disk
             os.ftruncate(fd, 0)
             os.pwrite(fd, f"{os.getpid()}\n".encode(), 0)
 
     def _is_ours(self, fd: int) -> bool:
-        """Return whether the path still leads to the file that we have open."""
+        """Return whether the path still refers to the file that this object has open."""
         try:
             return os.stat(self._path).st_ino == os.fstat(fd).st_ino
         except FileNotFoundError:
@@ -165,7 +165,7 @@ class FileLock:
         return self._fd is not None
 
     def release(self) -> None:
-        """Remove the file and release the lock, even if the file has been replaced. Idempotent."""
+        """Remove the file, unless it was replaced, and release the lock. Idempotent."""
         if self._fd is not None:
             with contextlib.suppress(OSError):
                 if self._is_ours(self._fd):
@@ -182,23 +182,23 @@ class FileLock:
 
 
 def sessions(directory: Path) -> dict[str, str]:
-    """Map channel keys to the processes that drive the arms: each holds the channel's lock and publishes a state.
+    """Map channel keys to the processes that drive arms, which hold the channel's lock and publish a state.
 
-    Programs that set motors up hold only the lock.
+    Programs that set up motors hold only the lock.
     """
     holders = lock_holders(directory).items()
-    # lexists, since a state may be a link that a container cannot follow
+    # lexists, since a state file may be a link that a container cannot follow
     return {key: holder for key, holder in holders if os.path.lexists(directory / f"{STATE}{key}")}
 
 
 def lock_holders(directory: Path) -> dict[str, str]:
-    """Map channel keys to the processes that hold the channels' locks: sessions, and programs that set motors up."""
+    """Map channel keys to the processes that hold the channels' locks: sessions, and programs that set up motors."""
     locks = {lock.name.removeprefix(LOCK): _lock_holder(lock) for lock in sorted(directory.glob(f"{LOCK}*"))}
     return {key: holder for key, holder in locks.items() if holder is not None}
 
 
 def _lock_holder(path: Path) -> str | None:
-    """Read the process number of a lock's holder; None when the lock is free."""
+    """Read the process id of a lock's holder; None if the lock is free."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:
@@ -213,7 +213,7 @@ def _lock_holder(path: Path) -> str | None:
 
 
 def _program_of(holder: str) -> str:
-    """Name the program of a lock's holder; for a control process, the program that it drives the arm for."""
+    """Name the program that holds a lock; for a control process also the program for which it drives the arm."""
     words = _words(holder)
     if _CONTROL_PROCESS in words:
         with contextlib.suppress(OSError, IndexError):
@@ -231,7 +231,7 @@ def _words(pid: str) -> list[str]:
 
 
 def _program(words: list[str]) -> str:
-    """Name a program by its command line; a Python program by its script, not by the interpreter."""
+    """Name a program by its command line; a Python program by its script instead of the interpreter."""
     names = [os.path.basename(word) for word in words if not word.startswith("-")]
     if len(names) > 1 and names[0].startswith("python") and "-c" not in words:
         return names[1]

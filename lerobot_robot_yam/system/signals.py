@@ -1,10 +1,10 @@
-"""Signals: SIGTERM and SIGHUP end a session like Ctrl-C, with one line; some blocks of code finish first.
+"""Signals: SIGTERM and SIGHUP end a session as Ctrl-C does, with a message of one line; some code blocks finish first.
 
-Under a LeRobot command an error of ours is printed as one line, too: the line says what failed and what to do, and
-a traceback would bury it.
+Under a LeRobot command, errors of this package are printed as one line, too: the line states what failed and what to
+do, which a traceback would hide.
 
-Handlers are process-wide, so all devices of the process share them. Handlers are set only in the main thread and only
-over default handlers, and restored when the last device disconnects.
+Handlers are process-wide, so all devices of the process share them. They are set only in the main thread and only in
+place of default handlers, and restored when the last device disconnects.
 """
 
 import importlib.util
@@ -28,12 +28,12 @@ _DEFAULTS = {
     signal.SIGTERM: signal.SIG_DFL,
     signal.SIGHUP: signal.SIG_DFL,
 }
-_WHY = "ended by "  # text at the beginning of our KeyboardInterrupt
-# Module that torch loads at exit, if the module is installed. Loading it that late makes Python forget that an
-# interrupt ended the process, and the exit status becomes 1. So we load the module early.
+_WHY = "ended by "  # first words of a KeyboardInterrupt from this module
+# Module that torch, if installed, imports at exit. An import that late makes Python forget that an interrupt ended the
+# process, and the exit status becomes 1. So this module imports it early.
 _LOADED_AT_EXIT = "tabulate"
-_TWICE_S = 1.0  # time in which several signals count as one, s: a closed terminal sends two at once
-_users = 0  # number of devices that have not undone their `end_session_on_signals`
+_TWICE_S = 1.0  # period in which several signals count as one, s: a closed terminal sends two at once
+_users = 0  # number of devices that have not yet undone their `end_session_on_signals`
 _waits = False  # whether the session will end by itself
 _under_a_command = False
 _first_s = -math.inf  # monotonic time of the first signal
@@ -41,7 +41,7 @@ _replaced: dict[signal.Signals, Any] = {}
 _report: Any = sys.excepthook  # previous hook for uncaught exceptions
 
 Instead = Callable[[FrameType | None, str], bool]
-"""Function of the interrupted frame and the reason; returns whether the session will end by itself."""
+"""Function of the interrupted frame and the reason; returns whether the session will end without an exception."""
 _instead: list[Instead] = []
 
 
@@ -67,16 +67,16 @@ def _say_in_a_line(kind: type[BaseException], error: BaseException, trace: Trace
 
 
 def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: bool = False) -> Callable[[], None]:
-    """Make SIGTERM and SIGHUP raise KeyboardInterrupt in the main thread, printed as one line.
+    """Make SIGTERM and SIGHUP raise KeyboardInterrupt in the main thread, and print it as one line.
 
     Args:
-        instead: function that is called at the first signal; if it returns True, the session ends by itself, and only
-            a signal more than a second later raises.
-        ctrl_c: whether to handle SIGINT and print errors in one line, too: for LeRobot commands. The user's own
-            programs keep their handler (asyncio has one) and their tracebacks.
+        instead: called at the first signal. If it returns True, the session will end by itself, and only a signal more
+            than a second later raises.
+        ctrl_c: whether to handle SIGINT and print errors as one line, too. Set for LeRobot commands; the user's own
+            programs keep their SIGINT handler (asyncio has one) and their tracebacks.
 
     Returns:
-        A function that undoes this. Idempotent.
+        Function that undoes this call. Idempotent.
     """
     global _users, _first_s, _waits, _report, _under_a_command
     _users += 1
@@ -86,7 +86,7 @@ def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: 
     _instead.append(instead)
     if _users == 1:
         _first_s, _waits = -math.inf, False
-        if sys.excepthook is not _say_in_a_line:  # not restored: the hook prints after the last device has gone
+        if sys.excepthook is not _say_in_a_line:  # not restored: the hook must print after the last disconnect
             _report, sys.excepthook = sys.excepthook, _say_in_a_line
     if threading.current_thread() is threading.main_thread():
         for number, default in _DEFAULTS.items():
@@ -113,7 +113,7 @@ def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: 
 
 @contextmanager
 def undisturbed(what: str) -> Iterator[None]:
-    """Log SIGINT, SIGTERM and SIGHUP instead of obeying them while the block runs; main thread only."""
+    """Log SIGINT, SIGTERM and SIGHUP instead of obeying them while the block runs. No effect outside the main thread."""
 
     def answer(number: int, frame: FrameType | None) -> None:
         logger.warning("%s; the arms have no brakes, so this cannot be cut short", what)
@@ -124,10 +124,10 @@ def undisturbed(what: str) -> Iterator[None]:
 
 @contextmanager
 def finished_first(what: str) -> Iterator[None]:
-    """Delay SIGINT, SIGTERM and SIGHUP until the block has run; do nothing outside the main thread.
+    """Delay SIGINT, SIGTERM and SIGHUP until the block has run. No effect outside the main thread.
 
     Raises:
-        KeyboardInterrupt: at the end of the block, if a signal came.
+        KeyboardInterrupt: raised at the end of the block if a signal arrived.
     """
     came: list[str] = []
 
@@ -152,6 +152,6 @@ def _answered(answer: Callable[[int, FrameType | None], None]) -> Iterator[None]
             signal.signal(number, answer)
         yield
     finally:
-        for number, handler in reversed(before.items()):  # SIGINT last: its handler may interrupt this loop
-            if handler is not None:  # None: a handler that C code has set cannot be put back
+        for number, handler in reversed(before.items()):  # SIGINT last, since its handler may interrupt this loop
+            if handler is not None:  # None: a handler set by C code cannot be restored
                 signal.signal(number, handler)

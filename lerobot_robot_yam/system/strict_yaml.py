@@ -1,8 +1,8 @@
-"""Strict YAML → frozen dataclass: an unknown, missing or ill-typed key is an error that names the place.
+"""Strict conversion of YAML to frozen dataclasses: unknown, missing or ill-typed keys raise an error with their place.
 
 Fields may be `int`, `float`, `str`, `bool`, `np.ndarray`, another dataclass, `T | None`, `tuple[T, ...]` or
-`dict[str, T]`. An array field made with `array_field(*shape)` is checked against that shape (-1: any length), holds
-finite float64 and is read-only.
+`dict[str, T]`. Array fields, made with `array_field(*shape)`, are checked against their shape (-1: any length), contain
+finite float64 and are read-only.
 """
 
 import dataclasses
@@ -19,11 +19,11 @@ import yaml
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
-_LARGEST = 1e9  # largest accepted number: arms in SI units stay far below, and larger ones overflow in the model
+_LARGEST = 1e9  # maximum number: arms in SI units stay far below, and larger numbers overflow in the model
 
 
 def array_field(*shape: int, default: Any = dataclasses.MISSING) -> Any:
-    """Make a dataclass field for a read-only float array of `shape` (-1: any length along that axis)."""
+    """Create a dataclass field for a read-only float array of `shape` (-1: any length along that axis)."""
     if default is dataclasses.MISSING:
         return dataclasses.field(metadata={"shape": shape})
     value = None if default is None else _array(default, shape, "default")
@@ -31,7 +31,7 @@ def array_field(*shape: int, default: Any = dataclasses.MISSING) -> Any:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Read the mapping in a YAML file. Raises ConfigError: the file cannot be read, or holds no mapping."""
+    """Read a YAML file that contains a mapping. Raises ConfigError: it cannot be read, or contains no mapping."""
     try:
         document = yaml.safe_load(user_path(path).read_text(encoding="utf-8"))
     except Exception as error:  # besides OSError and YAMLError: "!!int x" is a ValueError, "!!bool x" a KeyError, …
@@ -42,7 +42,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def merge(document: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Lay `overrides` over `document`: nested mappings merge, everything else is replaced."""
+    """Return `document` with `overrides` applied: nested mappings are merged, other values replaced."""
     merged = dict(document)
     for key, value in overrides.items():
         old = merged.get(key)
@@ -51,7 +51,7 @@ def merge(document: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str
 
 
 def parse[T](cls: type[T], document: Any, where: str) -> T:
-    """Build dataclass `cls` from a mapping. Raises ConfigError: a key or value is wrong; the message names `where`."""
+    """Create dataclass `cls` from a mapping. Raises ConfigError: a key or value is wrong; `where` is in the message."""
     if not isinstance(document, Mapping):
         raise ConfigError(f"{where}: expected a mapping, found {type(document).__name__}")
     hints = typing.get_type_hints(cls)

@@ -1,23 +1,23 @@
-"""Hardware in sysfs, the kernel's files: USB devices, and the CAN adapters behind network interfaces."""
+"""Hardware in sysfs, the kernel's file system: USB devices, and CAN interfaces with their adapters."""
 
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 SYSFS = Path("/sys")
-KERNEL_NAME = re.compile(r"(can|slcan|vcan)\d+")  # names that the kernel gives in the order of discovery
+KERNEL_NAME = re.compile(r"(can|slcan|vcan)\d+")  # names that the kernel assigns in order of discovery
 CAN_TYPE = "280"  # type of a CAN interface in sysfs, ARPHRD_CAN of linux/if_arp.h
 
 
 @dataclass(frozen=True)
 class UsbDevice:
-    """USB device. An attribute is None if sysfs does not have it.
+    """USB device. Attributes that sysfs does not have are None.
 
     Attributes:
-        port: where the device is plugged in, such as "1-2.3": bus, then the port of each hub on the way.
+        port: port of the device, such as "1-2.3": bus, then the port on each hub in between.
         bus: number of the USB bus (one per controller and speed class).
         number: number of the device on its bus.
-        speed_mbit: negotiated speed of the link: 12, 480 (USB 2), 5000 (USB 3) and more.
+        speed_mbit: negotiated link speed: 12, 480 (USB 2), 5000 (USB 3) and more.
     """
 
     port: str
@@ -33,12 +33,12 @@ class CanAdapter:
     """CAN interface and the hardware behind it.
 
     Attributes:
-        driver: kernel driver, such as "gs_usb"; None when the driver is unknown or there is no hardware (vcan).
-        usb: USB device of the adapter; None when the adapter is not USB.
-        place: directory of the hardware below sysfs, "/devices/…/1-2/1-2:1.0"; None when there is no hardware.
+        driver: kernel driver, such as "gs_usb"; None if the driver is unknown or there is no hardware (vcan).
+        usb: USB device of the adapter; None if the adapter is not a USB device.
+        place: directory of the hardware below sysfs, "/devices/…/1-2/1-2:1.0"; None if there is no hardware.
         serial: serial number of the hardware.
-        dev_id, dev_port: number of this channel on an adapter with several, such as "0x1" and "1". Drivers set one
-            or both.
+        dev_id, dev_port: number of this channel on a multi-channel adapter, such as "0x1" and "1". Drivers set one or
+            both.
     """
 
     name: str
@@ -51,17 +51,17 @@ class CanAdapter:
 
     @property
     def usb_interface(self) -> str | None:
-        """Place of this function of the USB device, such as "1-2:1.0"; None when the adapter is not USB."""
+        """USB interface of this channel, such as "1-2:1.0"; None if the adapter is not a USB device."""
         return Path(self.place).name if self.usb and self.place else None
 
     @property
     def number(self) -> tuple[str | None, str | None]:
-        """Numbers that distinguish this channel from others of its adapter."""
+        """Numbers that distinguish this channel from other channels of its adapter."""
         return self.dev_id, self.dev_port
 
 
 def text_of(path: Path) -> str | None:
-    """Read a small sysfs file, stripped; None when the file is empty or cannot be read."""
+    """Read a small sysfs file, stripped; None if the file is empty or cannot be read."""
     try:
         return path.read_text(errors="replace").strip() or None
     except OSError:
@@ -69,7 +69,7 @@ def text_of(path: Path) -> str | None:
 
 
 def usb_device(directory: Path) -> UsbDevice | None:
-    """Find the USB device that a directory of sysfs belongs to; None when the hardware is not USB."""
+    """Find the USB device to which a sysfs directory belongs; None if the hardware is not a USB device."""
     for place in (directory, *directory.parents):
         if text_of(place / "idVendor") is not None:
             bus, number, speed = (text_of(place / name) or "" for name in ("busnum", "devnum", "speed"))
@@ -85,15 +85,15 @@ def usb_device(directory: Path) -> UsbDevice | None:
 
 
 def read_adapters(sysfs: Path = SYSFS) -> list[CanAdapter]:
-    """List all CAN interfaces of a sysfs tree, by name."""
+    """List all CAN interfaces in a sysfs tree, sorted by name."""
     found = (read_adapter(path) for path in sorted((sysfs / "class" / "net").glob("*")))
     return [adapter for adapter in found if adapter is not None]
 
 
 def read_adapter(interface: Path) -> CanAdapter | None:
-    """Read the adapter behind a directory of `class/net`; None when the directory is no CAN interface.
+    """Read the CAN interface in a directory of `class/net`; None if the directory is not a CAN interface.
 
-    The link `device` leads to the USB interface ("1-2.3:1.0"), whose parent is the adapter; other hardware (SPI) has no
+    The link `device` leads to the USB interface ("1-2.3:1.0"), whose parent is the adapter. Other hardware (SPI) has no
     such parent.
     """
     if text_of(interface / "type") != CAN_TYPE:

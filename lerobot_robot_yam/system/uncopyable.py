@@ -1,4 +1,4 @@
-"""Base class of objects that cannot be copied: LeRobot would discard its copy of a session, and so land the arms."""
+"""Base class of uncopyable objects: LeRobot would delete its copy of a session, and thereby land the arms."""
 
 from typing import NoReturn, SupportsIndex
 
@@ -6,7 +6,7 @@ from lerobot_robot_yam.errors import LifeCycleError
 
 
 class Uncopied:
-    """Object that refuses `copy.copy`, `copy.deepcopy` and `pickle`."""
+    """Object that cannot be copied with `copy.copy` or `copy.deepcopy`, nor pickled."""
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
         raise LifeCycleError(
