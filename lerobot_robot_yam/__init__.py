@@ -1,6 +1,6 @@
 """I2RT YAM arms, real or virtual, for LeRobot.
 
-Importing this package is cheap: types are registered once LeRobot is imported, and public names load on first use.
+Importing this package is cheap: types are registered when LeRobot is imported, and public names load on first use.
 """
 
 import importlib
@@ -35,7 +35,7 @@ _MODULES = {
     "YamRealsenseCameraConfig": "config_yam_realsense",
 }
 __all__ = list(_MODULES)
-# Names that `import *` leaves out, since they need waldoctl.
+# Names omitted from `import *`, since they require waldoctl.
 _MODULES |= {"RobotClient": "waldo.client.sync_client", "AsyncRobotClient": "waldo.client.async_client"}
 
 registration.register()

@@ -1,4 +1,4 @@
-"""LeRobot config of a camera that the virtual rig renders (`type: yam_sim`)."""
+"""LeRobot config of a camera rendered by the virtual rig (`type: yam_sim`)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,7 @@ from lerobot_robot_yam.face.registration import register_as
 @register_as(CameraConfig, "yam_sim")
 @dataclass(kw_only=True)
 class YamSimCameraConfig(CameraConfig):
-    """A camera of the virtual rig's scene."""
+    """A camera in the virtual rig's scene."""
 
     camera: str = option("its name in the scene: top, wrist_left, wrist_right, front or overview in the default one")
     fps: int | None = option("images per second; software rendering manages three such cameras on two cores", 30)

@@ -1,4 +1,4 @@
-"""LeRobot config of an environment with a YAM robot in it (`lerobot-eval --env.type=yam`)."""
+"""LeRobot config of an environment with a YAM robot (`lerobot-eval --env.type=yam`)."""
 
 import contextlib
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ AGENT_POS = "agent_pos"
 
 
 def eyes_of(robot: Any) -> dict[str, Any]:
-    """Return, by name, the configs of a robot's cameras that give colour: a policy of an environment sees these."""
+    """Return the configs of a robot's colour cameras by name; policies in an environment get the images of these."""
     return {name: camera for name, camera in robot.all_cameras().items() if getattr(camera, "use_rgb", True)}
 
 
@@ -60,11 +60,11 @@ class YamEnvConfig(EnvConfig):
     description: str | None = option("the task in words, for policies that read; by default as the task says", None)
 
     def __post_init__(self) -> None:
-        with contextlib.suppress(ConfigError):  # `create_envs` raises it again; the parser would hide the reason
+        with contextlib.suppress(ConfigError):  # raised again by `create_envs`; here the parser would hide the reason
             self._describe()
 
     def _describe(self) -> None:
-        """Fill in the features. Raises ConfigError: no robot is chosen."""
+        """Set the features. Raises ConfigError: no robot is chosen."""
         if self.robot is None or not hasattr(self.robot, "action_keys"):
             raise ConfigError("env.robot: choose the robot, such as --env.robot.type=bi_yam_follower")
         action_keys, state_keys, cameras = self.robot.action_keys(), self.robot.state_keys(), eyes_of(self.robot)
@@ -80,26 +80,26 @@ class YamEnvConfig(EnvConfig):
 
     @property
     def virtual(self) -> bool:
-        """Whether the robot is in a virtual rig."""
+        """Whether the robot is part of a virtual rig."""
         return self.lockstep or all(arm.interface == "yam_sim" for arm in cast(Any, self.robot).arms().values())
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
-        """Empty mapping, since the environment is not made through gymnasium's registry."""
+        """Empty mapping, since the environment is not created through gymnasium's registry."""
         return {}
 
     def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, gym.vector.VectorEnv]]:
-        """Make {"yam": {0: vector environment}}; each robot is connected by its environment's first reset.
+        """Create {"yam": {0: vector environment}}; the first reset of an environment connects its robot.
 
         Raises:
-            ConfigError: no robot is chosen, its config is impossible, or several environments have one real robot.
+            ConfigError: no robot is chosen, its config is invalid, or several environments share one real robot.
         """
         from lerobot_robot_yam.yam_env import YamEnv
 
         self._describe()
         if n_envs > 1 and not self.virtual:
             raise ConfigError(f"{n_envs} environments, but one real robot: use --eval.batch_size=1")
-        # Gymnasium would reset an environment that ends before the others; freezing avoids that.
+        # Gymnasium would reset environments that end before the others; freezing them avoids the reset.
         makers = [freeze_after_episode_end(partial(YamEnv, self, index, n_envs)) for index in range(n_envs)]
         mode = gym.vector.AutoresetMode.NEXT_STEP
         if use_async_envs and n_envs > 1:

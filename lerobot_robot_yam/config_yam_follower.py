@@ -1,8 +1,8 @@
 """LeRobot configs of follower arms.
 
 yam_follower, bi_yam_follower    one arm, two arms
-yam_remote, bi_yam_remote        one arm, two arms of another computer
-yam_rig                          arms that a rig's file describes (`--robot.type=yam_rig --robot.file=rig.yaml`)
+yam_remote, bi_yam_remote        one arm, two arms connected to another computer
+yam_rig                          arms described in a rig file (`--robot.type=yam_rig --robot.file=rig.yaml`)
 """
 
 from abc import ABC, abstractmethod
@@ -30,7 +30,7 @@ _CAMERAS = (
 
 @dataclass(kw_only=True)
 class FollowerOptions(ABC):
-    """Options of the robot as a whole, one arm or two, of this computer or another one."""
+    """Options of the robot as a whole: with one arm or two, connected to this computer or another one."""
 
     cameras: dict[str, CameraConfig] = option(_CAMERAS, factory=dict)
     observe_velocity: bool = option("also observe joint_1.vel …, rad/s, and the gripper in strokes per second", False)
@@ -59,17 +59,17 @@ class FollowerOptions(ABC):
 
     @abstractmethod
     def arms(self) -> Mapping[str, ArmConfig]:
-        """Return the config of each arm by its feature prefix, in canonical order."""
+        """Return the configs of the arms by feature prefix, in canonical order."""
 
     def runs(self) -> "Isolation":
-        """Return the isolation of the control loop, see `ArmSession`."""
+        """Return how the control loop is isolated, see `ArmSession`."""
         return self.isolation
 
     def all_cameras(self) -> dict[str, CameraConfig]:
-        """Return every camera's config by the name of its images in observations.
+        """Return the configs of all cameras by the names of their images in observations.
 
         Raises:
-            ConfigError: two cameras have the same name, or one lacks its size or rate.
+            ConfigError: two cameras have the same name, or a camera has no size or rate.
         """
         return dict(self.cameras)
 
@@ -81,27 +81,27 @@ class FollowerOptions(ABC):
         return names
 
     def action_keys(self) -> list[str]:
-        """Return the keys of an action, in canonical order. Raises ConfigError: an arm or gripper is unknown."""
-        from lerobot_robot_yam.face.devices import feature_names  # loads profiles: late, for a quick start
+        """Return the action keys, in canonical order. Raises ConfigError: an arm or gripper is unknown."""
+        from lerobot_robot_yam.face.devices import feature_names  # late import of profiles, for a fast start
 
         return feature_names.action_keys(self.arms(), self.action_space)
 
     def state_keys(self) -> list[str]:
-        """Return the keys of all numbers of an observation: the keys of an action, then the optional keys."""
+        """Return the keys of all numbers in an observation: the action keys, then the optional keys."""
         from lerobot_robot_yam.face.devices.feature_names import motors_of
 
         return self.action_keys() + self.optional_keys(motors_of(self.arms()))
 
     def optional_keys(self, motors: Sequence[str]) -> list[str]:
-        """Return the keys of the optional numbers that are switched on, for motors in canonical order."""
+        """Return the keys of the optional numbers that are enabled, for motors in canonical order."""
         kinds = ["vel"] * self.observe_velocity + ["torque"] * self.observe_torque
         kinds += ["temp_mos", "temp_rotor"] * self.observe_temperature
         return [f"{motor}.{kind}" for kind in kinds for motor in motors]
 
 
 def refuse_follower(device: str, config: Any) -> None:
-    """Refuse a config from which no robot can be made. Raises RefusedConfigError."""
-    # imported late, to keep LeRobot's start quick
+    """Raise RefusedConfigError if a robot cannot be created from `config`."""
+    # late imports, for a fast start of LeRobot
     from lerobot_robot_yam.face.lerobot_command.command_checks import check_cli
     from lerobot_robot_yam.face.lerobot_command.config_refusal import refuse
 
@@ -115,12 +115,12 @@ def refuse_follower(device: str, config: Any) -> None:
 
 @dataclass(kw_only=True)
 class FollowerArmConfig(ArmConfig):
-    """Config of one arm of two: every field of `ArmConfig`, and cameras whose names get the arm's prefix."""
+    """Config of one of two arms: every field of `ArmConfig`, and cameras, whose names get the arm's prefix."""
 
     cameras: dict[str, CameraConfig] = option(_CAMERAS, factory=dict)
 
     def __post_init__(self) -> None:
-        """Postpone the checks until both arms are known, with their sides."""
+        """Postpone the checks until both arms and their sides are known."""
 
 
 @register_as(RobotConfig, "yam_follower", spare="i2rt_yam_follower")
@@ -137,13 +137,13 @@ class YamFollowerConfig(RobotConfig, FollowerOptions, ArmConfig):
 
 @register_as(RobotConfig, "i2rt_yam_follower")
 class I2rtYamFollowerConfig(YamFollowerConfig):
-    """`YamFollowerConfig` under a type name that no other plugin claims."""
+    """`YamFollowerConfig` with a type name that no other plugin uses."""
 
 
 @register_as(RobotConfig, "bi_yam_follower", spare="bi_i2rt_yam_follower")
 @dataclass(kw_only=True)
 class BiYamFollowerConfig(RobotConfig, FollowerOptions):
-    """Two follower arms. Names of `cameras` stay; names of an arm's own cameras get `left_` or `right_` in front."""
+    """Two follower arms. Camera names in an arm's own config get the prefix `left_` or `right_`, others do not."""
 
     left_arm_config: FollowerArmConfig
     right_arm_config: FollowerArmConfig
@@ -169,11 +169,11 @@ class BiYamFollowerConfig(RobotConfig, FollowerOptions):
 
 @register_as(RobotConfig, "bi_i2rt_yam_follower")
 class BiI2rtYamFollowerConfig(BiYamFollowerConfig):
-    """`BiYamFollowerConfig` under a type name that no other plugin claims."""
+    """`BiYamFollowerConfig` with a type name that no other plugin uses."""
 
 
 class _RemoteFollowers(RemoteOptions, FollowerOptions):
-    """Options of followers whose arms the host describes."""
+    """Options of followers whose arms are described by the host."""
 
     def arms(self) -> Mapping[str, ArmConfig]:
         return {prefix: ArmConfig(**options) for prefix, options in self.hosted.options.items()}
@@ -182,7 +182,7 @@ class _RemoteFollowers(RemoteOptions, FollowerOptions):
 @register_as(RobotConfig, "yam_remote")
 @dataclass(kw_only=True)
 class YamRemoteConfig(RobotConfig, _RemoteFollowers):
-    """One follower arm of another computer, with cameras of this computer."""
+    """One follower arm connected to another computer, with cameras of this computer."""
 
     def __post_init__(self) -> None:
         self.ask_host("robot", ("",))
@@ -192,7 +192,7 @@ class YamRemoteConfig(RobotConfig, _RemoteFollowers):
 @register_as(RobotConfig, "bi_yam_remote")
 @dataclass(kw_only=True)
 class BiYamRemoteConfig(RobotConfig, _RemoteFollowers):
-    """Two follower arms of another computer, with cameras of this computer."""
+    """Two follower arms connected to another computer, with cameras of this computer."""
 
     def __post_init__(self) -> None:
         self.ask_host("robot", ("left_", "right_"))
@@ -202,7 +202,7 @@ class BiYamRemoteConfig(RobotConfig, _RemoteFollowers):
 @register_as(RobotConfig, RIG_TYPE)
 @dataclass(kw_only=True)
 class YamRigConfig(RobotConfig):
-    """Config that a rig's file describes. The constructor returns a config of the type in the file, not of this one."""
+    """Config in a rig file. The constructor returns a config of the type in the file instead of this type."""
 
     file: str = option("the rig's file, as yam-setup writes it; its `robot` is taken")
     options: dict[str, Any] = option("options laid over the file's, such as {use_degrees: true}", factory=dict)
@@ -212,7 +212,7 @@ class YamRigConfig(RobotConfig):
     cameras: bool = option("false: without the file's cameras", True)
 
     def __new__(cls, **given: Any) -> RobotConfig:  # returns a config of the type in the file
-        # imported late, to keep LeRobot's start quick
+        # late import, for a fast start of LeRobot
         from lerobot_robot_yam.face.lerobot_command.config_refusal import rig_device
 
         return rig_device(RobotConfig, "robot", given)

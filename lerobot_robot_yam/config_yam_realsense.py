@@ -1,4 +1,4 @@
-"""LeRobot config of a RealSense that comes back after it dropped out (`type: yam_realsense`)."""
+"""LeRobot config of a RealSense camera with automatic reconnection (`type: yam_realsense`)."""
 
 import sys
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from lerobot_robot_yam.system.paths import user_path
 @register_as(CameraConfig, "yam_realsense")
 @dataclass(kw_only=True)
 class YamRealsenseCameraConfig(CameraConfig):
-    """A D405, D435, D455, or another camera with a serial number. The fields are as in LeRobot's `intelrealsense`."""
+    """A D405, D435, D455 or other camera with a serial number. The fields are as in LeRobot's `intelrealsense`."""
 
     serial_number_or_name: str = option("serial number (`yam-cameras list`), or the model if there is one: D405")
     fps: int | None = option("images per second", None)
@@ -36,12 +36,12 @@ class YamRealsenseCameraConfig(CameraConfig):
     root: str = option("directory with sys and dev, in place of this computer's: for tests", "/")
 
     def __post_init__(self) -> None:
-        """Refuse impossible values and, under a LeRobot command, a missing camera.
+        """Check the values and, under a LeRobot command, whether the camera exists.
 
         Raises:
-            RefusedConfigError: a value is impossible or the camera is missing; the message says what to do.
+            RefusedConfigError: a value is invalid or the camera is missing; the message says what to do.
         """
-        # imported late, to keep LeRobot's start quick
+        # late import, for a fast start of LeRobot
         from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 
         self.color_mode, self.rotation = ColorMode(self.color_mode), Cv2Rotation(self.rotation)

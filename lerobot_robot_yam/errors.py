@@ -1,23 +1,23 @@
-"""Errors of this package. Every message names what failed and says what to check."""
+"""Errors of this package. Every message states what failed and what to check."""
 
 
 class YamError(Exception):
-    """Root of every error raised by this package."""
+    """Base class of all errors that this package raises."""
 
 
 class ConfigError(YamError):
-    """A configuration cannot be used (unknown arm, gripper, channel, wrong value).
+    """A configuration is invalid (unknown arm, gripper or channel, wrong value).
 
-    This class is no ValueError, since LeRobot's parser replaces a ValueError by an error without the reason.
+    Not a subclass of ValueError, since LeRobot's parser replaces a ValueError with an error without the reason.
     """
 
 
 class ActionError(YamError, ValueError):
-    """A command has wrong keys, shape, type or non-finite values; nothing was sent."""
+    """An action or command has wrong keys, shape or type, or non-finite values; nothing was sent."""
 
 
 class ObservationError(YamError, ValueError):
-    """An observation for a policy lacks something, or has a wrong shape or type; the policy was not run."""
+    """An observation for a policy is incomplete, or has a wrong shape or type; the policy was not run."""
 
 
 class BusError(YamError, OSError):
@@ -25,7 +25,7 @@ class BusError(YamError, OSError):
 
 
 class ChannelInUseError(BusError):
-    """Another process of this machine, or another driver on the wire, drives the channel."""
+    """Another process on this machine, or another driver on the bus, uses the channel."""
 
 
 class MotorError(YamError, RuntimeError):
@@ -41,15 +41,15 @@ class CameraError(YamError, ConnectionError):
 
 
 class LifeCycleError(YamError, RuntimeError):
-    """The request is not allowed in the arm's present state."""
+    """A request is not allowed in the current state of the arm."""
 
 
 class GripperError(YamError, RuntimeError):
-    """Gripper stops are unknown, implausible or do not match the stored ones."""
+    """Gripper stops are unknown, implausible or differ from the stored ones."""
 
 
 class SetupError(YamError, RuntimeError):
-    """This computer cannot be set up as requested: no rights, no such adapter, a name that is taken."""
+    """This computer cannot be set up as requested: missing rights, no such adapter, or a name in use."""
 
 
 class RigError(YamError, RuntimeError):
@@ -57,24 +57,24 @@ class RigError(YamError, RuntimeError):
 
 
 class EmergencyStopError(YamError, RuntimeError):
-    """The emergency stop is latched: no other arm is energised until it is released."""
+    """The emergency stop is latched: no more arms are energised until its release."""
 
 
 class DatasetError(YamError, RuntimeError):
-    """A data set is damaged: it cannot be repaired, or a picture of it cannot be decoded."""
+    """A data set is damaged: it cannot be repaired, or one of its images cannot be decoded."""
 
 
 class PolicyServerError(YamError, ConnectionError):
-    """A policy server cannot be reached, has failed, or does not answer in time; nothing was sent to the robot."""
+    """A policy server cannot be reached, has failed, or does not reply in time; nothing was sent to the robot."""
 
 
 class LinkError(YamError, ConnectionError):
-    """The computer that has the arms cannot be reached, does not answer, or sent a malformed message."""
+    """The computer with the arms cannot be reached, does not reply, or has sent a malformed message."""
 
 
 class PlanError(YamError, RuntimeError):
-    """A motion cannot be planned: out of reach, beyond a limit, singular, too near, or malformed. Nothing moves."""
+    """A motion cannot be planned: out of reach, beyond a limit, singular, in collision, or malformed. Nothing moves."""
 
 
 class ControllerError(YamError, RuntimeError):
-    """The controller of Waldo Commander refused a command, does not answer, or could not be started."""
+    """The controller of Waldo Commander refused a command, does not reply, or could not be started."""

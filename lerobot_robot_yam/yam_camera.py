@@ -14,7 +14,7 @@ from lerobot_robot_yam.rig.scene.scene import load_scene
 
 
 class YamSimCamera(Camera):
-    """Camera whose images (height, width, 3) uint8 RGB the rig renders in another process."""
+    """Camera with images (height, width, 3) uint8 RGB that the rig renders in another process."""
 
     def __init__(self, config: YamSimCameraConfig):
         super().__init__(config)
@@ -25,7 +25,7 @@ class YamSimCamera(Camera):
         if lockstep is not None:
             self._camera = LockstepCamera(lockstep, config.camera, *size)
         else:
-            rig = None if config.rig == "auto" else config.rig  # None also heeds YAM_RIG
+            rig = None if config.rig == "auto" else config.rig  # with None, RigCamera also reads the variable YAM_RIG
             self._camera = RigCamera(config.camera, *size, rig=rig, scene=config.scene, options=config.rig_options)
 
     def __str__(self) -> str:
@@ -45,27 +45,27 @@ class YamSimCamera(Camera):
 
     @check_if_already_connected
     def connect(self, warmup: bool = True) -> None:
-        """Connect to the rig, or start it, and wait for the first image. `warmup` has no effect.
+        """Connect to the rig, or start a rig, and wait for the first image. `warmup` has no effect.
 
         Raises:
-            ConfigError: there is no such camera, or it cannot have this size and rate.
+            ConfigError: there is no such camera, or the camera does not support this size and rate.
             RigError: the rig cannot be started or reached, or has no OpenGL.
         """
         self._camera.connect()
 
     @check_if_not_connected
     def read(self) -> np.ndarray:
-        """Wait for the next image that was not returned yet. Raises StaleStateError: no image comes within 1 s."""
+        """Wait for the next image not yet returned. Raises StaleStateError: no image within 1 s."""
         return self._camera.wait_new(1.0)[0]
 
     @check_if_not_connected
     def async_read(self, timeout_ms: float = 200) -> np.ndarray:
-        """Wait for the next image that was not returned yet. Raises StaleStateError (a TimeoutError): none in time."""
+        """Wait for the next image not yet returned. Raises StaleStateError (a TimeoutError): no image in time."""
         return self._camera.wait_new(timeout_ms / 1e3)[0]
 
     @check_if_not_connected
     def read_latest(self, max_age_ms: int = 500) -> np.ndarray:
-        """Return the newest image at once, as a private, writable copy.
+        """Return the newest image without waiting, as a writable copy.
 
         Raises:
             StaleStateError (a TimeoutError): the newest image is older than max_age_ms.

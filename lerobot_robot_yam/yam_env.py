@@ -1,4 +1,4 @@
-"""YAM robot as a gymnasium environment, real or virtual: paced at fps, or in lock-step with a virtual rig."""
+"""Gymnasium environment with a real or virtual YAM robot, paced at fps or in lock-step with a virtual rig."""
 
 import contextlib
 import copy
@@ -29,26 +29,26 @@ from lerobot_robot_yam.yam_follower import FollowerBase
 logger = logging.getLogger(__name__)
 
 _DEFAULT_TIME_LIMIT_S = 30.0
-_ARRIVED = 0.05  # distance from the reset pose at which it counts as reached, rad or strokes
+_ARRIVED = 0.05  # distance below which the reset pose counts as reached, rad or strokes
 _REACH_TIMEOUT_S = 30.0
-_GRIP_S = 2.0  # wait for grippers once the joints are at the reset pose, s: a gripper may have closed on something
+_GRIP_S = 2.0  # timeout for the grippers once the joints are at the reset pose, s: a gripper may hold an object
 _SPECTATOR_SIZE = 320, 240  # width and height of the spectator's image, pixels
 _SETTLE_S = 0.5  # rest at the reset pose before an episode begins, s
 
 
 class YamEnv(gym.Env):
-    """Environment with one robot, connected by the first reset and landed by close.
+    """Environment with one robot; the first `reset` connects the robot, `close` lands it.
 
-    Observations: {"agent_pos": (n,) float32, "pixels": {camera: (height, width, 3) uint8}}; actions (m,): the robot's
-    action vector in canonical order and its units.
+    Observations: {"agent_pos": (n,) float32, "pixels": {camera: (height, width, 3) uint8}}. Actions (m,): the robot's
+    action vector, in canonical order and with the robot's units.
 
     Args:
         config: options of the environment.
-        index: number of this environment in a vector; each virtual environment has a rig of its own.
+        index: number of this environment in a vector; each virtual environment has its own rig.
         count: number of environments in the vector.
 
     Raises:
-        ConfigError: the scene lacks the task, there is no such render camera, or the reset pose does not fit the robot.
+        ConfigError: the scene lacks the task, the render camera does not exist, or the reset pose is invalid.
     """
 
     def __init__(self, config: YamEnvConfig, index: int = 0, count: int = 1):
@@ -79,7 +79,7 @@ class YamEnv(gym.Env):
         if name is not None and name not in there:
             raise ConfigError(f"env.render_camera: there is no camera '{name}'; there are {', '.join(there) or 'none'}")
         self._start_pose: np.ndarray | None = None
-        self.sent = np.zeros(len(self._action_keys))  # last action that was really sent to the robot
+        self.sent = np.zeros(len(self._action_keys))  # last action as limited and sent by the robot
         self._rig: RigControl | LockstepRig | None = None
         self._robot: FollowerBase | None = None
         self._referee: Referee | None = None
@@ -91,10 +91,10 @@ class YamEnv(gym.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Move to the reset pose, let the referee arrange the scene, and observe.
+        """Move to the reset pose, let the referee set up the scene, and observe.
 
         Raises:
-            YamError: the robot or the rig fails, or the pose is not reached.
+            YamError: the robot or the rig fails, or the robot does not reach the pose.
         """
         super().reset(seed=seed)
         if self._config.lockstep:  # restart the world, so that episodes do not depend on earlier ones
@@ -111,10 +111,10 @@ class YamEnv(gym.Env):
         return self._look(robot)[0], {"is_success": False}
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Send one action, let 1 / fps pass, observe and judge; the reward is 1 for success.
+        """Send one action, wait for 1 / fps, observe and judge; the reward is 1 for success.
 
         Raises:
-            YamError: the action is not finite or not of this robot's size (nothing moves), or the robot fails.
+            YamError: the action is not finite or has a wrong length (nothing moves), or the robot fails.
         """
         robot, referee = self._connected()
         sent = robot.send_action(self._named(action))
@@ -134,9 +134,9 @@ class YamEnv(gym.Env):
         return observation, float(verdict.success), verdict.over, cut, {"is_success": verdict.success}
 
     def render(self) -> np.ndarray:
-        """Return the newest image (height, width, 3) uint8 of the render camera, the robot's or the virtual rig's.
+        """Return the newest image (height, width, 3) uint8 of the render camera, on the robot or in the virtual rig.
 
-        Without a camera the image is black: `lerobot-eval` always requests an image, even if no video is made.
+        Without a camera the image is black, since `lerobot-eval` always requests an image, even if it makes no video.
         """
         if self._frame is not None:
             return self._frame
@@ -157,12 +157,12 @@ class YamEnv(gym.Env):
         return [camera.name for camera in load_scene(self._scene, self._rig_options()).cameras]
 
     def _rig_options(self) -> dict[str, Any]:
-        """Return the options for starting the virtual rig; a rig in lock-step has only the robot's arms."""
+        """Return the options for starting the virtual rig; in lock-step the rig has only the robot's arms."""
         arms = [arm.channel for arm in self._robot_config.arms().values()]
         return {**({"arms": arms} if self._config.lockstep else {}), **self._config.rig_options}
 
     def _task_row(self) -> Task | None:
-        """Return the task in a virtual rig's scene; None without a rig. Raises ConfigError: there is no such task."""
+        """Return the task in the virtual rig's scene; None without a rig. Raises ConfigError: there is no such task."""
         if not self._virtual or self._config.task is None:
             return None
         task = self._config.task
@@ -173,14 +173,14 @@ class YamEnv(gym.Env):
 
     @property
     def sides(self) -> list[str]:
-        """Side of each arm, in canonical order, from the channels' names: `follower_left` → `left`."""
+        """Side of each arm, in canonical order, from the channel names: `follower_left` → `left`."""
         return [arm.channel.removeprefix("follower_") for arm in self._robot_config.arms().values()]
 
     def lockstep_task(self) -> tuple[LockstepRig, str]:
-        """Return the rig in lock-step and the name of its task, after a reset; for scripted operators.
+        """Return the lock-step rig and the name of its task, for scripted operators. Call `reset` first.
 
         Raises:
-            ConfigError: the environment has no rig in lock-step, or no task.
+            ConfigError: the environment has no lock-step rig or no task.
         """
         if not isinstance(self._rig, LockstepRig) or self._task is None:
             raise ConfigError("a scripted operator needs an environment in lock-step, with a task of its scene")
@@ -192,7 +192,7 @@ class YamEnv(gym.Env):
         return np.array(list(robot.action_for(joints).values()), np.float32)
 
     def close(self) -> None:
-        """Land the arms (in lock-step their world just ends) and release everything. Idempotent."""
+        """Land the arms (a lock-step world ends without landing) and release all resources. Idempotent."""
         robot, parts = self._robot, (self._rig, self._referee, self._spectator)
         self._robot = self._rig = self._referee = self._spectator = None
         with contextlib.ExitStack() as rest:  # runs in reverse order: the arms land first
@@ -203,7 +203,7 @@ class YamEnv(gym.Env):
                 rest.callback(robot.discard if self._config.lockstep else robot.disconnect)
 
     def _connected(self) -> tuple[FollowerBase, Referee]:
-        """Return robot and referee; when first needed, make and connect them, after the rig."""
+        """Return robot and referee; when first called, create the rig and the referee, then connect the robot."""
         if self._referee is None:
             self._referee = self._make_referee()
         if self._robot is None:
@@ -233,7 +233,7 @@ class YamEnv(gym.Env):
         return referee
 
     def _person(self) -> Referee:
-        """Return the referee that arranges the scene: for real arms a person at the keyboard, if there is one."""
+        """Return a referee who sets up the scene: with real arms a person at the keyboard, if there is one."""
         if not self._virtual:
             try:
                 return OperatorReferee(self._config.task or "")
@@ -256,7 +256,7 @@ class YamEnv(gym.Env):
         return RigControl(next(iter(arms.values())).can_options.get("rig"), self._scene, **self._rig_options())
 
     def _join(self, rig: LockstepRig) -> None:
-        """Assign the channels of the robot's arms, and its cameras, to the rig."""
+        """Connect the channels of the robot's arms, and its cameras, to the rig."""
         rows = {row.channel: row for row in rig.device.scene.arms}
         self._robot_config.isolation = "lockstep"
         for arm in self._robot_config.arms().values():
@@ -274,7 +274,7 @@ class YamEnv(gym.Env):
             camera.rig = rig.name
 
     def _go_to_start(self, robot: FollowerBase) -> None:
-        """Move to the reset pose, at the loop's own speed limits."""
+        """Move to the reset pose, at the speed limits of the control loop."""
         if self._start_pose is None:
             return
         deadline_s = robot.clock.now() + _REACH_TIMEOUT_S
@@ -293,7 +293,7 @@ class YamEnv(gym.Env):
                 )
 
     def _check_reset_pose(self) -> None:
-        """Refuse a reset pose that the arms cannot take."""
+        """Check that the arms can reach the configured reset pose."""
         if (pose := self._config.reset_pose) is None:
             return
         limits: list[tuple[float, float]] = []
@@ -309,7 +309,7 @@ class YamEnv(gym.Env):
                 )
 
     def _reset_pose(self) -> np.ndarray | None:
-        """Return joints and grippers at which episodes begin; None if they begin anywhere."""
+        """Return the joints and grippers at which episodes begin; None if they begin anywhere."""
         if self._config.reset_pose is not None:
             return np.array(self._config.reset_pose, float)
         if self._task is None or self._rig is None:
@@ -326,7 +326,7 @@ class YamEnv(gym.Env):
         return dict(zip(keys, values.tolist(), strict=True))
 
     def _look(self, robot: FollowerBase) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Observe; returns the observation for a policy, and the robot's whole observation."""
+        """Observe; return the observation for a policy, and the robot's complete observation."""
         seen = robot.get_observation()
         pixels = {name: seen[name] for name in self._cameras}
         self._frame = pixels.get(self._config.render_camera or next(iter(pixels), ""))

@@ -1,4 +1,4 @@
-"""Follower arms of this computer or another one, as a LeRobot robot. In data sets both have the same names."""
+"""Follower arms on this or another computer as a LeRobot robot. In data sets both have the same names."""
 
 import logging
 import math
@@ -34,15 +34,15 @@ from lerobot_robot_yam.system.clock import Clock
 
 logger = logging.getLogger(__name__)
 
-_CAUGHT_UP_RAD = 0.15  # distance at which arms have caught up with leaders, rad: the usual lag behind a moving leader
-_CATCH_UP_S = 3.0  # extra time for catching up, s, beyond the time that the way takes at the speed limit
+_CAUGHT_UP_RAD = 0.15  # distance at which arms count as caught up with leaders, rad: the usual lag behind a moving leader
+_CATCH_UP_S = 3.0  # extra time for catching up, s, in addition to the travel time at the speed limit
 _CATCH_UP_TICK_S = 0.02  # period of sending targets while the arms catch up, s
-_PERMITTED_S = 0.1  # time for which a follower follows its leader by itself after the caller's last action, s
-_SAME = 1e-6  # largest difference of equal targets, rad or strokes: shared memory rounds them
+_PERMITTED_S = 0.1  # period after the caller's last action in which a follower follows its leader by itself, s
+_SAME = 1e-6  # maximum difference of equal targets, rad or strokes: shared memory rounds them
 
 
 class FollowerBase(ArmDevice, Robot):
-    """Robot with one follower arm or two.
+    """Robot with one or two follower arms.
 
     Args:
         config: `YamFollowerConfig` or `BiYamFollowerConfig`.
@@ -53,7 +53,7 @@ class FollowerBase(ArmDevice, Robot):
         self.config = config
         options: FollowerOptions = config
         arms = options.arms()
-        # With tool poses the option is ignored: such data sets do not state the unit of joint velocities.
+        # With end-effector poses the option is ignored: such data sets do not state the unit of joint velocities.
         self._use_degrees = options.use_degrees and options.action_space == "joint"
         self.name = recorded_name(self.name, options.use_degrees, options.action_space)
         self.robot_type = self.name
@@ -64,7 +64,7 @@ class FollowerBase(ArmDevice, Robot):
         self.cameras = make_cameras_from_configs(self._camera_configs)
         self._images = ImageReader(self.cameras, self._camera_configs)
         self._last_action: dict[str, Any] = {}
-        self._coupled_s = -math.inf  # time at which a leader's action was passed on last
+        self._coupled_s = -math.inf  # time of the last action from a leader
         self._extra_keys = options.optional_keys(self._arms.motors)
         self.bus = MotorBus(self._arms, self.send_action)  # for LeRobot's RL stack
         self._episodes, self._desk = EpisodeLog(), SessionDesk()
@@ -72,7 +72,7 @@ class FollowerBase(ArmDevice, Robot):
 
     @cached_property
     def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
-        """Types or shapes by key: positions of all arms, in canonical order; the optional values; the images."""
+        """Types or shapes by key: positions of all arms, in canonical order; optional values; images."""
         keys = [*self._space.keys, *self._extra_keys]
         return {**dict.fromkeys(keys, float), **self._image_features()}
 
@@ -88,18 +88,18 @@ class FollowerBase(ArmDevice, Robot):
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
-        """Open the cameras, then energise the arms, which hold their pose. An error undoes all of it.
+        """Open the cameras and energise the arms, which then hold their pose. An error undoes all steps.
 
-        Under a LeRobot command with connected leaders the arms then move to the leaders' pose, so that a recording does
-        not begin with the approach.
+        Under a LeRobot command with connected leaders, the arms then move to the leaders' pose, so that a recording
+        does not begin with this approach.
 
         Args:
-            calibrate: search the grippers' stops if they are unknown. False: search nothing, and ignore stored stops
-                that do not fit; without stops only `calibrate` can follow.
+            calibrate: search the grippers' stops if they are unknown. False: do not search, and ignore stored stops
+                that are implausible; without stops, `calibrate` is the only call allowed next.
 
         Raises:
             YamError: an arm cannot be driven.
-            Exception: a camera cannot be opened; see its class.
+            Exception: a camera cannot be opened; the type depends on the camera.
         """
         self._episodes.begin()
         self._desk.begin()
@@ -125,7 +125,7 @@ class FollowerBase(ArmDevice, Robot):
             raise
 
     def _catch_up(self) -> None:
-        """Move to the leaders' pose, if there are leaders; a failed arm is reported by the first observation."""
+        """Move to the leaders' pose, if there are leaders. The first observation reports a failed arm."""
         leaders = self._arms.leader()
         if leaders is None or leaders.give_action is None:
             return
@@ -149,7 +149,7 @@ class FollowerBase(ArmDevice, Robot):
             self.clock.sleep(_CATCH_UP_TICK_S)
 
     def _rehearse(self) -> None:
-        """Observe and follow the leaders as a recording does. Errors are only logged: the recording repeats them."""
+        """Observe and follow the leaders once as a recording does. Errors are only logged: a recording repeats them."""
 
         def step() -> dict[str, Any]:
             self._arms.observe()
@@ -165,11 +165,11 @@ class FollowerBase(ArmDevice, Robot):
 
     @property
     def clock(self) -> Clock:
-        """Clock of the arms: the computer's, or that of a rig in lock-step."""
+        """Clock of the arms: the computer's, or that of a lock-step rig."""
         return self._arms.clock
 
     def discard(self) -> None:
-        """End the session in a lock-step world that is thrown away, without landing. Idempotent."""
+        """End the session without landing, in a lock-step world that is discarded. Idempotent."""
         if self._guidance is not None:
             self._guidance.detach(self._arms)
         self._arms.discard()
@@ -177,7 +177,7 @@ class FollowerBase(ArmDevice, Robot):
         self._desk.end()
 
     def disconnect(self) -> None:
-        """Land the arms, then close the cameras. Idempotent; no camera can keep the arms from landing."""
+        """Land the arms, then close the cameras. Idempotent. A camera error cannot prevent the landing."""
         try:
             if self._guidance is not None:
                 self._guidance.detach(self._arms)
@@ -207,7 +207,7 @@ class FollowerBase(ArmDevice, Robot):
         states = self._arms.observe()
         images, waited = self._images.read()
         if waited:
-            states = self._arms.observe()  # the arms have moved meanwhile
+            states = self._arms.observe()  # the arms have moved during the wait
         observation: dict[str, Any] = dict(self._space.action(_measured(states)))
         if self._extra_keys:
             observation.update(zip(self._extra_keys, self._extras(states), strict=True))
@@ -231,13 +231,13 @@ class FollowerBase(ArmDevice, Robot):
     @check_if_not_connected
     @saves_finished_episode
     def send_action(self, action: Mapping[str, Any]) -> dict[str, float]:
-        """Send targets to the arms, which move to them under their speed limits.
+        """Send targets to the arms, which move there within their speed limits.
 
         Args:
-            action: a number (0-d tensors count) for every key of `action_features`, no others.
+            action: a number (or 0-d tensor) for every key of `action_features`, and no other keys.
 
         Returns:
-            The targets really sent, limited by the arms' reach, joint limits and max_relative_target; while LeRobot
+            The targets actually sent, limited by the arms' reach, joint limits and max_relative_target; while LeRobot
             pauses and repeats its last action, the held targets.
 
         Raises:
@@ -256,23 +256,23 @@ class FollowerBase(ArmDevice, Robot):
             sent = self._write_targets(target)
         else:
             target, leaders = coupling
-            self._space.begin()  # inverse kinematics starts from here next time
+            self._space.begin()  # the leader moves the arms: the next inverse kinematics starts a new path
             sent = self._write_targets(target, leaders)
         self._episodes.sent(changed=not np.allclose(sent, target, rtol=0.0, atol=_SAME))
         self._last_action = dict(action)
         return self._space.action(sent)
 
     def _is_last(self, action: Mapping[str, Any]) -> bool:
-        """Return whether `action` repeats the last one. Compares actions, as inverse kinematics is not repeatable."""
+        """Return whether `action` repeats the last action. Compares actions, since IK results are not repeatable."""
         last = self._last_action
         return last.keys() == action.keys() and all(np.array_equal(action[key], last[key]) for key in last)
 
     @check_if_not_connected
     def send_joints(self, target: np.ndarray) -> np.ndarray:
-        """Send a target (n,) in canonical order, rad, grippers 0 … 1, whatever the unit of actions is.
+        """Send a target (n,) in canonical order, rad, grippers 0 … 1, regardless of the unit of actions.
 
         Returns:
-            The target really sent, (n,).
+            The target actually sent, (n,).
 
         Raises:
             ActionError: the target is not finite; nothing was sent to the arm concerned.
@@ -281,7 +281,7 @@ class FollowerBase(ArmDevice, Robot):
         return self._write_targets(target)
 
     def _write_targets(self, target: np.ndarray, leaders: Sequence[str | None] | None = None) -> np.ndarray:
-        """Write a target (n,) to the arms. leaders: per arm, channel key of the leader that gave its part, or None."""
+        """Write a target (n,) to the arms. leaders: per arm, channel key of the leader that produced it, or None."""
         sent = target.copy()
         now = self._arms.clock.now()
         permitted_s = _PERMITTED_S + min(max(now - self._coupled_s, 0.0), _PERMITTED_S)  # plus one period of the caller
@@ -305,7 +305,7 @@ class FollowerBase(ArmDevice, Robot):
         """Measure joints and grippers, (n,) in canonical order, rad and 0 … 1.
 
         Raises:
-            YamError: an arm is silent or has failed.
+            YamError: an arm does not reply or has failed.
         """
         return _measured(self._arms.observe())
 
@@ -319,29 +319,29 @@ def _measured(states: list[ArmState]) -> np.ndarray:
 
 
 class YamFollower(FollowerBase):
-    """One YAM arm that follows LeRobot's actions."""
+    """One YAM arm that follows actions from LeRobot."""
 
     config_class = YamFollowerConfig
     name = "yam_follower"
 
 
 class BiYamFollower(FollowerBase):
-    """Two YAM arms that follow LeRobot's actions; one control loop drives both in step."""
+    """Two YAM arms that follow actions from LeRobot; one control loop drives both in the same tick."""
 
     config_class = BiYamFollowerConfig
     name = "bi_yam_follower"
 
 
 class YamRemote(RemoteDevice, YamFollower):
-    """One YAM arm that another computer drives."""
+    """One YAM arm driven by another computer."""
 
     config_class = YamRemoteConfig
 
 
 class BiYamRemote(RemoteDevice, BiYamFollower):
-    """Two YAM arms that another computer drives."""
+    """Two YAM arms driven by another computer."""
 
     config_class = BiYamRemoteConfig
 
 
-I2rtYamFollower, BiI2rtYamFollower = YamFollower, BiYamFollower  # LeRobot looks up the devices of the spare types here
+I2rtYamFollower, BiI2rtYamFollower = YamFollower, BiYamFollower  # LeRobot looks up the devices of the spare types by these names

@@ -1,4 +1,4 @@
-"""RealSense as a LeRobot camera: with librealsense or as UVC, by serial number, opened again after it dropped out."""
+"""RealSense as a LeRobot camera: by librealsense or as UVC, found by serial number, with automatic reconnection."""
 
 import time
 from typing import Any
@@ -18,7 +18,7 @@ from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
-_READ_S = 10.0  # time-out of read(), s, as in LeRobot's own class
+_READ_S = 10.0  # timeout of read(), s, as in LeRobot's own class
 _SIDEWAYS = (Cv2Rotation.ROTATE_90, Cv2Rotation.ROTATE_270)
 
 
@@ -44,7 +44,7 @@ class YamRealsenseCamera(Camera):
             white_balance=config.white_balance,
         )
         self._feed = CameraFeed(str(self), lambda: open_camera(self._wanted, user_path(config.root)), self._finished)
-        self._seen = {"colour": 0, "depth": 0}  # numbers of the last pictures that async_read has returned
+        self._seen = {"colour": 0, "depth": 0}  # numbers of the last images that async_read has returned
 
     def __str__(self) -> str:
         return f"YamRealsenseCamera({self.config.serial_number_or_name})"
@@ -55,7 +55,7 @@ class YamRealsenseCamera(Camera):
 
     @staticmethod
     def find_cameras() -> list[dict[str, Any]]:
-        """List the cameras that are plugged in, by the serial numbers of their USB devices."""
+        """List the connected cameras, by the serial numbers of their USB devices."""
         return [{"name": d.model, "type": "yam_realsense", "id": d.serial} for d in video_devices() if d.serial]
 
     @check_if_already_connected
@@ -63,11 +63,11 @@ class YamRealsenseCamera(Camera):
         """Open the camera and wait for the first image.
 
         Args:
-            warmup: whether to wait until exposure and white balance have settled, `warmup_s` of the config.
+            warmup: whether to wait until exposure and white balance have settled: `warmup_s` in the config.
 
         Raises:
-            CameraError: the camera is missing or in use, or may not be opened; the message says what to do.
-            ConfigError: the camera does not offer what is configured; the message says what it offers.
+            CameraError: the camera is missing or in use, or access is denied; the message says what to do.
+            ConfigError: the camera does not support the configured values; the message lists supported ones.
         """
         self._feed.start()
         self._seen = dict.fromkeys(self._seen, 0)
@@ -80,40 +80,40 @@ class YamRealsenseCamera(Camera):
 
     @check_if_not_connected
     def read(self) -> np.ndarray:
-        """Wait for an image that comes after this call. Raises StaleStateError (a TimeoutError): none within 10 s."""
+        """Wait for an image taken after this call. Raises StaleStateError (a TimeoutError): none within 10 s."""
         return self._of(self._feed.wait_new(self._feed.number, _READ_S)[0], "colour")
 
     @check_if_not_connected
     def read_depth(self) -> np.ndarray:
-        """Wait for a depth image, as `read` does for a colour image."""
+        """Wait for a depth image taken after this call; otherwise as `read`."""
         return self._of(self._feed.wait_new(self._feed.number, _READ_S)[0], "depth")
 
     @check_if_not_connected
     def async_read(self, timeout_ms: float = 200) -> np.ndarray:
-        """Return the newest image, or wait for the next if that was returned already.
+        """Return the newest image; if it was already returned, wait for the next one.
 
         Raises:
-            StaleStateError (a TimeoutError): no new image comes within timeout_ms.
+            StaleStateError (a TimeoutError): no new image within timeout_ms.
         """
         return self._unseen("colour", timeout_ms)
 
     @check_if_not_connected
     def async_read_depth(self, timeout_ms: float = 200) -> np.ndarray:
-        """Return a depth image, as `async_read` does with a colour image."""
+        """Return a depth image; otherwise as `async_read`."""
         return self._unseen("depth", timeout_ms)
 
     @check_if_not_connected
     def read_latest(self, max_age_ms: int = 500) -> np.ndarray:
-        """Return the newest image at once.
+        """Return the newest image without waiting.
 
         Raises:
-            StaleStateError (a TimeoutError): the image is older than max_age_ms; the message has the reason.
+            StaleStateError (a TimeoutError): the image is older than max_age_ms; the message states the reason.
         """
         return self._of(self._feed.latest(max_age_ms / 1e3), "colour")
 
     @check_if_not_connected
     def read_latest_depth(self, max_age_ms: int = 500) -> np.ndarray:
-        """Return a depth image, as `read_latest` does with a colour image."""
+        """Return a depth image; otherwise as `read_latest`."""
         return self._of(self._feed.latest(max_age_ms / 1e3), "depth")
 
     def disconnect(self) -> None:

@@ -113,7 +113,7 @@ def end_session_on_signals(instead: Instead = lambda frame, why: False, ctrl_c: 
 
 @contextmanager
 def undisturbed(what: str) -> Iterator[None]:
-    """Log SIGINT, SIGTERM and SIGHUP instead of obeying them while the block runs. No effect outside the main thread."""
+    """Log SIGINT, SIGTERM and SIGHUP instead of obeying them while the block runs. Main thread only."""
 
     def answer(number: int, frame: FrameType | None) -> None:
         logger.warning("%s; the arms have no brakes, so this cannot be cut short", what)
