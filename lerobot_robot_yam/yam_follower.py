@@ -34,7 +34,7 @@ from lerobot_robot_yam.system.clock import Clock
 
 logger = logging.getLogger(__name__)
 
-_CAUGHT_UP_RAD = 0.15  # distance at which arms count as caught up with leaders, rad: the usual lag behind a moving leader
+_CAUGHT_UP_RAD = 0.15  # distance at which arms have caught up with leaders, rad: the usual lag behind a moving leader
 _CATCH_UP_S = 3.0  # extra time for catching up, s, in addition to the travel time at the speed limit
 _CATCH_UP_TICK_S = 0.02  # period of sending targets while the arms catch up, s
 _PERMITTED_S = 0.1  # period after the caller's last action in which a follower follows its leader by itself, s
@@ -344,4 +344,4 @@ class BiYamRemote(RemoteDevice, BiYamFollower):
     config_class = BiYamRemoteConfig
 
 
-I2rtYamFollower, BiI2rtYamFollower = YamFollower, BiYamFollower  # LeRobot looks up the devices of the spare types by these names
+I2rtYamFollower, BiI2rtYamFollower = YamFollower, BiYamFollower  # LeRobot looks up spare types by these names
