@@ -202,7 +202,7 @@ class BiYamRemoteConfig(RobotConfig, _RemoteFollowers):
 @register_as(RobotConfig, RIG_TYPE)
 @dataclass(kw_only=True)
 class YamRigConfig(RobotConfig):
-    """Config in a rig file. The constructor returns a config of the type in the file instead of this type."""
+    """Config read from a rig file. The constructor returns a config of the type in the file, not of this type."""
 
     file: str = option("the rig's file, as yam-setup writes it; its `robot` is taken")
     options: dict[str, Any] = option("options laid over the file's, such as {use_degrees: true}", factory=dict)

@@ -79,7 +79,7 @@ class YamEnv(gym.Env):
         if name is not None and name not in there:
             raise ConfigError(f"env.render_camera: there is no camera '{name}'; there are {', '.join(there) or 'none'}")
         self._start_pose: np.ndarray | None = None
-        self.sent = np.zeros(len(self._action_keys))  # last action as limited and sent by the robot
+        self.sent = np.zeros(len(self._action_keys))  # last action that the robot actually sent
         self._rig: RigControl | LockstepRig | None = None
         self._robot: FollowerBase | None = None
         self._referee: Referee | None = None

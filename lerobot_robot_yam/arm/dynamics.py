@@ -56,7 +56,7 @@ class GravityModel:
         return self._tau[: self.joint_count].copy()
 
     def torques(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compute g(q), C(q, dq) dq and M(q) ddq of the links without rotors, (n,) Nm each, in rad, rad/s, rad/s²."""
+        """Compute g(q), C(q, dq) dq and M(q) ddq, (n,) Nm each, of the links without rotors; rad, rad/s, rad/s²."""
         data, tau = self._data, self._tau[: self.joint_count]
         holding = self.torque(q)
         if not (any_of(dq != 0.0) or any_of(ddq != 0.0)):

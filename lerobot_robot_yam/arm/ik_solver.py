@@ -31,12 +31,12 @@ _ITERATIONS = 25
 _STOP_M, _STOP_RAD = 1e-6, 1e-5  # errors that end a descent: a hundredth of the tolerance, for smooth paths
 _STUCK = 1e-3  # minimum relative decrease of the cost per step; a smaller decrease ends the descent
 _STEP_RAD = 0.7  # maximum step per joint, rad: the linearisation is poor beyond
-_CAREFUL_STEP_RAD = 0.2  # same with a clearance: distances are less linear than poses
+_CAREFUL_STEP_RAD = 0.2  # maximum step per joint with a clearance, rad: distances are less linear than poses
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-6, 1e3  # initial, minimum and maximum μ
 _FLOOR = 1e-12  # added to the Hessian's diagonal: QP solvers need a positive definite matrix
 _POSTURE = 1e-9  # w²: posture decides only where the pose leaves freedom, at singularities; error elsewhere < 1e-8 m
 _UNBOUNDED = 1e30  # bound that DAQP treats as infinite
-_FOUL_M = 1e-4  # maximum loss of a limited distance through curvature in one step, m
+_FOUL_M = 1e-4  # maximum decrease of a distance below its limit in one step, due to curvature, m
 _NEAR_M = 0.05  # distance beyond its limit above which a pair does not constrain a step, m
 _ENOUGH_M = 5e-4  # tolerance of a limited distance, m: hulls are accurate to millimetres only
 
@@ -93,7 +93,7 @@ class Descent:
         model: model whose first joints are the arm's; its other joints stay at `qpos0`.
         joints: number of the arm's joints.
         frame: name and kind ("site" or "body") of a frame in the model.
-        clearance: distances to maintain; None: none.
+        clearance: distances to maintain; None: no limits.
     """
 
     def __init__(
@@ -159,7 +159,7 @@ class Descent:
 
 
 class Starts:
-    """Joint vectors drawn uniformly from the joint ranges, with their poses: starts for targets without a known one.
+    """Random joint vectors, uniform in the joint ranges, and their poses: starts for targets with no solution nearby.
 
     Starting at poses similar to the target halves the number of descents, compared with random starts.
 

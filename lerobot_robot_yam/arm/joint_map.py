@@ -1,4 +1,4 @@
-"""Conversion between motor angles and joint angles: direction, and the turn in which a motor is.
+"""Conversion between motor angles and joint angles: direction, zero offset, and full turns of the encoder.
 
 joint = (motor − offset) · direction; velocity and torque are only multiplied by direction.
 """

@@ -130,7 +130,7 @@ class GripperMotor:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Parameters of the search for a gripper's stops. Results with a span, rad, outside min … max are rejected.
+    """Parameters of the search for a gripper's stops. A span between the stops outside min … max is rejected.
 
     Angles are in joint space (motor angle * direction). nominal_stops_rad is [closed, open].
     """

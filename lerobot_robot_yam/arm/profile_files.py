@@ -201,7 +201,7 @@ def check_gripper(gripper: GripperProfile, where: str) -> None:
 
 
 def _check_limiter(limiter: Limiter, kp: float, where: str) -> None:
-    """Check that numbers are above zero where the limiter divides by them or compares with them."""
+    """Check force map and sign, and that all divisors and thresholds of the limiter are above zero."""
     if limiter.force_map not in _FORCE_MAPS:
         raise ConfigError(f"{where}: limiter.force_map is one of {_FORCE_MAPS}, not {limiter.force_map!r}")
     lever = math.cos(limiter.close_angle_rad) - math.cos(limiter.open_angle_rad)

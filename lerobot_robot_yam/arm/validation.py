@@ -56,7 +56,7 @@ def finite_number(arm: str, what: str, value: object) -> float:
 
 
 def check_range(arm: str, what: str, value: np.ndarray, low: float, high: np.ndarray) -> None:
-    """Check that values fit the range of the motor's frames: otherwise torque limit and motor would differ.
+    """Check that values fit the motor's frames; else the torque limit would be computed from values that get clipped.
 
     Args:
         arm, what: names for messages.

@@ -16,7 +16,7 @@ RESET_LINK = as_root("yam-setup-can --reset")
 """Command that brings a link down and up with the settings that arms need; append the channel's name."""
 
 _STAMP_TRUST_S = 1.0  # maximum age at which a frame's timestamp is used
-_EPOCH_S = 1e9  # timestamps above this are seconds since 1970, as in python-can; below, of the monotonic clock
+_EPOCH_S = 1e9  # timestamps above this are seconds since 1970, as in python-can; others are monotonic times
 
 
 def data_message(can_id: int, data: bytes) -> can.Message:
@@ -102,10 +102,10 @@ class BusPort:
             raise self._error("receive", error) from error
 
     def arrival_s(self, message: can.Message) -> float:
-        """Return when the frame arrived (the bus's clock): the frame's timestamp if it is plausible, else now.
+        """Return when the frame arrived (the bus's clock): the frame's timestamp if plausible, else the current time.
 
-        The kernel (and the rig) timestamp the arrival, whereas now is the later time of reading. An adapter's own
-        clock drifts, so that a reply could seem to have arrived before its request.
+        The kernel (and the rig) timestamp the arrival, whereas the current time is the later time of reading. An
+        adapter's own clock drifts, so that a reply could seem to have arrived before its request.
         """
         now = self.clock.now()
         stamp = message.timestamp

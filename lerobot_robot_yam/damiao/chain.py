@@ -39,7 +39,7 @@ _REGISTER_ATTEMPTS = 5
 
 
 def _of(path: str) -> Any:
-    """Create a read-only property for the attribute of a part of the chain."""
+    """Create a read-only property that returns the attribute `path` of a part of the chain."""
     return property(attrgetter(path))
 
 
@@ -98,7 +98,7 @@ class MotorChain:
 
     @property
     def duplicates(self) -> np.ndarray:
-        """Number of unrequested replies (n,), a sign of duplicate ids. Their readings are dropped: age unknown."""
+        """Number of unrequested replies (n,), a sign of duplicate ids; dropped, since their age is unknown."""
         return np.array(self._requests.duplicates)
 
     @property
@@ -152,7 +152,7 @@ class MotorChain:
         self.drain()
         absent = [i for i in self._requests.absent() if i not in instead]  # DISABLE must not be delayed
         messages = self._messages
-        if absent:  # rarely
+        if absent:  # the rare case
             messages = [message for i, message in enumerate(messages) if i not in absent]
         self._begin([i for i in range(count) if i not in absent], handle=self.encoder is not None)
         try:

@@ -46,7 +46,7 @@ class Feedback(NamedTuple):
 
 
 class MitCommand(NamedTuple):
-    """MIT command: torque = kp (position - q) + kd (velocity - dq) + torque; rad, rad/s, Nm/rad, Nm s/rad, Nm."""
+    """MIT command, motor torque = kp (position - q) + kd (velocity - dq) + torque: rad, rad/s, Nm/rad, Nm s/rad, Nm."""
 
     position: float
     velocity: float
@@ -97,7 +97,7 @@ def pack_mit(
     """Encode an MIT command like `encode_mit`, without its checks: for finite floats and known ranges, in the loop.
 
     Zero velocity has no code: it is sent as minus half a step. At kd = 1.5 Nm s/rad that is 11 mNm, which leaves a
-    wrist with kp = 10 Nm/rad 1.1 mrad off. `make_up` adds the torque that these known rounding errors cost:
+    wrist with kp = 10 Nm/rad 1.1 mrad off. With `make_up`, the torque compensates these errors, which are known:
 
         tau ← tau + kp (q* − q*_sent) + kd (dq* − dq*_sent) + half a torque step
     """
@@ -125,7 +125,7 @@ def pack_mit(
     )
     if word >= _FIRST_SPECIAL:
         # All fields saturated: a torque a few codes below its maximum would turn the word into "disable" or another
-        # special command; the word with maximum torque is none.
+        # special command. The word with maximum torque is not a special command.
         word = _ALL_ONES
     return word.to_bytes(8, "big")
 

@@ -65,7 +65,7 @@ class FeedbackStore:
     def take(
         self, index: int, data: bytes, asked_s: float, sampled_s: float, latest_s: float, arrived_s: float
     ) -> None:
-        """Decode one feedback frame, 8 bytes, of the motor with index `index`, and use it if it is plausible. Hot.
+        """Decode a feedback frame (8 bytes) of motor number `index`; use it if it is plausible. Hot: once per frame.
 
         A motor with `turns` is assumed to have turned the shorter way round between two readings; its first reading is
         not unwrapped.

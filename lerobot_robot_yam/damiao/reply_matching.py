@@ -21,7 +21,7 @@ _OPEN_MAX = 128  # maximum number of open requests per motor: 0.5 s at 250 Hz; a
 _BEHIND_TICKS = 2  # consecutive ticks in which a motor owes more replies than the others before it is left out
 _APART_TICKS, _APART_MAX_TICKS = 8, 128  # minimum and maximum interval at which the same motor is left out, ticks
 _SLOW_TICKS = 50  # consecutive ticks in which all motors owe more than before until the first motor rests
-_ENDED_TICKS = 4  # consecutive ticks with replies of other motors only after which the resting motor's have ended
+_ENDED_TICKS = 4  # consecutive ticks in which only other motors reply: then the resting motor's replies have ended
 _REST_TICKS = 30  # maximum rest, ticks (0.12 s): without commands a motor goes limp after 0.4 s
 
 

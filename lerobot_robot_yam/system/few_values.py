@@ -1,4 +1,4 @@
-"""Fast reductions of an arm's few values at loop rate: 0.5 µs by way of a list, instead of 2 µs with numpy."""
+"""Fast reductions of an arm's few values at loop rate: 0.5 µs on a list, compared with 2 µs in numpy."""
 
 import numpy as np
 

@@ -51,7 +51,7 @@ def runtime_dir() -> Path:
 
 
 def runtime_dirs() -> list[Path]:
-    """List the runtime directories of all users on this machine, the own one first even if it does not exist.
+    """List the runtime directories of all users on this machine; this user's is first, even if it does not exist.
 
     If `YAM_RUNTIME_DIR` is set, only that directory is listed. Every user can write to /dev/shm, so other users'
     directories count only if they are not links and belong to the user whose id is in the name.

@@ -23,7 +23,7 @@ THING = -1
 
 _FLOOR_HALF_M = (2.0, 2.0, 0.5)  # half extents of the box that models a floor: MuJoCo has no distances to planes
 _ACCURACY = (1e-10, 100)  # tolerance and iterations; MuJoCo's defaults cause 0.2 mm of noise in overlapping cylinders
-_OPENING_STEP = 0.05  # rounding of openings, fraction of the stroke (2 mm of a finger): measurements are noisy
+_OPENING_STEP = 0.05  # rounding of openings, fraction of the stroke (2 mm of a finger), since measured ones fluctuate
 _FAR_M = 10.0  # maximum distance that is measured, m
 _TOUCH_M = 1e-9  # distance below which the direction between two parts is undefined, m
 _HULL = "/hull"  # suffix of a hull's name
@@ -164,7 +164,7 @@ class ArmParts:
             if body in self._joint_bodies:
                 row[self._joint_bodies.index(body)] = length
             elif model.body_jntnum[body]:
-                length += float(np.abs(model.jnt_range[model.body_jntadr[body]]).max())  # a finger slides
+                length += float(np.abs(model.jnt_range[model.body_jntadr[body]]).max())  # travel of a sliding finger
             length += float(np.linalg.norm(model.body_pos[body]))
             body = int(model.body_parentid[body])
         return row

@@ -96,7 +96,7 @@ def _boxes(values: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
 
 
 def _numbers(arm: str, what: str, values: Sequence[Any], count: int) -> list[float]:
-    """Convert `values` to `count` finite floats. Raises ConfigError: that is not possible."""
+    """Convert `values` to `count` finite floats. Raises ConfigError: wrong count, or a value is not finite."""
     numbers = [real(value) for value in values] if isinstance(values, Sequence | np.ndarray) else []
     if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
         raise ConfigError(f"{arm}: workspace.{what} takes {count} finite number(s), not {values!r}")

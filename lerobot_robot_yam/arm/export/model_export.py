@@ -34,7 +34,7 @@ def mjcf(arm: ArmProfile, gripper: GripperProfile) -> str:
 def urdf(arm: ArmProfile, gripper: GripperProfile) -> str:
     """Write URDF text without shapes. Lengths in m, angles in rad; the root link is the frame of the arm's base.
 
-    An additional joint `gripper` moves nothing: LeRobot requires a joint for the name of each feature.
+    An additional joint `gripper` moves nothing: LeRobot requires a joint with the name of each feature.
 
     Args:
         arm, gripper: resolved profiles, see `mounting.resolve_profiles`.
