@@ -1,4 +1,4 @@
-"""Client of one arm of a session: reads the arm's state block, writes its command block."""
+"""Client for one arm of a session: reads the arm's state block, writes its command block."""
 
 import dataclasses
 import logging
@@ -20,11 +20,11 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import ArmState, Descriptors, Limited, Request
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
-REQUEST_TIMEOUT_S = 1.0  # wait for the loop's answer to a request, s
-_LET_GO_S = 1.0  # time for a hand to let go of an arm before it floats, s
-_SEARCH_TIMEOUT_S = 20.0  # wait for the gripper's stops, s
+REQUEST_TIMEOUT_S = 1.0  # wait for the control loop's reply to a request, s
+_LET_GO_S = 1.0  # time for a person to release an arm before it floats, s
+_SEARCH_TIMEOUT_S = 20.0  # timeout of the search for the gripper's stops, s
 _TRIGGER_S = 8.0  # time for a person to squeeze the trigger, s
-_TRIGGER_POLL_S = 0.01  # period of reading the trigger, s
+_TRIGGER_POLL_S = 0.01  # polling interval of the trigger, s
 
 Numbers = Sequence[float]
 Vector = Numbers | np.ndarray
@@ -33,16 +33,16 @@ logger = logging.getLogger(__name__)
 
 
 class ArmClient:
-    """Client of one arm of a running session. Only one thread may write; any thread may read.
+    """Client for one arm of a running session. Only one thread may write; any thread may read.
 
     Args:
         hardware: the arm.
         clock: clock of the arm's control loop.
-        written: called after each command.
+        written: callback after each command is written.
 
     Attributes:
         published, await_fresh, await_next, newest: methods of the client's `StateReader`.
-        kp, kd: (joints,) the arm's own gains, Nm/rad and Nm s/rad.
+        kp, kd: (joints,) current default gains of the joints, Nm/rad and Nm s/rad.
     """
 
     def __init__(self, hardware: ResolvedArm, clock: Clock = SYSTEM, written: Callable[[], None] = lambda: None):
@@ -63,11 +63,11 @@ class ArmClient:
 
     @property
     def descriptors(self) -> Descriptors:
-        """File descriptors of both blocks, for the loop. Raises LifeCycleError: the client is closed."""
+        """File descriptors of both blocks, to pass to the control loop. Raises LifeCycleError: the client is closed."""
         return Descriptors(self._states.block.descriptor, self._commands.descriptor)
 
     def payload(self) -> bytes | None:
-        """Read the newest state record as bytes, to pass it on; None before the first record.
+        """Return the newest state record as bytes, for forwarding; None before the first record.
 
         Raises:
             LifeCycleError: the client is closed.
@@ -75,21 +75,21 @@ class ArmClient:
         return self._states.block.read_bytes()
 
     def close(self) -> None:
-        """Close the state block and the command block; the arm keeps running."""
+        """Close the state block and the command block. The arm keeps running."""
         self._commands.close()
         self._states.close()
 
     def mode(self) -> Mode:
-        """Read the last published mode, however old."""
+        """Return the last published mode, however old the state is."""
         return self.published().mode
 
     def observe(self) -> ArmState:
-        """Read the newest state of the arm, after waiting as in `await_fresh`.
+        """Return the newest state of the arm, after waiting as `await_fresh` does.
 
         Raises:
             MotorError: a motor has a fault; the message names the motor.
             StaleStateError: the control loop or a motor has been silent for longer than `max_state_age_s`.
-            GripperError: the gripper's stops are unknown, and so is its position.
+            GripperError: the gripper's position is unknown because its stops are unknown.
             LifeCycleError: the arm is not connected.
         """
         self.await_fresh()
@@ -105,25 +105,27 @@ class ArmClient:
         coupled: tuple[str, float] | None = None,
         given_s: float | None = None,
     ) -> tuple[np.ndarray, float | None]:
-        """Write a target; the loop moves the set-point there under its limits.
+        """Write a target. The control loop moves the set-point to the target within its limits.
 
         Args:
-            q: (n,) target of the joints, rad.
-            gripper: target of the gripper, 0 closed … 1 open; None keeps the present set-point.
-            dq: (n,) speed at which the target moves on, rad/s; see `YamArm.command`.
-            kp, kd: (n,) gains for this target instead of the configured ones, Nm/rad and Nm s/rad.
-            coupled: channel key of the leader that the target comes from, and for how many seconds from now on the loop
-                may read later targets directly from that leader.
-            given_s: clock's time at which another computer gave the target; None: now.
+            q: (n,) joint target, rad.
+            gripper: gripper target, 0 closed … 1 open; None keeps the current set-point.
+            dq: (n,) velocity of the target, rad/s; see `YamArm.command`.
+            kp, kd: (n,) gains for this target instead of the default gains, Nm/rad and Nm s/rad.
+            coupled: (channel key of the leader that produced the target, time in s during which the control loop may
+                read
+                later targets directly from that leader).
+            given_s: timestamp of a target that another computer sent, in this clock's time, s; None: now.
 
         Returns:
-            Joints and gripper after the limits; while the arm takes no targets (emergency stop, trouble of the other
-            arm), the joints and gripper that it holds.
+            Joint and gripper target after the limits. While the arm ignores targets (emergency stop, fault of a peer):
+            the
+            joint and gripper set-points that the arm holds.
 
         Raises:
-            ActionError: a value has a wrong shape, is not finite, or is more than a motor takes; nothing was sent.
+            ActionError: a value has the wrong shape, is not finite, or is outside a motor's range; nothing was sent.
             LifeCycleError: the arm floats or lands; nothing was sent.
-            YamError: the arm has failed or is silent, see `observe`; nothing was sent.
+            YamError: the arm is in fault or silent, see `observe`; nothing was sent.
         """
         hw, name, relative = self.hardware, self.config.name, self.config.max_relative_target
         target = finite_floats(name, "q", q, hw.joints)
@@ -150,7 +152,7 @@ class ArmClient:
         return np.array(target[: hw.joints]), target[-1] if hw.has_gripper else None
 
     def _validated_options(self, **given: Vector | None) -> dict[str, np.ndarray]:
-        """Check the given speed and gains (n,) of a target. Raises ActionError: one is out of a motor's range."""
+        """Check the speed and gains (n,) of a target. Raises ActionError: a value is outside a motor's range."""
         options = {}
         for field, value in given.items():
             if value is not None:
@@ -159,11 +161,11 @@ class ArmClient:
         return options
 
     def hold(self) -> None:
-        """Keep the set-point, or the measured pose when floating. Raises LifeCycleError: the mode forbids it."""
+        """Hold the set-point, or when floating the measured pose. Raises LifeCycleError: the mode forbids holding."""
         self._request(Request.HOLD)
 
     def guide(self, within_s: float = _LET_GO_S) -> None:
-        """Float, with the gripper at its set-point. Without further `guide_on` the arm holds after `command_timeout_s`.
+        """Float, with the gripper at its set-point. The arm holds when `command_timeout_s` passes without `guide_on`.
 
         Raises:
             LifeCycleError: see `float`.
@@ -171,10 +173,10 @@ class ArmClient:
         self.float(Request.GUIDE, within_s)
 
     def guide_on(self, gripper: float | None = None) -> None:
-        """Let a guided arm float on. Raises ActionError: `gripper` is not finite.
+        """Keep a guided arm floating. Raises ActionError: `gripper` is not finite.
 
         Args:
-            gripper: target, 0 closed … 1 open; None keeps the set-point.
+            gripper: gripper target, 0 closed … 1 open; None keeps the set-point.
         """
         target: list[float] = self.published().q.tolist()
         if gripper is not None:
@@ -182,14 +184,14 @@ class ArmClient:
         self._commands.write_target(self._clock.now(), target, {})
 
     def float(self, request: Request = Request.FLOAT, within_s: float = _LET_GO_S) -> None:
-        """Carry only the arm's own weight, so that a hand can move it.
+        """Compensate only gravity, so that a person can move the arm by hand.
 
         Args:
             request: FLOAT or GUIDE.
-            within_s: time for a hand that pulls at the arm to let go, s.
+            within_s: time for a person who pulls at the arm to release it, s.
 
         Raises:
-            LifeCycleError: the present mode forbids floating, or the arm would run away.
+            LifeCycleError: the current mode forbids floating, or the arm would move away by itself.
         """
         deadline = self._clock.now() + within_s
         while True:
@@ -201,15 +203,15 @@ class ArmClient:
             self._clock.sleep(0.05)
 
     def land(self) -> None:
-        """Begin to land; `mode()` becomes OFF when torque has been cut.
+        """Start landing. `mode()` becomes OFF when torque has been cut.
 
         Raises:
-            LifeCycleError: the arm has failed and the emergency stop is latched.
+            LifeCycleError: the arm is in fault while the emergency stop is latched.
         """
         self._request(Request.LAND)
 
     def change_gains(self, kp: Vector, kd: Vector) -> None:
-        """Change the default gains of targets, within half a second; the arm lands with the configured gains.
+        """Change the default gains of targets, over half a second. The arm still lands with the configured gains.
 
         Args:
             kp, kd: (joints,) gains, Nm/rad and Nm s/rad.
@@ -217,7 +219,7 @@ class ArmClient:
         Raises:
             ActionError, ConfigError: see `checked_gains`; nothing was sent.
             LifeCycleError: the arm lands, or is off.
-            StaleStateError: the control loop does not answer.
+            StaleStateError: the control loop does not reply.
         """
         own_gains = self.checked_gains(kp, kd)
         self._request(Request.GAINS, own_gains)
@@ -225,11 +227,11 @@ class ArmClient:
         self.kp, self.kd = np.array(own_gains[:j]), np.array(own_gains[self.hardware.n :][:j])
 
     def checked_gains(self, kp: Vector, kd: Vector) -> Numbers:
-        """Check gains of the joints; return the gains of all motors: kp, then kd, NaN for the gripper.
+        """Check joint gains. Return the gains of all motors: kp, then kd, with NaN for the gripper.
 
         Raises:
-            ActionError: gains have a wrong shape or are not finite.
-            ConfigError: a configuration with these gains would be refused, such as for damping that is too weak.
+            ActionError: gains have the wrong shape or are not finite.
+            ConfigError: these gains would be refused in a configuration, for example because damping is too weak.
         """
         hw, name = self.hardware, self.config.name
         given = [finite_vector(name, what, value, hw.joints).tolist() for what, value in (("kp", kp), ("kd", kd))]
@@ -238,29 +240,29 @@ class ArmClient:
         return [*given[0], *gripper, *given[1], *gripper]
 
     def cut_torque(self) -> None:
-        """HAZARD: cut torque at once; an arm that does not lie falls. Afterwards the arm is off.
+        """HAZARD: cut torque at once. An arm that is not in its rest pose falls. Afterwards the arm is off.
 
         Raises:
-            LifeCycleError: the present mode forbids that.
+            LifeCycleError: the current mode forbids cutting torque.
         """
         self._request(Request.CUT_TORQUE)
 
     def rearm(self) -> None:
-        """Enable failed motors again, and hold the measured pose; see `await_gripper`. Look at the arm first.
+        """Re-enable motors after a fault and hold the measured pose; see `await_gripper`. Inspect the arm first.
 
         Raises:
-            LifeCycleError: a motor still fails, or the arm needs a new connection; the message says which.
+            LifeCycleError: a motor is still in fault, or the arm has to be connected again; the message says which.
         """
         self._request(Request.REARM)
 
     def await_gripper(self, sought: bool = False) -> ArmState:
-        """Wait until the search for the gripper's stops has ended; return the arm's state at that time.
+        """Wait until the search for the gripper's stops has ended. Return the arm's state at that time.
 
         Args:
-            sought: whether a search was requested; False: wait only if a search runs.
+            sought: whether a search was requested; False: wait only if a search is running.
 
         Raises:
-            MotorError: the stops are still unknown: the search failed, was cut short, or does not end.
+            MotorError: the stops are still unknown because the search failed, was interrupted, or timed out.
             StaleStateError: the control loop is silent.
         """
         name, deadline = self.config.name, self._clock.now() + _SEARCH_TIMEOUT_S
@@ -278,19 +280,19 @@ class ArmClient:
 
     @property
     def off(self) -> bool:
-        """Whether the control loop has published that the arm is without torque."""
+        """Whether the control loop has published that the arm has no torque."""
         try:
             return self.mode() is Mode.OFF
-        except StaleStateError:  # the loop died in the middle of a write
+        except StaleStateError:  # the loop died while writing a record
             return False
 
     def calibrate_gripper(self) -> None:
-        """Search the gripper's stops again and wait until they are found and stored.
+        """Search for the gripper's stops again. Wait until the stops are found and stored.
 
         Raises:
             MotorError: there is no gripper motor, the search failed, or the arm was stopped or landed before it ended.
-            LifeCycleError: the present mode forbids a search.
-            GripperError: the stops are not stored in `calibration_path`; they are used until the arm is off.
+            LifeCycleError: the current mode forbids a search.
+            GripperError: the stops were not stored in `calibration_path`; they remain valid until the arm is off.
         """
         self._request(Request.CALIBRATE_GRIPPER)
         stops = self.await_gripper(sought=True).gripper_stops_rad
@@ -299,7 +301,7 @@ class ArmClient:
             await_stored(self.config.name, Path(self.config.calibration_path), self.hardware.gripper.name, *stops)
 
     def calibrate_trigger(self) -> None:
-        """Learn the range of the handle's trigger while a person squeezes it; the next start uses it.
+        """Learn the range of the handle's trigger while a person squeezes the trigger; the next start uses the range.
 
         Raises:
             GripperError: nobody squeezed the trigger, or its range cannot be stored.
@@ -315,12 +317,12 @@ class ArmClient:
         save_range(name, Path(path), self.hardware.gripper.name, learn(name, seen))
 
     def ask(self, request: Request, own_gains: Numbers = (), number: int | None = None) -> int:
-        """Write a request without waiting; return its number, which the loop publishes as `ArmState.answered`.
+        """Write a request without waiting. Return its number; the loop publishes handled numbers in `ArmState.answered`
 
         Args:
-            request: what the loop shall do.
+            request: action requested from the control loop.
             own_gains: gains for GAINS, as `checked_gains` returns them.
-            number: the request's number, greater than the last one; None: the next.
+            number: number of the request, greater than that of the previous request; None: the next number.
         """
         return self._commands.write_request(self._clock.now(), request, own_gains, number)
 

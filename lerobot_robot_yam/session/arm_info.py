@@ -1,4 +1,4 @@
-"""Hardware and settings of a connected arm, to print or to store beside data."""
+"""Hardware and settings of a connected arm, for printing or for storing with recorded data."""
 
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -20,13 +20,14 @@ class ArmInfo:
         name, channel, interface, rate_hz: as configured.
         arm, gripper: names of the profiles.
         has_gripper: whether the gripper has a motor.
-        joint_names: names of the joints (n,). motor_types: type of each motor, the gripper's last.
+        joint_names: (n,) names of the joints.
+        motor_types: type of each motor, the gripper's last.
         joint_limits_rad: (n, 2) lower and upper limits.
-        speed_limit_rad_s, torque_limit_nm, kp, kd, idle_kd, gravity_factor: (n,) settings; gains as they are now.
-        gripper_stops_rad: motor angles of the closed and open gripper; None until these are known.
-        gripper_force_limit_n: largest squeeze force, N; None: no limit.
-        firmware: motor's name -> firmware version from the binding file (`identity_path`); empty without a binding.
-        versions: package that drives the arm -> its version.
+        speed_limit_rad_s, torque_limit_nm, kp, kd, idle_kd, gravity_factor: (n,) settings; kp and kd: current gains.
+        gripper_stops_rad: motor angles of the closed and the open gripper; None until known.
+        gripper_force_limit_n: maximum squeeze force, N; None: no limit.
+        firmware: motor name -> firmware version from the binding file (`identity_path`); empty without a binding.
+        versions: name -> version of each package that drives the arm.
     """
 
     name: str
@@ -97,5 +98,5 @@ class ArmInfo:
 def _version(package: str) -> str:
     try:
         return version(package)
-    except PackageNotFoundError:  # a checkout that is not installed
+    except PackageNotFoundError:  # running from a checkout that is not installed
         return ""

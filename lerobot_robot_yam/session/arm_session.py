@@ -1,4 +1,4 @@
-"""Session of the arms of one robot: starts their control loop, reads states, writes targets, stops safely."""
+"""Session of the arms of one robot: starts the control loop, reads states, writes targets, stops safely."""
 
 import contextlib
 import dataclasses
@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 
 MakeRunner = Callable[[list[ResolvedArm], list[str]], Runner]
 Isolation = Literal["process", "thread", "lockstep"] | MakeRunner
-_IN_TROUBLE = (Mode.FAULT, Mode.LAND, Mode.OFF)  # modes of an arm that has to be re-armed first
+_IN_TROUBLE = (Mode.FAULT, Mode.LAND, Mode.OFF)  # modes that require re-arming before the other arms
 _RUNNERS: dict[str, MakeRunner] = {
     "process": ProcessRunner,
     "thread": ThreadRunner,
@@ -41,13 +41,15 @@ class ArmSession(Uncopied):
         session.stop()
 
     Args:
-        configs: the arms; names and channels must differ, rates must agree.
-        isolation: "process" (the loop cannot be disturbed by the caller's interpreter), "thread" (for debugging) or
-            "lockstep" (the loop ticks while the caller sleeps on `clock`; only on a rig in lock-step); or a function
-            that makes another `Runner`.
+            configs: the arms; names and channels must differ, rates must be equal.
+            isolation: "process" (the caller's interpreter cannot disturb the loop), "thread" (for debugging),
+                "lockstep"
+                (the loop ticks while the caller sleeps on `clock`; only for a rig in lock-step), or a function that
+                creates
+                another `Runner`.
 
     Raises:
-        ConfigError: the configurations cannot be used together.
+            ConfigError: the configurations contradict each other.
     """
 
     def __init__(self, configs: Sequence[ArmConfig], isolation: Isolation = "process"):
@@ -60,15 +62,16 @@ class ArmSession(Uncopied):
         for config in configs:
             rig = config.can_options.get("rig")
             if config.interface == VIRTUAL:
-                # Named here, so that the loop's process uses the rig of this process, and starts none of its own.
+                # Resolve the name in this process, so that the loop's process uses the same rig and starts no rig of
+                # its own.
                 rig, _ = rig_name(rig)
                 config = dataclasses.replace(config, can_options={**config.can_options, "rig": rig})
             self._arms[config.name] = ResolvedArm(config)
             self._keys.append(channel_key(config.interface, config.channel, rig))
         self._clients: dict[str, ArmClient] = {}
         self._runner: Runner | None = None
-        self._starting: Runner | None = None  # runner that brings the arms up now
-        self._pid = 0  # process that started the session
+        self._starting: Runner | None = None  # runner while the arms are being brought up
+        self._pid = 0  # id of the process that started the session
 
     def __getitem__(self, name: str) -> ArmClient:
         """Return the client of the arm called `name`.
@@ -84,27 +87,27 @@ class ArmSession(Uncopied):
         return self._clients[name]
 
     def key(self, name: str) -> str:
-        """Return the channel key of the arm called `name`; other programs find the arm's state by this key."""
+        """Return the channel key of the arm called `name`. Other programs find the arm's state by this key."""
         return self._keys[list(self._arms).index(name)]
 
     def hardware(self, name: str) -> ResolvedArm:
-        """Return profiles and limits of the arm called `name`."""
+        """Return the profiles and limits of the arm called `name`."""
         return self._arms[name]
 
     @property
     def running(self) -> bool:
-        """True between `start` and `stop`, whatever state the arms are in."""
+        """True between `start` and `stop`, in whatever mode the arms are."""
         return self._runner is not None
 
     def start(self, search_grippers: bool = True) -> None:
-        """Bring all arms up; return when they hold (or float) and their grippers' stops are known.
+        """Bring all arms up. Return when they hold (or float) and their grippers' stops are known.
 
         Args:
-            search_grippers: whether to search stops; False also ignores stored stops that do not fit, for a
-                `calibrate_gripper` that follows.
+            search_grippers: whether to search for the stops. False also ignores stored stops that do not fit, for a
+                following `calibrate_gripper`.
 
         Raises:
-            YamError: bring-up failed; nothing is energised and nothing is left behind.
+            YamError: bring-up failed; no arm is energised and all resources are released.
         """
         if self._runner is not None:
             raise LifeCycleError("this session is running already")
@@ -126,26 +129,26 @@ class ArmSession(Uncopied):
 
     @property
     def clock(self) -> Clock:
-        """Clock of these arms' control loop."""
+        """Clock of the control loop."""
         return SYSTEM if self._runner is None else self._runner.clock
 
     def begin_stop(self) -> None:
-        """Make every arm begin to land, without waiting; a call of `stop` has to follow.
+        """Start landing every arm, without waiting. The caller has to call `stop` afterwards.
 
-        A `start` that waits in another thread fails, or ends with arms that land.
+        A `start` that waits in another thread fails, or ends with landing arms.
         """
         runner = self._runner or self._starting
         if runner is not None and not self._forked:
             runner.land()
 
     def stop(self) -> bool:
-        """Land every arm, cut torque, end the loop. Idempotent; Ctrl-C does not hurry the landing.
+        """Land every arm, cut torque, end the loop. Idempotent; Ctrl-C does not shorten the landing.
 
-        In a forked child this closes only the child's blocks; the parent's arms go on.
+        In a forked child only the child's blocks are closed; the parent keeps driving the arms.
 
         Returns:
-            Whether nothing drives these arms any more. False: they are still in the air, because the emergency stop is
-            latched or something is in their way, and land later.
+            Whether the arms are no longer driven. False: the arms are still in the air because the emergency stop is
+            latched or an obstacle blocks them; they land later.
         """
         runner, self._runner = self._runner, None
         if runner is None:
@@ -173,7 +176,7 @@ class ArmSession(Uncopied):
             client.close()
 
     def discard(self) -> None:
-        """End the session of a lock-step world that is thrown away, without landing. Idempotent.
+        """End the session of a simulated lock-step world without landing. Idempotent.
 
         Raises:
             LifeCycleError: these arms are not in lock-step, so they have to land.
@@ -188,25 +191,26 @@ class ArmSession(Uncopied):
         self._let_go()
 
     def rearm(self) -> None:
-        """Enable failed motors again, and let all arms of the session take targets again.
+        """Re-enable motors after a fault, and make all arms of the session accept targets again.
 
-        This waits for the search of a gripper's stops: a motor that was without power has forgotten its turns.
+        Wait for the search for a gripper's stops: a motor that lost power has lost its count of turns.
 
         Raises:
-            LifeCycleError: an arm still fails, or needs a new connection; arms that hold because of it go on holding.
+            LifeCycleError: an arm is still in fault or has to be connected again; arms that hold because of it keep
+                holding.
             MotorError: a gripper's stops are not found.
         """
         in_trouble = [client for client in self._clients.values() if client.mode() in _IN_TROUBLE]
-        for client in (*in_trouble, *self._clients.values()):  # release arms that held for another one last
+        for client in (*in_trouble, *self._clients.values()):  # arms that only hold because of a peer come last
             client.rearm()
         for client in self._clients.values():
             client.await_gripper()
 
     def land(self) -> None:
-        """Land every arm and wait until torque is off; the session still has to be stopped.
+        """Land every arm and wait until torque is cut. The session still has to be stopped.
 
         Raises:
-            LifeCycleError: an arm does not land, or has failed while the emergency stop is latched; the others land.
+            LifeCycleError: an arm does not land, or is in fault while the emergency stop is latched; the others land.
         """
         refused: list[YamError] = []
         for client in self._clients.values():
@@ -231,7 +235,7 @@ def _bury(config: ArmConfig, key: str) -> None:
 
 
 def clear_away(config: ArmConfig, key: str) -> None:
-    """Remove the files of an arm whose process was killed here, unless another process has the arm by now."""
+    """Remove the files of an arm whose process was killed, unless another process drives the arm by now."""
     with contextlib.suppress(OSError, YamError):
         lock = FileLock(lock_path(key), config.channel)
         lock.acquire()
@@ -241,7 +245,7 @@ def clear_away(config: ArmConfig, key: str) -> None:
 
 
 def still_in_the_air(who: str) -> str:
-    """Return the text for a `stop` of sessions that returned False. `who`: subject and verb, as "THE ARMS ARE"."""
+    """Return the message for a `stop` that returned False. `who`: subject and verb, such as "THE ARMS ARE"."""
     return (
         f"{who} STILL IN THE AIR: the control loop goes on holding, and lands as soon as it can. Clear the way. If the "
         "emergency stop is latched, release it then: yam-estop release"

@@ -1,4 +1,4 @@
-"""Shared memory of one arm on the caller's side: `StateReader` reads states, `CommandWriter` writes commands."""
+"""Caller's side of an arm's shared memory: `StateReader` reads states, `CommandWriter` writes commands."""
 
 import math
 import os
@@ -14,21 +14,21 @@ from lerobot_robot_yam.state.records import COMMAND_DTYPE, PUBLISHED, STATE_DTYP
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 from lerobot_robot_yam.system.shared_block import SharedBlock, allocate
 
-_FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # modes that mean failure when the state has a message
+_FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # modes that mean a failure if the state has a message
 _WITHOUT_STOPS = {
     Mode.BRING_UP: "they are being sought; wait",
     Mode.STOPPED: "they are sought when the emergency stop is released (yam-estop release)",
 }
-_NEARLY_S = 0.0013  # callers wait for a state that is due within this time, s: the previous state is a tick older
-_LATE_S = 0.003  # wait for an overdue state, s; the loop waits up to 2 ms for a reply
-_OLD_S = 0.0025  # age beyond one tick at which a sample counts as old, s: a newer one is due
-_AFTER_S = 0.0003  # sleep beyond a tick's due time, s: nearly all states are published by then, without polling
-_POLL_S = 0.00005  # period of reading the block's number, s
-_GRIPPER_OPTIONS = {"dq": 0.0, "kp": math.nan, "kd": math.nan}  # speed and gains of the gripper in a target
+_NEARLY_S = 0.0013  # maximum time to wait for a state that is due, s; the newest state is then nearly one tick old
+_LATE_S = 0.003  # wait for an overdue state, s; the loop waits up to 2 ms for a motor's reply
+_OLD_S = 0.0025  # age beyond one tick from which a sample counts as old, s: a newer sample is due
+_AFTER_S = 0.0003  # sleep beyond a tick's due time, s: nearly all states are published by then, so polling is rare
+_POLL_S = 0.00005  # polling interval of the block's sequence number, s
+_GRIPPER_OPTIONS = {"dq": 0.0, "kp": math.nan, "kd": math.nan}  # default speed and gains of the gripper in a target
 
 
 def without_stops(mode: Mode) -> str:
-    """Say what to do, in this mode, about a gripper whose stops are unknown."""
+    """Return the remedy, in this mode, for a gripper whose stops are unknown."""
     return _WITHOUT_STOPS.get(mode, "calibrate it (lerobot-calibrate)")
 
 
@@ -39,7 +39,7 @@ class StateReader:
         self._config, self._has_gripper, self._clock = hardware.config, hardware.has_gripper, clock
         self._block: SharedBlock | None = SharedBlock(None, STATE_DTYPE, False, allocate(STATE_DTYPE))
         self._period_s = 1.0 / self._config.rate_hz if self._config.rate_hz > 0 and clock is SYSTEM else 0.0
-        self._newest: tuple[int, ArmState] | None = None  # newest state that passed the checks, with its number
+        self._newest: tuple[int, ArmState] | None = None  # (sequence number, newest state that passed the checks)
 
     @property
     def block(self) -> SharedBlock:
@@ -55,17 +55,17 @@ class StateReader:
             block.close()
 
     def published(self) -> ArmState:
-        """Read the state as last published, however old or bad. Raises LifeCycleError: the arm is not connected."""
+        """Return the last published state without any check. Raises LifeCycleError: the arm is not connected."""
         payload = self.block.read_bytes()
         if payload is None:
             raise LifeCycleError(f"{self._config.name}: not connected")
         return ArmState(payload)
 
     def await_fresh(self) -> None:
-        """Wait for the state of a tick that ends within 1.3 ms; if that tick lost a reply, wait for the next tick.
+        """Wait for a state that is due within 1.3 ms; if its tick lost a motor's reply, wait for the next state.
 
-        The wait lasts two ticks and a few milliseconds at most, and ends early for a motor that missed more replies. To
-        observe several arms, call this for all of them first: a state ages during the wait for another arm.
+        The wait lasts at most two ticks and a few milliseconds; it does not cover a motor that missed more replies. To
+        observe several arms, first call `await_fresh` for each: a state ages during the wait for another arm.
 
         Raises:
             YamError: see `newest`.
@@ -79,7 +79,7 @@ class StateReader:
             self._await_tick(self._block, self._newest[0], period_s)
 
     def await_next(self, after: int) -> int:
-        """Wait for the state after number `after`, unless the loop is late; return the number of the newest state.
+        """Wait for the state after number `after`, unless the loop is late. Return the number of the newest state.
 
         Raises:
             LifeCycleError: the arm is not connected.
@@ -91,21 +91,22 @@ class StateReader:
         return block.sequence()
 
     def _await_tick(self, block: SharedBlock, sequence: int, within_s: float) -> None:
-        """Wait for the record after `sequence` if it is due within `within_s`; give up when the record is late."""
+        """Wait for the record after `sequence` if it is due within `within_s`; give up if the record is late."""
         due = self._due_s(block)
         if due - within_s < self._clock.now():
             while block.sequence() == sequence and self._clock.now() < due + _LATE_S:
                 self._clock.sleep(_POLL_S)
 
     def _due_s(self, block: SharedBlock) -> float:
-        """Return the clock's time at which the loop should publish the next state, s."""
+        """Return the time on the clock at which the loop should publish the next state, s."""
         return block.peek(*PUBLISHED) + self._period_s
 
     def newest(self) -> ArmState:
-        """Read the newest state, without waiting. Raises YamError: see `ArmClient.observe`."""
+        """Return the newest state, without waiting. Raises YamError: see `ArmClient.observe`."""
         newest = self._newest
-        sequence = self.block.sequence()  # before the record, which may be newer than this number, never older
-        if newest is None or newest[0] != sequence:  # a record is unpacked once, however often it is read
+        # read before the record: the record may be newer than this number, never older
+        sequence = self.block.sequence()
+        if newest is None or newest[0] != sequence:  # unpack each record only once
             newest = self._newest = (sequence, self._examined())
         state = newest[1]
         self.check_age(state.asked_s)
@@ -123,10 +124,10 @@ class StateReader:
         return state
 
     def check_age(self, since_s: float) -> None:
-        """Refuse a state with time stamp `since_s` (of its samples, or of its publication).
+        """Check the age of a state with timestamp `since_s` (of its samples or of its publication).
 
         Raises:
-            StaleStateError: the stamp is older than `max_state_age_s`.
+            StaleStateError: the timestamp is older than `max_state_age_s`.
         """
         age = self._clock.now() - since_s
         if age > self._config.max_state_age_s:
@@ -136,20 +137,20 @@ class StateReader:
             )
 
     def check_failed(self, state: ArmState) -> None:
-        """Refuse the state of a failed arm. Raises MotorError: the arm has failed; the message says how."""
+        """Raise MotorError if the state belongs to a failed arm; the message gives the cause."""
         if state.mode in _FAILED and state.message:
             raise MotorError(f"{self._config.name} ({self._config.channel}): {state.message}")
 
 
 class CommandWriter:
-    """Writer of one arm's command block. Thread-safe: often one thread streams targets while another re-arms.
+    """Writer of one arm's command block. Thread-safe: one thread may stream targets while another re-arms.
 
-    A forked child must not write, since that would repeat commands that its parent has withdrawn.
+    A forked child must not write: its copy could repeat commands that the parent has withdrawn.
 
     Args:
         name: name of the arm, for messages.
-        motors: number of motors, the gripper's included.
-        written: called after each record.
+        motors: number of motors, including the gripper's.
+        written: callback after each record is written.
     """
 
     def __init__(self, name: str, motors: int, written: Callable[[], None] = lambda: None):
@@ -180,13 +181,14 @@ class CommandWriter:
         options: Mapping[str, np.ndarray],
         coupled: tuple[str, float] | None = None,
     ) -> None:
-        """Write a target given at `stamp_s` (the clock's time).
+        """Write a target with timestamp `stamp_s` (time on the clock).
 
         Args:
             target: joints in rad, then the gripper, 0 closed … 1 open, if the arm has one.
-            options: the joints' dq (rad/s), kp (Nm/rad) and kd (Nm s/rad), as far as they are given.
-            coupled: key of the leader that the target comes from, and time until which the loop may read later targets
-                directly from that leader, s.
+            options: optional dq (rad/s), kp (Nm/rad) and kd (Nm s/rad) of the joints.
+            coupled: (channel key of the leader that produced the target, time until which the loop may read later
+                targets
+                directly from that leader, s).
 
         Raises:
             LifeCycleError: the arm belongs to another process.
@@ -207,13 +209,13 @@ class CommandWriter:
     def write_request(
         self, stamp_s: float, request: Request, own_gains: Sequence[float] = (), number: int | None = None
     ) -> int:
-        """Write a request and return its number; a target that the loop has not read yet becomes void.
+        """Write a request and return its number. A target that the loop has not read yet is dropped.
 
         Args:
-            stamp_s: the clock's time of the request.
-            request: what the loop shall do.
+            stamp_s: time of the request on the clock, s.
+            request: action requested from the control loop.
             own_gains: gains for GAINS: kp of all motors, then kd.
-            number: the request's number, greater than the last one; None: the next.
+            number: number of the request, greater than that of the previous request; None: the next number.
 
         Raises:
             LifeCycleError: the arm belongs to another process.

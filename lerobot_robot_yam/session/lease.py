@@ -1,4 +1,4 @@
-"""Lease of some arms: the right of one holder at a time to drive them, renewed by signs of life."""
+"""Lease: exclusive right of one holder to drive some arms, renewed by heartbeats."""
 
 from collections.abc import Hashable
 
@@ -7,15 +7,15 @@ from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
 
 class Lease:
-    """Right to drive some arms. A lease never ends by itself: its owner decides about a silent holder's arms.
+    """Exclusive right to drive some arms. A lease never expires; its owner decides about the arms of a silent holder.
 
     Args:
-        what: name of the arms, for refusals.
+        what: name of the arms, for messages.
         clock: clock that measures the holder's silence.
 
     Attributes:
-        holder: key of the holder, chosen by the owner; None: nobody holds the lease.
-        who: the holder in words; empty: nobody.
+        holder: key of the holder, chosen by the owner; None: no holder.
+        who: description of the holder; empty: no holder.
     """
 
     def __init__(self, what: str, clock: Clock = SYSTEM):
@@ -25,27 +25,27 @@ class Lease:
         self._heard_s = 0.0
 
     def check(self, holder: Hashable) -> None:
-        """Refuse everybody but the holder. Raises ChannelInUseError: another one does; the message names it."""
+        """Raise ChannelInUseError if another holder than `holder` has the lease; the message names it."""
         if self.holder is not None and self.holder != holder:
             raise ChannelInUseError(f"{self._what} is driven by {self.who}; end that first")
 
     def take(self, holder: Hashable, who: str) -> None:
-        """Give the lease to `holder`. Raises ChannelInUseError: see `check`."""
+        """Give the lease to `holder`. Raises ChannelInUseError: another holder has the lease."""
         self.check(holder)
         self.holder, self.who, self._heard_s = holder, who, self._clock.now()
 
     def renew(self, holder: Hashable) -> bool:
-        """Note a sign of life from `holder`; return whether `holder` has the lease."""
+        """Record a heartbeat from `holder`. Return whether `holder` has the lease."""
         if holder is None or self.holder != holder:
             return False
         self._heard_s = self._clock.now()
         return True
 
     def release(self) -> None:
-        """End the lease. Idempotent."""
+        """Release the lease. Idempotent."""
         self.holder, self.who = None, ""
 
     @property
     def silent_s(self) -> float:
-        """Time since the holder's last sign of life, s; 0 without a holder."""
+        """Time since the holder's last heartbeat, s; 0 without a holder."""
         return 0.0 if self.holder is None else self._clock.now() - self._heard_s

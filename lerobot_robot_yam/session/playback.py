@@ -1,4 +1,4 @@
-"""Playback: streams targets to arms along a trajectory. YamArm, yam-float and the page replay with it."""
+"""Playback: streams targets to arms along a trajectory. Used by YamArm, yam-float and the page's replay."""
 
 from collections.abc import Sequence
 
@@ -11,18 +11,19 @@ from lerobot_robot_yam.session.trajectory import Trajectory, soft_way, soft_way_
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 
-APPROACH_RAD_S = 0.5  # peak speed to the first pose, rad/s: slow, a hand may still be near the arm
-_SPEED_SHARE = 0.9  # share of the speed limits that a replay uses, so that the set-point does not fall behind
-_REACHED = 1e-3  # distance of a set-point from its goal that counts as reached, rad or strokes
-_LEAST_S = 0.2  # least duration of the approach, however short its way, s
+# peak speed of the approach to the first pose, rad/s: slow, because a hand may still be near the arm
+APPROACH_RAD_S = 0.5
+_SPEED_SHARE = 0.9  # fraction of the speed limits that a replay uses, so that the set-point does not lag
+_REACHED = 1e-3  # distance from the goal at which a set-point counts as arrived, rad or strokes
+_LEAST_S = 0.2  # minimum duration of the approach, s
 
 
 class Playback:
-    """Motion along a trajectory that begins at the arms' present pose.
+    """Motion along a trajectory that starts at the current pose of the arms.
 
     Args:
-        clients: clients of the arms, which hold.
-        trajectory: the trajectory, with a column for each motor of these arms.
+        clients: clients of the arms; the arms have to hold.
+        trajectory: trajectory with one column for each motor of these arms.
     """
 
     def __init__(self, clients: Sequence[ArmClient], trajectory: Trajectory):
@@ -33,11 +34,11 @@ class Playback:
         self._columns = [slice(end - client.hardware.n, end) for client, end in zip(clients, ends, strict=True)]
 
     def step(self, now: float) -> bool:
-        """Write the targets for time `now`; return whether the motion has ended. Repeat at 30 Hz or faster.
+        """Write the targets for time `now`. Return whether the motion has ended. Call `step` at 30 Hz or faster.
 
         Raises:
-            LifeCycleError: an arm takes no targets any more; the message names the arm.
-            YamError: an arm has failed or is silent, see `ArmClient.observe`.
+            LifeCycleError: an arm no longer accepts targets; the message names the arm.
+            YamError: an arm is in fault or silent, see `ArmClient.observe`.
         """
         for client in self._clients:
             state = client.newest()
@@ -54,7 +55,7 @@ class Playback:
         return self.elapsed_s >= self.trajectory.seconds
 
     def late(self) -> str:
-        """Name a joint, with its arm, that is not where the trajectory ends; empty when all joints are there."""
+        """Return the names of an arm and its joint that is not at the trajectory's end; empty if all joints are."""
         for client, columns in zip(self._clients, self._columns, strict=True):
             hw, state = client.hardware, client.observe()
             goal = self.trajectory.positions[-1, columns]
@@ -67,10 +68,10 @@ class Playback:
 
 
 def ready(clients: Sequence[ArmClient]) -> np.ndarray:
-    """Make floating arms hold, and return the set-points (n,) of all motors.
+    """Make floating arms hold. Return the set-points (n,) of all motors.
 
     Raises:
-        YamError: an arm has failed or is silent.
+        YamError: an arm is in fault or silent.
     """
     for client in clients:
         if client.observe().mode is Mode.FLOAT:
@@ -79,11 +80,11 @@ def ready(clients: Sequence[ArmClient]) -> np.ndarray:
 
 
 def replay(clients: Sequence[ArmClient], trajectory: Trajectory) -> Playback:
-    """Make the playback of a trajectory: soft approach to the first pose, then the way itself, slowed to the limits.
+    """Create the playback of a trajectory: soft approach to the first pose, then the trajectory, slowed to the limits.
 
     Raises:
         ActionError: the trajectory does not fit these arms, see `Trajectory.check`; nothing moves.
-        YamError: an arm has failed or is silent.
+        YamError: an arm is in fault or silent.
     """
     trajectory.check([client.hardware for client in clients])
     limit = np.concatenate([client.hardware.speed_limit for client in clients])
@@ -94,5 +95,5 @@ def replay(clients: Sequence[ArmClient], trajectory: Trajectory) -> Playback:
 
 
 def approach_s(way: np.ndarray, speed: np.ndarray) -> float:
-    """Return the duration of a soft way (n,) at the chosen peak speed (n,), s; 0.2 s at least."""
+    """Return the duration, s, of a soft path over distances `way` (n,) at peak speed `speed` (n,); at least 0.2 s."""
     return max(soft_way_s(way, speed), _LEAST_S)

@@ -1,4 +1,4 @@
-"""Runners of a control loop: in another process, in a thread of the caller, or in steps of a simulated world."""
+"""Runners of a control loop: in another process, in a thread of the caller, or as steps of a simulated world."""
 
 import dataclasses
 import json
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-LAND_TIMEOUT_S = 60.0  # wait for a landing, s: time for the longest way down and one retry
-_STOPPED_S = 2.0  # wait before a latched emergency stop is logged, s: a person may release it again at once
+LAND_TIMEOUT_S = 60.0  # timeout of a landing, s: long enough for the longest descent and one retry
+_STOPPED_S = 2.0  # wait before a latched emergency stop is logged, s: a person may release the stop again at once
 _HELD = (
     "the arms stay in the air, held or floating, and their control loop lands them when it is released; clear their "
     "way, then `yam-estop release`"
@@ -38,33 +38,33 @@ _HELD_BY_US = "THIS PROCESS HOLDS THE ARMS, do not end it; clear their way, then
 
 
 class Runner(Protocol):
-    """Interface to one control loop, which runs once."""
+    """Interface to one control loop. A runner runs once."""
 
     @property
     def clock(self) -> Clock:
         """Clock of the caller and of the arms."""
 
     def note_written(self, arm: int) -> None:
-        """Note that the command block of arm number `arm` was written; only remote runners use it."""
+        """Notify the runner that the command block of arm number `arm` was written. Only remote runners use this."""
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
         """Bring the arms up.
 
         Args:
-            blocks: descriptors of each arm's blocks, in the order of the arms.
+                blocks: file descriptors of the blocks, one entry per arm.
 
         Raises:
-            YamError: bring-up failed; nothing is energised.
+                YamError: bring-up failed; no arm is energised.
         """
 
     def land(self) -> None:
-        """Make the loop begin to land, without waiting; a call of `stop` has to follow."""
+        """Start landing, without waiting. The caller has to call `stop` afterwards."""
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Land, end the loop, and wait. Return whether nothing drives the arms any more.
+        """Land, end the loop, and wait. Return whether the arms are no longer driven.
 
         Args:
-            off: function that returns whether torque is off, for arms that the stand-by has taken over.
+            off: callback that returns whether torque is off, for arms that the stand-by has taken over.
         """
 
 
@@ -103,7 +103,7 @@ class ProcessRunner:
         assert child.stdin is not None and child.stdout is not None
         child.stdin.write(json.dumps(job).encode() + b"\n")
         child.stdin.close()
-        answered = select.poll()  # select.select refuses descriptors above 1023
+        answered = select.poll()  # not select.select, which refuses descriptors above 1023
         answered.register(child.stdout, select.POLLIN)
         if not answered.poll(START_TIMEOUT_S * 1e3):
             raise YamError(f"the control process did not come up within {START_TIMEOUT_S:.0f} s")
@@ -115,7 +115,7 @@ class ProcessRunner:
             raise getattr(errors, reply["kind"], YamError)(reply["error"])
 
     def _job(self) -> dict[str, Any]:
-        """Describe the arms for the job, as plain values; `start` adds the connections to the caller."""
+        """Return the description of the arms as plain values; `start` adds the connections to the caller."""
         return {"arms": [dataclasses.asdict(arm.config) for arm in self._arms]}
 
     def land(self) -> None:
@@ -128,10 +128,11 @@ class ProcessRunner:
         lifeline = self._lifeline
         if child is None or lifeline is None:
             return True
-        ended = wait_patiently(lambda: child.poll() is not None, outlives_us=os.getpid() != 1)  # 1: ends the container
+        # if this is process 1, its end ends the container
+        ended = wait_patiently(lambda: child.poll() is not None, outlives_us=os.getpid() != 1)
         if child.stdout is not None:
             child.stdout.close()
-        if ended:  # a stand-by may have taken over
+        if ended:  # a stand-by may have taken over the arms
             ended = wait_patiently(lambda: off() or lifeline.cut, outlives_us=True)
         lifeline.close()
         return ended
@@ -188,9 +189,9 @@ class ThreadRunner:
 
 
 class StepRunner:
-    """Runner that ticks while the caller sleeps; the runner is the caller's clock.
+    """Runner that ticks while the caller sleeps. The runner is the caller's clock.
 
-    The runner owns the simulated world: nothing falls when this world is thrown away with arms in the air.
+    The runner owns the simulated world, so discarding that world with arms in the air is harmless.
     """
 
     def __init__(self, arms: list[ResolvedArm], keys: list[str]):
@@ -207,11 +208,11 @@ class StepRunner:
         return self
 
     def now(self) -> float:
-        """Return the time of the world, s."""
+        """Return the simulated time, s."""
         return self._world.now()
 
     def sleep(self, seconds: float) -> None:
-        """Run ticks of the loop for `seconds` of the world's time."""
+        """Run ticks of the loop for `seconds` of simulated time."""
         until_s = self._world.now() + seconds
         while self._world.now() < until_s:
             if next(self._ticks, False) is False:  # the arms are off, or have failed
@@ -221,7 +222,7 @@ class StepRunner:
         pass
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
-        from lerobot_robot_yam.control.loop import build  # imported late: only this runner needs it
+        from lerobot_robot_yam.control.loop import build  # late import: only this runner needs the module
         from lerobot_robot_yam.control.preflight.open_bus import open_bus
 
         try:
@@ -234,7 +235,7 @@ class StepRunner:
             ready: list[str] = []
             self._ticks = self._loop.ticks(ready.append, lambda: self._landing)
             give_up_s = self._world.now() + START_TIMEOUT_S
-            while not ready or ready[0]:  # a failed start lands before the ticks raise
+            while not ready or ready[0]:  # after a failed start the arms land before `ticks` raises
                 next(self._ticks)
                 if self._world.now() > give_up_s:
                     raise YamError(f"the control loop did not come up within {START_TIMEOUT_S:.0f} s")
@@ -246,7 +247,7 @@ class StepRunner:
         self._landing = True
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Land in simulated time; return whether the arms are down. Throw their world away in any case."""
+        """Land in simulated time and discard the world in any case. Return whether the arms have landed."""
         self.land()
         landed = True
         give_up_s = self._world.now() + LAND_TIMEOUT_S
@@ -272,11 +273,11 @@ class StepRunner:
 
 
 def wait_patiently(done: Callable[[], bool], outlives_us: bool) -> bool:
-    """Wait for a landing, and return whether the arms are down. Ctrl-C is only logged: hurrying would drop an arm.
+    """Wait for a landing. Return whether the arms have landed. Ctrl-C is only logged: aborting would drop an arm.
 
     Args:
-        done: function that returns whether the arms are down.
-        outlives_us: whether the control loop outlives this process; then a latched emergency stop ends the wait.
+        done: callback that returns whether the arms have landed.
+        outlives_us: whether the control loop outlives this process; if so, a latched emergency stop ends the wait.
     """
     begin, told = time.monotonic(), False
     while True:
@@ -300,5 +301,5 @@ def wait_patiently(done: Callable[[], bool], outlives_us: bool) -> bool:
 def _stopped() -> bool:
     try:
         return EmergencyStop().latched
-    except errors.ConfigError:  # the runtime directory was removed: the loop latches on its own
+    except errors.ConfigError:  # the runtime directory was removed; the control loop latches the stop without it
         return False

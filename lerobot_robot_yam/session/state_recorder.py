@@ -1,4 +1,4 @@
-"""Recorder of the states that the control loops of some arms publish."""
+"""Recorder of the states that the control loops publish."""
 
 import io
 import threading
@@ -15,11 +15,11 @@ from lerobot_robot_yam.session.trajectory import Trajectory, columns_of
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.paths import write_whole
 
-_POLL_S = 0.001  # period of reading the states, s: a quarter of a tick
+_POLL_S = 0.001  # polling interval of the states, s: a quarter of a tick
 
 
 class StateRecorder:
-    """Recorder of some arms' states, each tick once. Call `poll` often: a state between two polls is lost."""
+    """Recorder of each published state of some arms. Call `poll` often: a state between two polls is lost."""
 
     def __init__(self, clients: Sequence[ArmClient]):
         self._clients = clients
@@ -35,7 +35,7 @@ class StateRecorder:
                 self._rows[index].extend(_row(state))
 
     def states(self) -> list[dict[str, np.ndarray]]:
-        """Return the states of each arm, k rows; n motors are the joints and then the gripper, if that has a motor.
+        """Return the states of each arm, k rows. The n motors are the joints, then the gripper if it has a motor.
 
         Returns:
             Per arm, name -> array: stamp_s (k,) monotonic time; q (k, n) rad and dq (k, n) rad/s, the gripper 0 … 1 and
@@ -44,7 +44,7 @@ class StateRecorder:
         return [_unpacked(rows, client.hardware.n) for rows, client in zip(self._rows, self._clients, strict=True)]
 
     def trajectory(self) -> Trajectory:
-        """Return the positions of all arms at the times of the first arm's states.
+        """Return the positions of all arms, interpolated at the timestamps of the first arm's states.
 
         Raises:
             ActionError: there are fewer than two states.
@@ -56,7 +56,7 @@ class StateRecorder:
         return Trajectory(times, np.stack(columns, axis=1), names, "recording")
 
     def save(self, path: Path) -> None:
-        """Write an .npz file with the arrays of `states`; the names of a second arm's arrays begin with the arm's name.
+        """Write the arrays of `states` to an .npz file. From the second arm on, array names begin with the arm's name.
 
         Raises:
             ConfigError: the file cannot be written.
@@ -90,7 +90,7 @@ def _unpacked(rows: array, n: int) -> dict[str, np.ndarray]:
 
 @contextmanager
 def recording(clients: Sequence[ArmClient]) -> Iterator[StateRecorder]:
-    """Record in a thread while the block runs. The recording ends early when an arm ends.
+    """Record in a thread while the block runs. The recording ends early when an arm is disconnected.
 
     Raises:
         LifeCycleError: an arm is not connected.

@@ -1,6 +1,6 @@
 """Checks and limits of a target before it is sent: keys, finite numbers, unit, joint limits, `max_relative_target`.
 
-The loop then limits the set-point's speed and the torque.
+The control loop afterwards limits the speed of the set-point and the torque.
 """
 
 import logging
@@ -15,11 +15,12 @@ from lerobot_robot_yam.state.records import Limited
 
 logger = logging.getLogger(__name__)
 
-_WORTH_SAYING = 0.01  # smallest cut of a target that is logged, rad or strokes: measured poses lie a little outside
+# minimum clamped amount that is logged, rad or strokes: measured poses lie slightly outside the limits
+_WORTH_SAYING = 0.01
 
 
 def validate_action(device: str, action: Mapping[str, object], keys: Sequence[str]) -> np.ndarray:
-    """Read the values (n,) of a LeRobot action in the order of `keys`. 0-d tensors and arrays count as numbers.
+    """Return the values (n,) of a LeRobot action in the order of `keys`. 0-d tensors and arrays count as numbers.
 
     Raises:
         ActionError: keys are missing or unknown, or values are not finite numbers.
@@ -34,14 +35,14 @@ def validate_action(device: str, action: Mapping[str, object], keys: Sequence[st
 
 
 def refuse_degrees(device: str, q: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
-    """Refuse joint angles that are too large for radians, but form a possible pose in degrees.
+    """Raise ActionError if joint angles are too large for radians but form a possible pose in degrees.
 
-    The joint limits would clamp such angles to the ends of the ranges. Targets with a single wild value, or values that
-    form no pose in degrees either, are limited like any other target.
+    Otherwise the joint limits would clamp such angles to the ends of the ranges. Targets with a single outlier, or with
+    values that are not a possible pose in degrees either, are clamped like any other target.
 
     Args:
         device: name for messages.
-        q: (n,) target of the joints.
+        q: (n,) joint target.
         lower, upper: (n,) joint limits, rad.
 
     Raises:
@@ -68,10 +69,10 @@ def limit_target(
 ) -> tuple[list[float], Limited]:
     """Clamp a target (n,) to the joint limits, and to `max_relative` around the measured position (n,).
 
-    The result never leaves the joint limits, even when the measured position does.
+    The result never leaves the joint limits, even if the measured position is outside.
 
     Returns:
-        The clamped target (n,), and which limits acted.
+        The clamped target (n,), and flags of the limits that changed it.
     """
     limited = Limited.NOTHING
     inside = [
@@ -92,14 +93,14 @@ def limit_target(
 
 
 class LimitLog:
-    """Log of the limits that hold targets back: one line when a limit begins to act."""
+    """Logs which limits change the targets: one line when a limit starts to act."""
 
     def __init__(self, arm: str):
         self._arm = arm
         self._before = Limited.NOTHING
 
     def note(self, limited: Limited) -> None:
-        """Log the limits that act now and did not act before."""
+        """Log the limits in `limited` that were not in the previous call."""
         if limited is self._before:
             return
         fresh = limited & ~self._before

@@ -1,4 +1,4 @@
-"""Trajectory: positions of the joints and grippers of some arms over time; and soft ways between two poses."""
+"""Trajectory: joint and gripper positions of some arms over time; and soft paths between two poses."""
 
 import dataclasses
 import math
@@ -11,8 +11,8 @@ from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ActionError
 
-_ROW_S = 0.02  # time between two rows of a soft way, s: the period at which callers stream
-_GRIPPER_BEYOND = 0.1  # tolerance for measured fingers beyond their stops, strokes
+_ROW_S = 0.02  # time between two rows of a soft path, s: the period at which callers stream targets
+_GRIPPER_BEYOND = 0.1  # tolerance for measured gripper positions beyond the stops, strokes
 _LEAST_ROWS = 2
 
 
@@ -21,13 +21,14 @@ class Trajectory:
     """Positions of n joints and grippers at k times.
 
     Args:
-        times_s: (k,) rising times, s; shifted so that the first is 0.
-        positions: (k, n) joints, rad, and grippers, 0 closed … 1 open; per arm its joints, then a gripper with motor.
+        times_s: (k,) increasing times, s; shifted so that the first is 0.
+        positions: (k, n) joints, rad, and grippers, 0 closed … 1 open; for each arm its joints, then its gripper if the
+            gripper has a motor.
         columns: names of the n columns, see `columns_of`; empty: unknown.
         source: name for messages.
 
     Raises:
-        ActionError: the shapes do not fit, a number is not finite, or the times do not rise.
+        ActionError: the shapes do not match, a number is not finite, or the times do not increase.
     """
 
     times_s: np.ndarray
@@ -67,7 +68,7 @@ class Trajectory:
         return float(self.times_s[-1])
 
     def at(self, t: float) -> np.ndarray:
-        """Interpolate the positions (n,) at time t, s: linear between the rows, constant before and after them."""
+        """Interpolate the positions (n,) at time `t`, s: linear between rows, constant outside the first and last."""
         after = min(max(int(np.searchsorted(self.times_s, t)), 1), len(self.times_s) - 1)
         begin, end = self.times_s[after - 1], self.times_s[after]
         share = min(max((t - begin) / (end - begin), 0.0), 1.0)
@@ -81,15 +82,16 @@ class Trajectory:
         )
 
     def slowed(self, speed: np.ndarray) -> "Trajectory":
-        """Stretch the time where the trajectory is quicker than `speed` (n,), unit/s."""
+        """Stretch the time where the trajectory is faster than `speed` (n,), unit/s."""
         steps = np.maximum(np.diff(self.times_s), (np.abs(np.diff(self.positions, axis=0)) / speed).max(axis=1))
         return dataclasses.replace(self, times_s=np.concatenate([[0.0], np.cumsum(steps)]))
 
     def check(self, arms: Sequence[ResolvedArm]) -> None:
-        """Refuse a trajectory that these arms cannot follow, with a tolerance for measured poses.
+        """Check that these arms can follow the trajectory, with a tolerance for measured poses.
 
         Raises:
-            ActionError: the trajectory has other joints, or goes beyond a limit; the message names the column.
+            ActionError: the columns differ from the arms' joints, or a position exceeds a limit; the message names the
+                column.
         """
         names = columns_of(arms)
         have, want = self.positions.shape[1], len(names)
@@ -113,7 +115,7 @@ class Trajectory:
 
 
 def columns_of(arms: Sequence[ResolvedArm]) -> tuple[str, ...]:
-    """Return the names of the columns of these arms' positions: per arm its joints, then `gripper` with a motor."""
+    """Return the column names of these arms' positions: for each arm its joints, then `gripper` if that has a motor."""
     return tuple(name for arm in arms for name in (*arm.joint_names, *(["gripper"] * arm.has_gripper)))
 
 
@@ -122,7 +124,7 @@ def _and(arms: Sequence[ResolvedArm]) -> str:
 
 
 def soft_way(start: np.ndarray, goal: np.ndarray, seconds: float) -> Trajectory:
-    """Make a straight way between two poses (n,) with half-cosine speed.
+    """Create a straight joint-space path between two poses (n,) with half-cosine position profile.
 
     q(t) = start + (1 − cos(π t / T)) / 2 · (goal − start); the peak speed is π/2 · |goal − start| / T.
     """
@@ -131,14 +133,14 @@ def soft_way(start: np.ndarray, goal: np.ndarray, seconds: float) -> Trajectory:
 
 
 def soft_way_s(way: np.ndarray, speed: np.ndarray, acceleration: np.ndarray | float = math.inf) -> float:
-    """Return the shortest duration of a soft way over the distances `way` (n,), s.
+    """Return the minimum duration of a soft path over the distances `way` (n,), s.
 
     T = max(π/2 · |way| / speed, π · sqrt(|way| / (2 · acceleration))).
 
     Args:
-        way: (n,) distances, rad, grippers in strokes.
-        speed: (n,) peak speed, unit/s.
-        acceleration: (n,) peak acceleration, at both ends, unit/s².
+        way: (n,) distances, rad; grippers in strokes.
+        speed: (n,) maximum speed, unit/s.
+        acceleration: (n,) maximum acceleration, unit/s²; its peaks are at both ends of the path.
     """
     far = np.abs(way)
     times = np.maximum(math.pi / 2 * far / speed, math.pi * np.sqrt(far / (2.0 * np.asarray(acceleration))))

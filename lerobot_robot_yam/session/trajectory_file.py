@@ -1,7 +1,7 @@
-"""Trajectory files in the vendor's form: `np.save` of a dict {trajectory, timestamps, frequency}.
+"""Trajectory files in the vendor's format: `np.save` of a dict {trajectory, timestamps, frequency}.
 
-Such a file is a pickle, and plain unpickling runs whatever code its writer put in. This reader imports nothing that
-the file names: small stand-ins replace the four constructors that `np.save` writes, and any other name is refused.
+Such a file is a pickle, and plain unpickling would run any code that its author put in. This reader imports nothing
+that the file names: stand-ins replace the four constructors that `np.save` writes; any other name is refused.
 """
 
 import io
@@ -17,10 +17,10 @@ from lerobot_robot_yam.session.trajectory import Trajectory
 from lerobot_robot_yam.system.paths import user_path, write_whole
 
 FREQUENCY_HZ = 50.0
-"""Rate of saved rows, Hz: the highest at which the vendor's replay writes rows."""
-_MOST_BYTES = 100_000_000  # largest file that is read, bytes: five hours of two arms
-_NUMBERS = "fiu"  # kinds of numpy types that hold numbers
-_SAVED_AS = ("trajectory", "timestamps")  # keys of positions and times
+"""Rate of saved rows, Hz: the maximum rate at which the vendor's replay sends rows."""
+_MOST_BYTES = 100_000_000  # maximum size of a file, bytes: enough for five hours of two arms
+_NUMBERS = "fiu"  # kinds of numeric numpy types
+_SAVED_AS = ("trajectory", "timestamps")  # keys of positions and times in the file
 
 
 def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
@@ -30,7 +30,8 @@ def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
         ConfigError: the file cannot be written.
     """
     path = user_path(path)
-    times = np.arange(math.ceil(trajectory.seconds * FREQUENCY_HZ) + 1) / FREQUENCY_HZ  # the last row is the end
+    # the last row is the end of the trajectory
+    times = np.arange(math.ceil(trajectory.seconds * FREQUENCY_HZ) + 1) / FREQUENCY_HZ
     columns = trajectory.positions.T
     rows = np.stack([np.interp(times, trajectory.times_s, column) for column in columns], axis=1)
     content: dict[str, Any] = {"trajectory": rows, "timestamps": times, "frequency": FREQUENCY_HZ}
@@ -43,11 +44,11 @@ def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
-    """Read a trajectory file of this package or of the vendor; nothing in the file is executed.
+    """Read a trajectory file of this package or of the vendor. Nothing in the file is executed.
 
     Raises:
-        ConfigError: the file cannot be read, or holds no trajectory.
-        ActionError: the numbers form no trajectory, see `Trajectory`.
+        ConfigError: the file cannot be read, or contains no trajectory.
+        ActionError: the numbers are not a valid trajectory, see `Trajectory`.
     """
     path = user_path(path)
     try:
@@ -61,7 +62,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
         content = _content(io.BytesIO(data))
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
-    except Exception as error:  # a broken pickle raises anything
+    except Exception as error:  # a broken pickle can raise any exception
         raise ConfigError(f"{path} is no trajectory: its content cannot be read ({error})") from error
     missing = [key for key in _SAVED_AS if key not in content]
     if missing:
@@ -84,7 +85,7 @@ def _numbers(path: Path, key: str, value: object) -> np.ndarray:
 
 
 def _content(file: io.BytesIO) -> dict[str, Any]:
-    """Read the dict of an .npy file. Raises ConfigError: the file has no dict, or holds more than numbers."""
+    """Read the dict of an .npy file. Raises ConfigError: the file has no dict, or contains more than numbers."""
     version = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read_header(file)
@@ -99,7 +100,7 @@ def _content(file: io.BytesIO) -> dict[str, Any]:
 
 
 class _Dtype:
-    """Stand-in for `numpy.dtype`: keeps the text of the type."""
+    """Stand-in for `numpy.dtype` that only stores the type's name."""
 
     def __init__(self, text: str, *_: object):
         self.text, self.order = str(text), "="
@@ -108,7 +109,7 @@ class _Dtype:
         self.order = str(state[1])
 
     def numbers(self, data: bytes) -> np.ndarray:
-        """Decode `data` into a flat array. Raises ConfigError: the type does not hold numbers."""
+        """Decode `data` into a flat array. Raises ConfigError: the type is not numeric."""
         dtype = np.dtype(self.order + self.text) if self.text[:1] in _NUMBERS else np.dtype(object)
         if dtype.kind not in _NUMBERS:
             raise ConfigError(f"it holds {self.text!r}, and a trajectory holds numbers")
@@ -116,7 +117,7 @@ class _Dtype:
 
 
 class _Array:
-    """Stand-in for `numpy.ndarray`: keeps a list of objects, or the bytes from which `array` makes numbers."""
+    """Stand-in for `numpy.ndarray` that stores a list of objects, or the bytes that `array` decodes."""
 
     def __init__(self, *_: object):
         self.items: list[Any] | None = None
@@ -128,7 +129,7 @@ class _Array:
         self._rest = (shape, dtype, fortran, data)
 
     def array(self) -> np.ndarray:
-        """Decode the numbers. Raises ConfigError or ValueError: the array holds no numbers."""
+        """Decode the numbers. Raises ConfigError or ValueError: the array contains no numbers."""
         if self.items is not None or not self._rest:
             raise ConfigError("an array of it holds no numbers")
         shape, dtype, fortran, data = self._rest
@@ -136,20 +137,20 @@ class _Array:
 
 
 def _scalar(dtype: _Dtype, data: bytes) -> float:
-    """Decode a single number: stand-in for numpy's constructor."""
+    """Decode a single number; stand-in for numpy's `scalar` constructor."""
     return float(dtype.numbers(data)[0])
 
 
 _STAND_INS: dict[tuple[str, str], Any] = {("numpy", "ndarray"): _Array, ("numpy", "dtype"): _Dtype} | {
     (f"numpy.{core}.multiarray", name): stand_in
-    for core in ("core", "_core")  # numpy's names before and after version 2
+    for core in ("core", "_core")  # names of this numpy module before and since version 2
     for name, stand_in in (("_reconstruct", _Array), ("scalar", _scalar))
 }
 
 
 class _NumbersOnly(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
-        """Return the stand-in for a name in the file. Raises ConfigError: no trajectory needs that name."""
+        """Return the stand-in for a name in the file. Raises ConfigError: a trajectory does not need that name."""
         if (module, name) not in _STAND_INS:
             raise ConfigError(
                 f"it asks for {module}.{name}, and a trajectory holds only numbers; it may be made to run code: do not "
@@ -158,5 +159,5 @@ class _NumbersOnly(pickle.Unpickler):
         return _STAND_INS[module, name]
 
     def persistent_load(self, pid: object) -> Any:
-        """Refuse objects outside of the file. Raises ConfigError: the file refers to one."""
+        """Raise ConfigError: the file refers to an object outside the file."""
         raise ConfigError("it refers to something outside of the file")

@@ -33,20 +33,20 @@ from lerobot_robot_yam.system.clock import Clock
 from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.uncopyable import Uncopied
 
-_STREAM_S = 0.02  # period of the targets of a motion, s
-_SETTLE_TIMEOUT_S = 2.0  # wait for joints to reach the end of a motion, s
-_LIES_RAD = 0.15  # distance from the rest pose within which an arm lies, rad: its fall is a finger's width
+_STREAM_S = 0.02  # interval between targets of a motion, s
+_SETTLE_TIMEOUT_S = 2.0  # timeout for joints to settle at the end of a motion, s
+_LIES_RAD = 0.15  # distance from the rest pose within which cutting torque is safe, rad: the arm falls a finger's width
 
 
 class YamArm(Uncopied):
     """YAM arm on one CAN channel. SI units; gripper 0 closed … 1 open.
 
     Args:
-        config: configuration of the arm; or give its fields as keywords.
+        config: configuration of the arm; alternatively pass its fields as keywords.
         isolation: where the control loop runs, see `ArmSession`.
 
     Raises:
-        ConfigError: a field, the arm or the gripper is unknown, or a value impossible.
+        ConfigError: a field, the arm or the gripper is unknown, or a value is invalid.
     """
 
     def __init__(self, config: ArmConfig | None = None, *, isolation: Isolation = "process", **fields: Any):
@@ -57,10 +57,10 @@ class YamArm(Uncopied):
         self._session = ArmSession([self.config], isolation)
 
     def connect(self) -> "YamArm":
-        """Bring the arm up, to hold its pose (or to float, with `start="float"`). Return this object.
+        """Bring the arm up, so that it holds its pose (or floats, with `start="float"`). Return this object.
 
         Raises:
-            YamError: bring-up failed; nothing is energised.
+            YamError: bring-up failed; the arm is not energised.
         """
         self._session.start()
         return self
@@ -82,7 +82,7 @@ class YamArm(Uncopied):
 
     @property
     def clock(self) -> Clock:
-        """Clock of the arm's loop: the computer's, or that of a rig in lock-step."""
+        """Clock of the arm's control loop: the system clock, or the clock of a rig in lock-step."""
         return self._session.clock
 
     @property
@@ -90,11 +90,11 @@ class YamArm(Uncopied):
         return self._session[self.config.name]
 
     def info(self) -> ArmInfo:
-        """Describe the arm and its settings. Raises LifeCycleError: the arm is not connected."""
+        """Return the arm's hardware and settings. Raises LifeCycleError: the arm is not connected."""
         return ArmInfo.of(self._client)
 
     def observe(self) -> ArmState:
-        """Read the newest state. Raises StaleStateError, MotorError, LifeCycleError: see `ArmClient.observe`."""
+        """Return the newest state. Raises StaleStateError, MotorError, LifeCycleError: see `ArmClient.observe`."""
         return self._client.observe()
 
     @contextmanager
@@ -102,7 +102,7 @@ class YamArm(Uncopied):
         """Record every state into a `StateRecorder` while the block runs.
 
         Args:
-            path: .npz file to write at the end, see `StateRecorder.save`; None: write none.
+            path: .npz file to write at the end, see `StateRecorder.save`; None: write no file.
 
         Raises:
             LifeCycleError: the arm is not connected.
@@ -121,34 +121,36 @@ class YamArm(Uncopied):
         kp: Vector | None = None,
         kd: Vector | None = None,
     ) -> np.ndarray:
-        """Write one target; repeat it at 10 Hz or faster, or the arm comes to rest.
+        """Write one target. Repeat it at 10 Hz or faster; otherwise the arm comes to rest.
 
         Args:
-            q: (n,) target of the joints, rad. kp, kd: (n,) gains for this target.
-            dq: (n,) speed of the target itself, rad/s. Targets that agree with `dq` (to 0.01 rad) are tracked without
-                lag, and the last one moves on until the next is due; other targets are reached one period late.
-            gripper: target, 0 closed … 1 open; None keeps the present one.
+            q: (n,) joint target, rad.
+            dq: (n,) velocity of the target, rad/s. Targets that agree with `dq` (to 0.01 rad) are tracked without lag:
+                the
+                last target is extrapolated until the next is due. Other targets are reached one period late.
+            gripper: gripper target, 0 closed … 1 open; None keeps the current set-point.
+            kp, kd: (n,) gains for this target.
 
         Returns:
             Target (n,) after the limits, rad.
 
         Raises:
-            ActionError: a value has a wrong shape, is not finite, or is more than a motor takes; nothing was sent.
-            YamError: the arm floats, has failed or is silent; nothing was sent.
+            ActionError: a value has the wrong shape, is not finite, or is outside a motor's range; nothing was sent.
+            YamError: the arm floats, is in fault or silent; nothing was sent.
         """
         return self._client.write_target(q, gripper, dq, kp, kd)[0]
 
     def move_to(self, q: Vector, gripper: float | None = None, speed_rad_s: float = 0.8) -> ArmState:
-        """Move to a pose along a straight joint line with half-cosine speed, and wait until the arm is there.
+        """Move to a pose along a straight joint-space line with half-cosine profile, and wait until the arm is there.
 
         Args:
-            q: (n,) goal of the joints, rad.
-            gripper: goal, 0 closed … 1 open; None keeps the present set-point.
-            speed_rad_s: peak speed of the quickest joint.
+            q: (n,) joint goal, rad.
+            gripper: gripper goal, 0 closed … 1 open; None keeps the current set-point.
+            speed_rad_s: peak speed of the fastest joint.
 
         Raises:
-            ActionError: a value has a wrong shape, is not finite, or is beyond a joint's range; nothing moves.
-            LifeCycleError: the pose was not reached (obstructed, stopped, or limits hold the arm back).
+            ActionError: a value has the wrong shape, is not finite, or is outside a joint's range; nothing moves.
+            LifeCycleError: the pose was not reached (obstructed, stopped, or held back by limits).
         """
         goal = self._goal(q, gripper)
         hw = self._client.hardware
@@ -158,16 +160,16 @@ class YamArm(Uncopied):
         return self._play(Playback([self._client], soft_way(start, goal, approach_s(goal - start, speed))))
 
     def move_joints(self, q: Vector, time_s: float, gripper: float | None = None) -> ArmState:
-        """Move to a pose in `time_s` seconds along a straight joint line with half-cosine speed, and wait for the end.
+        """Move to a pose in `time_s` along a straight joint-space line with half-cosine profile; wait for the end.
 
         Args:
-            q: (n,) goal of the joints, rad.
+            q: (n,) joint goal, rad.
             time_s: duration of the motion, s.
-            gripper: goal, 0 closed … 1 open; None keeps the present set-point.
+            gripper: gripper goal, 0 closed … 1 open; None keeps the current set-point.
 
         Raises:
-            ActionError: see `move_to`; or the time is too short for the limits of speed and acceleration, and the
-                message has the shortest time. Nothing moves.
+            ActionError: see `move_to`; also if `time_s` is too short for the speed and acceleration limits (the message
+                has the minimum). Nothing moves.
             LifeCycleError: see `move_to`.
         """
         name, hw = self.config.name, self._client.hardware
@@ -183,19 +185,19 @@ class YamArm(Uncopied):
         return self._play(Playback([self._client], soft_way(ready([self._client]), goal, seconds)))
 
     def replay(self, trajectory: Trajectory) -> ArmState:
-        """Move softly to where the trajectory begins, then along it, and wait until the arm is at its end.
+        """Move softly to the start of the trajectory, then along it, and wait until the arm is at its end.
 
-        The arm is slower where the trajectory exceeds the speed limits; `track_integral` brings it closer to the
-        trajectory. `load_trajectory` and `save_trajectory` of `session/trajectory_file.py` read and write files.
+        The arm slows down where the trajectory exceeds the speed limits. `track_integral` reduces the tracking error.
+        `load_trajectory` and `save_trajectory` of `session/trajectory_file.py` read and write files.
 
         Raises:
-            ActionError: the trajectory has other joints, or goes beyond a joint's range; nothing moves.
+            ActionError: the trajectory has other joints than the arm, or exceeds a joint's range; nothing moves.
             LifeCycleError: see `move_to`.
         """
         return self._play(replay([self._client], trajectory))
 
     def _goal(self, q: Vector, gripper: float | None) -> np.ndarray:
-        """Check a goal; return it as (n,) motors, NaN for a gripper that stays. Raises ActionError: as `move_to`."""
+        """Check a goal. Return it as (n,) motors, NaN for a gripper that stays. Raises ActionError: see `move_to`."""
         name, hw = self.config.name, self._client.hardware
         goal = finite_vector(name, "q", q, hw.joints)
         lower, upper = hw.lower[: hw.joints], hw.upper[: hw.joints]
@@ -224,33 +226,33 @@ class YamArm(Uncopied):
             clock.sleep(_STREAM_S)
 
     def hold(self) -> None:
-        """Keep the present pose."""
+        """Hold the current pose."""
         self._client.hold()
 
     def float(self) -> None:
-        """Carry only the arm's own weight, so that a hand can move it."""
+        """Compensate only gravity, so that a person can move the arm by hand."""
         self._client.float()
 
     def update_kp_kd(self, kp: Vector, kd: Vector) -> None:
-        """Change the gains of the joints, within half a second; the arm lands with the configured gains.
+        """Change the joint gains, over half a second. The arm still lands with the configured gains.
 
         Args:
             kp, kd: (n,) gains, Nm/rad and Nm s/rad.
 
         Raises:
-            ActionError, ConfigError: a configuration with these gains would be refused; nothing changes.
+            ActionError, ConfigError: these gains would be refused in a configuration; nothing changes.
             LifeCycleError: the arm lands, or is off.
         """
         self._client.change_gains(kp, kd)
 
     def zero_torque(self, force: bool = False) -> None:
-        """Cut torque, without landing. Afterwards only `close` is possible.
+        """Cut torque without landing. Afterwards only `close` is possible.
 
-        HAZARD: with `force` an arm in the air falls at once, with what it holds.
+        HAZARD: with `force` an arm in the air falls at once, with any object in its gripper.
 
         Raises:
-            LifeCycleError: the arm does not lie at rest, and `force` is not set; or its mode does not allow it.
-            YamError: the arm has failed or is silent, so that its pose is unknown, and `force` is not set.
+            LifeCycleError: the arm is not in its rest pose and `force` is not set, or its mode forbids cutting torque.
+            YamError: the pose is unknown because the arm is in fault or silent, and `force` is not set.
         """
         client = self._client
         if client.off:
@@ -264,13 +266,13 @@ class YamArm(Uncopied):
         client.cut_torque()
 
     def rearm(self) -> None:
-        """Enable failed motors again, and hold the measured pose. Look at the arm first.
+        """Re-enable motors after a fault and hold the measured pose. Inspect the arm first.
 
         Raises:
-            LifeCycleError: a motor still fails, or the arm needs a new connection.
+            LifeCycleError: a motor is still in fault, or the arm has to be connected again.
         """
         self._session.rearm()
 
     def land(self) -> None:
-        """Land the arm, cut torque, and wait until torque is off. Afterwards only `close` is possible."""
+        """Land the arm and wait until torque is cut. Afterwards only `close` is possible."""
         self._session.land()
