@@ -1,4 +1,4 @@
-"""Arms of another computer: the host that drives them, and the link to it (docs/two-machines.md)."""
+"""Arms on another computer: the host that drives them, and the link to the host (docs/two-machines.md)."""
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.own_commands import install_extra

@@ -1,4 +1,4 @@
-"""Address of a host, and names that a client sends to it."""
+"""Address of a host, and names that clients send to the host."""
 
 import getpass
 import importlib.metadata
@@ -16,21 +16,22 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 
-PORT = 5570  # default port of commands; states have the next port
-INTERFACE = "remote"  # interface of an arm on a host, in place of python-can's
-_OF_THE_HOST = ("calibration_path", "identity_path", "tuning")  # options of an arm that name files of the host
+PORT = 5570  # default port of commands; states use the next port
+INTERFACE = "remote"  # interface name of an arm on a host, in place of a python-can interface
+_OF_THE_HOST = ("calibration_path", "identity_path", "tuning")  # arm options that name files on the host
 _PORT_MOST = 65534
 _ADDRESS = re.compile(r"([A-Za-z0-9][A-Za-z0-9.-]*)(?::([0-9]{1,5}))?")
-_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # id of this boot; copies of a disk share /etc/machine-id
+# id of the current boot, not /etc/machine-id, which copies of a disk share
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
 @dataclass(frozen=True)
 class HostAddress:
-    """Host, and the first of its two ports.
+    """Host and its first port.
 
     Attributes:
         host: name or IPv4 address.
-        port: port of commands; states have the next port.
+        port: port of commands; states use the next port.
     """
 
     host: str
@@ -38,7 +39,7 @@ class HostAddress:
 
     @classmethod
     def of(cls, text: str) -> "HostAddress":
-        """Parse `192.168.1.20` or `192.168.1.20:5570`. Raises ConfigError: neither form."""
+        """Parse `192.168.1.20` or `192.168.1.20:5570`. Raises ConfigError: `text` has neither form."""
         found = _ADDRESS.fullmatch(text)
         if found is None or not 0 < (port := int(found[2] or PORT)) <= _PORT_MOST:
             raise ConfigError(
@@ -61,7 +62,7 @@ class HostAddress:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only this computer reaches the address."""
+        """Whether the address can be reached from this computer only."""
         try:
             return ip_address(self.host).is_loopback
         except ValueError:
@@ -76,7 +77,7 @@ class HostAddress:
         return channel_key(INTERFACE, self.channel(channel), None)
 
     def options(self, there: Mapping[str, Any]) -> dict[str, Any]:
-        """Translate an arm's options from the host: channels get this computer's names, files become None."""
+        """Translate arm options from the host: channels get this computer's names, file options become None."""
         here = {**there, "interface": INTERFACE, "channel": self.channel(there["channel"]), "can_options": {}}
         here |= dict.fromkeys(name for name in _OF_THE_HOST if name in there)
         if there.get("follower") is not None:
@@ -85,7 +86,7 @@ class HostAddress:
 
 
 def who() -> str:
-    """Return user, computer and process as a text, for refusals to other clients."""
+    """Return user, computer and process as text, for messages to other clients."""
     try:
         user = getpass.getuser()
     except (KeyError, OSError):  # a user without a name, in a container
@@ -94,7 +95,7 @@ def who() -> str:
 
 
 def package_version() -> str:
-    """Return the version of this package; empty in a checkout that is not installed."""
+    """Return the version of this package; empty when running from a checkout that is not installed."""
     try:
         return importlib.metadata.version("lerobot_robot_yam")
     except importlib.metadata.PackageNotFoundError:
@@ -102,10 +103,10 @@ def package_version() -> str:
 
 
 def machine_name() -> str:
-    """Identify this computer, user and runtime directory, which share one emergency stop: 8 hex digits for the host.
+    """Return an id of this computer, user and runtime directory, which share one emergency stop: 8 hex digits.
 
-    The boot id distinguishes computers of one disk image, which have the same name and users; containers share the
-    boot id of their computer.
+    The boot id distinguishes computers that were set up from the same disk image and so have the same name and users.
+    Containers share the boot id of their computer.
 
     Raises:
         ConfigError: /proc is missing, so this computer cannot be distinguished from others.

@@ -1,4 +1,4 @@
-"""Questions to a host, over the sockets of a link or over sockets of their own."""
+"""Requests to a host, over the sockets of a link or over separate sockets."""
 
 import contextlib
 import itertools
@@ -15,15 +15,15 @@ from lerobot_robot_yam.remote.link_messages import Answer, Question
 from lerobot_robot_yam.remote.link_sockets import ClientSockets
 from lerobot_robot_yam.system.clock import SYSTEM
 
-HELLO_S = 2.0  # longest wait for an answer, s
-_AGAIN_S = 0.1  # period of repeating a question until it has a result, s
-_WAIT_S = 0.01  # longest wait for one message of the host, s
+HELLO_S = 2.0  # default timeout of a request, s
+_AGAIN_S = 0.1  # resend interval of a request until its result arrives, s
+_WAIT_S = 0.01  # maximum wait for one message from the host, s
 _numbers = itertools.count(secrets.randbits(31))
 
 
 @dataclass(frozen=True)
 class Host:
-    """Host with the key that a client uses.
+    """Host, with the key file that a client uses.
 
     Attributes:
         address: address and port of the host.
@@ -34,20 +34,20 @@ class Host:
     key: str | None = None
 
     def client_key(self) -> LinkKey | None:
-        """Read the key. Raises ConfigError: the file cannot be read."""
+        """Read the key file. Raises ConfigError: the file cannot be read."""
         return None if self.key is None else LinkKey.load(self.key)
 
     def ask(self, op: str, within_s: float = HELLO_S, **fields: Any) -> dict[str, Any]:
-        """Send a question, and return its result.
+        """Send a request and return its result.
 
         Args:
             op: see `Question`.
-            within_s: time for the answer, s.
-            fields: the other fields of a `Question`.
+            within_s: timeout, s.
+            fields: other fields of the `Question`.
 
         Raises:
-            LinkError: no answer comes.
-            YamError: the host refuses; the error has the class that it has on the host.
+            LinkError: the host does not reply.
+            YamError: the host refuses; the error has the same class as on the host.
         """
         with contextlib.closing(ClientSockets(self.address, self.client_key(), states=False)) as sockets:
 
@@ -68,13 +68,14 @@ def ask_over(
     unwanted: Callable[[], bool] = lambda: False,
     **fields: Any,
 ) -> dict[str, Any]:
-    """Send a question over open sockets, and return its result; see `Host.ask`.
+    """Send a request over open sockets and return its result; see `Host.ask`.
 
     Args:
-        sockets: the sockets to the host.
-        turn: waits a little, and returns an answer that has arrived, or None.
+        sockets: sockets to the host.
+        turn: callback that waits briefly and returns a received reply, or None.
         address: address of the host.
-        unwanted: ends the wait with an empty result once it returns True.
+        op, within_s, fields: see `Host.ask`.
+        unwanted: callback that cancels the request by returning True; the result is then empty.
     """
     question = Question(next(_numbers), op, **fields)  # type: ignore[arg-type]
     deadline, again_s, heard = SYSTEM.now() + within_s, 0.0, False
@@ -100,10 +101,10 @@ def ask_over(
 
 
 def hello(host: Host) -> dict[str, Any]:
-    """Request the description of a host and its arms.
+    """Return the host's description of itself and its arms.
 
     Raises:
-        LinkError: no answer comes, or the host has another version of this package.
+        LinkError: the host does not reply, or has another version of this package.
     """
     told = host.ask("hello")
     theirs, ours = told.get("package"), package_version()

@@ -1,7 +1,7 @@
-"""Server of the host: answers its clients, and lets one at a time drive each group of arms.
+"""Server of the host: replies to clients, and lets one client at a time drive each group of arms.
 
-Arms are energised only for a client that requests it. Targets pass through this computer's session, with the checks
-and limits of a local program; the arms of a client that is silent for too long are landed.
+Arms are energised only when a client requests it. Targets pass through this computer's session, with the same checks
+and limits as targets of a local program. If a client is silent for too long, its arms are landed.
 """
 
 import contextlib
@@ -37,21 +37,21 @@ logger = logging.getLogger(__name__)
 
 RunTool = Callable[[Hashable, str, str, bool], dict[str, Any] | None]
 
-_LOOK_S = 0.04  # period of checking emergency stops and silent clients, s
-_REFUSED_S = 10.0  # least time between two log entries about refused messages, s
+_LOOK_S = 0.04  # interval between checks of emergency stops and silent clients, s
+_REFUSED_S = 10.0  # minimum time between two log entries about refused messages, s
 _RT_PRIORITY = 15  # real-time priority, below that of control loops
-_LEAST_S = 0.002  # least time between two messages, s: some control loops tick as fast as their wire allows
-_QUIET_S = 0.1  # period of messages while no arm runs, s
-_MOST_TEXT = 400  # largest number of characters of a client's text that are logged
+_LEAST_S = 0.002  # minimum time between two states messages, s: some control loops tick as fast as their bus allows
+_QUIET_S = 0.1  # interval between states messages while no arm runs, s
+_MOST_TEXT = 400  # maximum number of logged characters of a client's text
 
 
 class StateStream:
-    """Thread that publishes the newest states of all arms, right after each tick of their control loop.
+    """Thread that publishes the newest states of all arms, directly after each tick of a control loop.
 
     Args:
-        groups: groups of the host; the ticks of the first running group set the pace.
-        stops: knows whether the emergency stop is latched, and by which machine.
-        publish: sends states to all clients.
+        groups: groups of the host; ticks of the first running group trigger the messages.
+        stops: source for whether the emergency stop is latched, and by which machine.
+        publish: callback that sends states to all clients.
     """
 
     def __init__(self, groups: Sequence[HostedGroup], stops: MirroredStops, publish: Callable[[States], None]):
@@ -59,7 +59,7 @@ class StateStream:
         self._arms = [arm for group in groups for arm in group.arms]
         self._leads = [group.arms[-1] for group in groups]
         self._run = secrets.randbits(62) + 1
-        self._sent, self._sent_s = 0, 0.0  # number of the state before the last message, and time of the message
+        self._sent, self._sent_s = 0, 0.0  # state number before the last message, and time of that message
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._stream, name="yam-states", daemon=True)
 
@@ -67,7 +67,7 @@ class StateStream:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread. Idempotent."""
+        """Stop the thread. Idempotent."""
         self._ended.set()
         if self._thread.ident is not None:
             self._thread.join()
@@ -84,25 +84,25 @@ class StateStream:
                 self._ended.wait(_QUIET_S)
 
     def _await_tick(self) -> None:
-        """Wait for the next tick of the first group that runs."""
+        """Wait for the next tick of the first running group."""
         client = next((client for arm in self._leads if (client := arm.client) is not None), None)
         if client is None:
             self._ended.wait(_QUIET_S)
             return
         SYSTEM.sleep(max(0.0, self._sent_s + _LEAST_S - SYSTEM.now()))
-        with contextlib.suppress(YamError, ValueError):  # closed meanwhile
+        with contextlib.suppress(YamError, ValueError):  # closed in the meantime
             self._sent = client.await_next(self._sent)
         self._sent_s = SYSTEM.now()
 
 
 class HostServer:
-    """Server that runs until it is told to end.
+    """Server that runs until `must_end` of `run` returns True.
 
     Args:
-        sockets: listening sockets; closed at the end.
+        sockets: listening sockets; the server closes them at the end.
         groups: the groups of arms.
-        land_after_s: silence of a client, s, after which its arms are landed.
-        run_tool: runs a tool of this computer for a client; see `HostTools.run`.
+        land_after_s: a client's arms are landed after this time without a message from the client, s.
+        run_tool: callback that runs a tool on this computer for a client; see `HostTools.run`.
     """
 
     def __init__(self, sockets: HostSockets, groups: Sequence[HostedGroup], land_after_s: float, run_tool: RunTool):
@@ -112,7 +112,8 @@ class HostServer:
         self._group_of = {arm.number: group for group in groups for arm in group.arms}
         self._stops = MirroredStops("workstation", machine_name())
         self._stream = StateStream(groups, self._stops, sockets.publish)
-        self._acted: deque[int] = deque(maxlen=100)  # estop questions done; clients count from random numbers
+        # numbers of handled estop requests; clients count from random numbers
+        self._acted: deque[int] = deque(maxlen=100)
         self._refused_s = -math.inf  # time of the last log entry about a refused message
 
     def run(self, must_end: Callable[[], bool]) -> None:
@@ -136,7 +137,7 @@ class HostServer:
             self._sockets.close()
 
     def _handle(self, client: bytes, data: bytes) -> None:
-        """Handle one message. A message that is malformed or not permitted has no effect."""
+        """Handle one message. A malformed or forbidden message has no effect."""
         received_s = SYSTEM.now()
         try:
             message = decode(data)
@@ -157,7 +158,7 @@ class HostServer:
                 self._refused_s = received_s
                 logger.warning("a message is refused: %s", error)
             if isinstance(error, OtherVersionError):
-                self._sockets.answer(client, Answer(0))  # shows the client that the versions differ
+                self._sockets.answer(client, Answer(0))  # this reply shows the client that the versions differ
         except Exception:
             logger.exception("a message could not be handled; it has no effect")
 
@@ -176,7 +177,7 @@ class HostServer:
             return Answer(question.number, None, str(error), type(error).__name__)
 
     def _result(self, client: bytes, asked: Question) -> dict[str, Any] | None:
-        """Return a question's result; None: not done yet, the client repeats the question. Raises YamError: refused."""
+        """Return the result of a request; None: not done yet, the client resends. Raises YamError: refused."""
         if asked.op == "hello":
             return self._told()
         if asked.op == "tool":
@@ -196,7 +197,7 @@ class HostServer:
 
     def _estop(self, asked: Question) -> dict[str, Any]:
         stop = EmergencyStop()
-        if asked.number not in self._acted:  # a repeated question must not undo what others have done since
+        if asked.number not in self._acted:  # a resent request must not undo later changes by others
             try:
                 if asked.action == "latch":
                     stop.latch(_printable(f"{asked.who}: {asked.why}"))
@@ -220,5 +221,5 @@ class HostServer:
 
 
 def _printable(text: str) -> str:
-    """Replace characters in a client's text that would move the cursor of a terminal."""
+    """Replace control characters in a client's text, which could move the terminal's cursor; truncate the text."""
     return "".join(character if character.isprintable() else "?" for character in text)[:_MOST_TEXT]

@@ -1,7 +1,8 @@
-"""Watching a host: programs of this computer see the host's arms like local arms, but cannot command them.
+"""Watching a host: programs on this computer see the host's arms like local arms, but cannot command them.
 
-A watched arm has a key of its own, with a lock and a state. So a program that drives the arm over a link finds its
-channel free, and has its own lock and state. While this computer drives the arm, the watched copy is hidden.
+A watched arm has its own key, lock and state. Therefore a program that drives the same arm over a link finds its
+channel
+free. While this computer drives the arm, the watched copy is hidden.
 """
 
 import contextlib
@@ -24,8 +25,8 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 logger = logging.getLogger(__name__)
 
 _FIELDS = set(ArmConfig.__dataclass_fields__)
-_LOOK_S = 0.2  # period of checking which arms this computer drives, s
-_AGAIN_S = 5.0  # pause after an error, s
+_LOOK_S = 0.2  # interval between checks of which arms this computer drives, s
+_AGAIN_S = 5.0  # pause before a retry after an error, s
 
 
 def watched_key(key: str) -> str:
@@ -37,10 +38,10 @@ def watched_key(key: str) -> str:
 def watched(host: Host) -> Iterator[None]:
     """Show the host's running arms in the runtime directory while the block runs.
 
-    Arms that another program of this computer drives over a link, or watches, are shown already.
+    Arms that another program on this computer drives or watches are already shown.
 
     Raises:
-        YamError: the host does not answer.
+        YamError: the host does not reply.
     """
     groups = hello(host)["groups"]
     ended = threading.Event()
@@ -63,7 +64,7 @@ def watched(host: Host) -> Iterator[None]:
 
 
 def _show(host: Host, groups: dict[str, Any], ended: threading.Event) -> None:
-    """Show the arms that no program of this computer drives or shows already, until `ended` is set."""
+    """Show the arms that no other program on this computer drives or watches, until `ended` is set."""
     keys = keys_of(host, groups)
     configs = {}
     for arm in (arm for group in groups.values() for arm in group["arms"].values()):
@@ -87,7 +88,7 @@ def _show(host: Host, groups: dict[str, Any], ended: threading.Event) -> None:
 
 def _look(shown: dict[int, MirroredArm], number: int, key: str, config: ArmConfig, keys: dict[str, str]) -> None:
     """Show an arm, or hide it while this computer drives it."""
-    if state_path(key).exists():  # testing the lock could disturb a program that acquires it now
+    if state_path(key).exists():  # not tested by the lock: that could disturb a program that is acquiring the lock
         if number in shown:
             shown.pop(number).close()
     elif number not in shown:

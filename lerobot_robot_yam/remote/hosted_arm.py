@@ -1,4 +1,4 @@
-"""Arm of the host: passes its client's commands on as targets and requests, and its states back."""
+"""Arm on the host: forwards its client's commands as targets and requests, and returns its states."""
 
 import contextlib
 import logging
@@ -19,13 +19,13 @@ logger = logging.getLogger(__name__)
 _TEXTS_AT = STATE_DTYPE.fields["refusal"][1]  # type: ignore[index]
 _NO_TEXTS = bytes(STATE_DTYPE.itemsize - _TEXTS_AT)
 _AHEAD_S = 0.05  # tolerance for commands from the future, s: the error of the clock offset
-_PERMITTED_MOST_S = 0.5  # longest time for which a client may couple a follower to its leader, s
+_PERMITTED_MOST_S = 0.5  # maximum time for which a client may couple a follower to its leader, s
 _LED = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
 _OUT_OF_HOME_RAD = 0.3
 
 
 class HostedArm:
-    """Arm of the host.
+    """Arm on the host.
 
     Args:
         number: number of the arm among all arms of the host.
@@ -40,31 +40,32 @@ class HostedArm:
 
     @property
     def calibrated(self) -> bool:
-        """Whether the gripper's stops are configured or stored, or there is no gripper."""
+        """Whether the gripper's stops are configured or stored, or there is no gripper motor."""
         config = self._hardware.config
         known = config.gripper_stops_rad is not None or Path(config.calibration_path or "").is_file()
         return known or not self._hardware.has_gripper
 
     @property
     def client(self) -> ArmClient | None:
-        """Client of the arm in the session; None while the session does not run."""
+        """Client of the arm in the session; None while the session is not running."""
         with contextlib.suppress(LifeCycleError):
             return self._session[self._name]
         return None
 
     def begin(self) -> None:
-        """Reset the numbers, for the commands of another client of the host."""
+        """Reset the command numbers for a new client of the host."""
         self._target = self._request = 0
 
     def take(self, record: bytes, leaders: Collection[str]) -> bool:
-        """Pass on what is new in a client's command record; returns False if a part of it was too old or refused.
+        """Forward what is new in a client's command record. Return False if any part was too old or refused.
 
-        A request goes first, because the client awaits its answer before it sends a target. The request keeps its
-        number, by which the client finds the answer in the arm's states.
+        A request is forwarded before a target, because the client waits for the reply before it sends a target. The
+        request
+        keeps its number, by which the client finds the reply in the arm's states.
 
         Args:
-            record: bytes of COMMAND_DTYPE, by the clock of the host's arms.
-            leaders: keys of the arms that a follower may follow.
+            record: bytes of COMMAND_DTYPE, with times in the host's clock.
+            leaders: channel keys of the leaders that a follower may follow.
         """
         command, client = np.frombuffer(record, COMMAND_DTYPE)[0], self.client
         target, request, taken = int(command["target_sequence"]), int(command["request_sequence"]), client is not None
@@ -84,9 +85,9 @@ class HostedArm:
         return taken
 
     def _check_age(self, stamp_s: float, most_s: float) -> None:
-        """Refuse a request or target with a time that is too old, or in the future. Raises LifeCycleError."""
+        """Check the timestamp of a request or target. Raises LifeCycleError: it is too old, or in the future."""
         age_s = self._session.clock.now() - stamp_s
-        if not -_AHEAD_S <= age_s <= most_s:  # NaN, too
+        if not -_AHEAD_S <= age_s <= most_s:  # also True for NaN
             raise LifeCycleError(f"it is {age_s:.1f} s old")
 
     def _ask(self, client: ArmClient, command: Any, number: int) -> None:
@@ -106,7 +107,7 @@ class HostedArm:
         gripper = command["q"][joints] if self._hardware.has_gripper else None
         try:
             mode = client.newest().mode
-        except GripperError:  # a guided arm may float on without known stops
+        except GripperError:  # a guided arm may keep floating without known stops
             mode = client.mode()
         if mode is Mode.FLOAT:
             client.guide_on(gripper)
@@ -114,7 +115,7 @@ class HostedArm:
         options = {name: row for name in ("dq", "kp", "kd") if not np.isnan(row := command[name][:joints]).all()}
         coupled = None
         if leader := command["leader"].decode(errors="replace"):
-            permitted_s = float(command["coupled_until_s"]) - given_s  # counts from the target's arrival
+            permitted_s = float(command["coupled_until_s"]) - given_s  # counted from the target's arrival
             if leader not in leaders or not 0.0 <= permitted_s <= _PERMITTED_MOST_S:
                 raise LifeCycleError(f"it cannot follow {leader} for {permitted_s:g} s")
             coupled = (leader, permitted_s)
@@ -122,17 +123,17 @@ class HostedArm:
         client.write_target(command["q"][:joints].tolist(), gripper, **options, coupled=coupled, given_s=given_s)
 
     def record(self) -> bytes | None:
-        """Return the newest state record, without empty texts at its end; None while the arm does not run."""
+        """Return the newest state record without empty texts at its end; None while the arm is not running."""
         client = self.client
         try:
             record = None if client is None else client.payload()
-        except (YamError, ValueError):  # closed meanwhile, or the loop died in the middle of a write
+        except (YamError, ValueError):  # closed in the meantime, or the loop died while writing a record
             return None
         return record[:_TEXTS_AT] if record is not None and record.endswith(_NO_TEXTS) else record
 
     @property
     def in_a_hand(self) -> bool:
-        """Whether a person seems to hold this leader: the leader is engaged, and away from its rest pose."""
+        """Whether a person seems to hold this leader: the leader is engaged and away from its rest pose."""
         try:
             state = self._session[self._name].published()
         except (YamError, ValueError):

@@ -1,6 +1,6 @@
 """Group of a host's arms as a LeRobot device on this computer: options of the device, and its `Runner`.
 
-The runner starts a link process here; the control loop runs on the host.
+The runner starts a link process on this computer; the control loop runs on the host.
 """
 
 import logging
@@ -23,14 +23,14 @@ class HostedDevice:
     Attributes:
         host: the host.
         group: "robot" or "teleop".
-        options: prefix → options of the arm, as for LeRobot's local device, with this computer's names of channels.
-        numbers: number of each of these arms on the host.
-        all_keys: for every arm of the host, its channel key on the host → its channel key on this computer.
-        calibrated: whether the host knows the stops of all grippers.
+            options: prefix → arm options, as for LeRobot's local device, with this computer's names of the channels.
+            numbers: number of each of these arms on the host.
+            all_keys: for every arm of the host: channel key on the host → channel key on this computer.
+            calibrated: whether the host knows the stops of all grippers.
 
     Raises:
-        LinkError: the host does not answer.
-        ConfigError: the host has no such group, or the group has another number of arms.
+            LinkError: the host does not reply.
+            ConfigError: the host has no such group, or the group has a different number of arms.
     """
 
     def __init__(self, host: Host, group: str, prefixes: tuple[str, ...]):
@@ -51,12 +51,12 @@ class HostedDevice:
         self.calibrated = bool(groups[group]["calibrated"])
 
     def runner(self) -> MakeRunner:
-        """Return the function that makes the `Runner` of a session with these arms."""
+        """Return the function that creates the `Runner` of a session with these arms."""
         return partial(RemoteRunner, self)
 
 
 def keys_of(host: Host, groups: dict[str, Any]) -> dict[str, str]:
-    """Map channel keys on the host to keys here, for every arm in the groups of a host's hello."""
+    """Map channel keys on the host to channel keys on this computer, for all arms in the host's reply to a hello."""
     every = [arm for group in groups.values() for arm in group["arms"].values()]
     return {arm["key"]: host.address.key(arm["options"]["channel"]) for arm in every}
 
@@ -66,7 +66,7 @@ class RemoteRunner(ProcessRunner):
 
     Args:
         device: the group, as the host describes it.
-        arms, keys: the group's arms and their channel keys, by the names of this computer.
+        arms, keys: the group's arms and channel keys, with this computer's names.
     """
 
     _program = "lerobot_robot_yam.remote.link_process"
@@ -88,12 +88,12 @@ class RemoteRunner(ProcessRunner):
         }
 
     def note_written(self, arm: int) -> None:
-        """Wake the link process, so that it sends the command at once, not with the next state."""
+        """Wake the link process, so that it sends the command at once instead of with the next state."""
         if self._lifeline is not None:
             self._lifeline.nudge()
 
     def stop(self, off: Callable[[], bool] = lambda: True) -> bool:
-        """Land the arms on the host; returns whether they are down."""
+        """Land the arms on the host. Return whether they have landed."""
         link = self._child
         ended = super().stop(off)
         if ended and link is not None and link.returncode < 0:

@@ -1,4 +1,4 @@
-"""Group of arms of the host, the robot's followers or the teleoperator's leaders; one client at a time drives it."""
+"""Group of arms on the host: the robot's followers or the teleoperator's leaders, driven by one client at a time."""
 
 import logging
 import threading
@@ -30,19 +30,19 @@ class HostedGroup:
 
     Args:
         role: "robot" or "teleop".
-        device: LeRobot's type name of the local device.
+        device: LeRobot type name of the local device.
         arms: prefix → config of the arm, in canonical order.
-        options: prefix → options of the arm for clients, which build LeRobot's device from these options.
-        first: number of this group's first arm, counted through all arms of the host.
+        options: prefix → arm options for clients, which build LeRobot's device from these options.
+        first: number of this group's first arm among all arms of the host.
         isolation: where the control loop runs, see `ArmSession`.
 
     Attributes:
-        phase: present phase.
+        phase: current phase.
         lease: right to drive the group, held by a client's session number.
-        newest: number of the newest command of the client that holds the lease.
+        newest: number of the newest command from the client that holds the lease.
         leaders: channel keys of the arms that followers of this group may follow; set by the server.
-        channels: CAN channel of the group → command-line options that name it.
-        dropped: number of dropped commands: refused, too old, not newer than the last, or not from the holder.
+        channels: CAN channel of the group → command-line options that name the channel.
+        dropped: number of dropped commands: refused, too old, out of order, or not from the holder of the lease.
     """
 
     def __init__(
@@ -65,14 +65,14 @@ class HostedGroup:
         self.leaders: frozenset[str] = frozenset()
         self.dropped = 0
         self._lock = threading.Lock()  # guards phase, lease, _over and _last
-        self._over = 0  # session that called `stop` last
-        # Last session, whether its arms are down, and why they were not energised.
+        self._over = 0  # last session that called `stop`
+        # Last session, whether its arms have landed, and why they were not energised.
         self._last: tuple[int, bool, YamError | None] = (0, True, None)
         self._unwanted = threading.Event()
         self._worker: threading.Thread | None = None
 
     def told(self) -> dict[str, Any]:
-        """Describe the group for a hello."""
+        """Return the description of the group for a hello."""
         return {
             "device": self.device,
             "arms": {
@@ -86,11 +86,11 @@ class HostedGroup:
         }
 
     def start(self, session: int, who: str, search: bool) -> bool:
-        """Energise the arms for a client; returns whether they are. The client repeats the question until then.
+        """Energise the arms for a client. Return whether they are energised; the client resends the request until then.
 
         Raises:
-            ChannelInUseError: another client has the group.
-            LifeCycleError: this client has released the group already.
+            ChannelInUseError: another client drives the group.
+            LifeCycleError: this client has already released the group.
             YamError: the arms could not be energised.
         """
         with self._lock:
@@ -116,7 +116,7 @@ class HostedGroup:
             return False
 
     def _run(self, session: int, search: bool) -> None:
-        """Energise the arms, and land them once they are unwanted."""
+        """Energise the arms; land them once the client no longer wants them."""
         landed, error = False, None
         try:
             self._session.start(search_grippers=search)
@@ -141,9 +141,9 @@ class HostedGroup:
             self.phase = Phase.FREE
 
     def stop(self, session: int) -> bool | None:
-        """Land the arms of this client and release them; returns whether they are down.
+        """Land this client's arms and release them. Return whether they have landed; None: not yet, the client resends.
 
-        Returns None while they land: the client repeats the question. A client that never had the arms gets True.
+        A client that never had the arms gets True.
         """
         with self._lock:
             self._over = session
@@ -167,11 +167,11 @@ class HostedGroup:
             self._unwanted.set()
 
     def heard(self, session: int) -> bool:
-        """Note a sign of life of a session; returns whether the session has these arms."""
+        """Record a heartbeat of a session. Return whether the session holds the lease of these arms."""
         return self.lease.renew(session)
 
     def take(self, command: Command) -> None:
-        """Pass a client's command on to its arm. Raises LinkError: the command is old, or not the holder's."""
+        """Forward a client's command to its arm. Raises LinkError: the command is old, or not from the holder."""
         if self.phase is not Phase.RUNNING or self.lease.holder != command.session:
             self.dropped += 1
             raise LinkError(f"a command for the {self.role} is not of the client that has it")
@@ -186,7 +186,7 @@ class HostedGroup:
 
     @property
     def silent_s(self) -> float:
-        """Silence of the client that drives the arms, s; 0 without one."""
+        """Silence of the client that drives the arms, s; 0 without a client."""
         return self.lease.silent_s if self.phase is Phase.RUNNING else 0.0
 
     @property
@@ -195,7 +195,7 @@ class HostedGroup:
         return any(arm.in_a_hand for arm in self.arms)
 
     def close(self) -> None:
-        """Land the arms, and wait until they are down."""
+        """Land the arms and wait until they have landed."""
         self.land("the host ends")
         if self._worker is not None:
             self._worker.join()

@@ -1,4 +1,4 @@
-"""Client's link to a host: receives states, sends commands and beats, mirrors the emergency stop both ways."""
+"""Client's link to a host: receives states, sends commands and heartbeats, mirrors emergency stops both ways."""
 
 import logging
 import math
@@ -20,17 +20,17 @@ from lerobot_robot_yam.system.clock import SYSTEM
 
 logger = logging.getLogger(__name__)
 
-_BEAT_S = 0.1  # period of beats, s
-_FIRST_S = 0.02  # period of beats until the host's clock is known, s
-_STOP_LOOK_S = 0.04  # period of checking the emergency stop, s
-_WAIT_S = 0.02  # wait for messages of the host and commands of our program, s
-_LOST_S = 1.0  # silence after which the host counts as lost, s; the next states may be another client's
-_START_S = 57.0  # wait for arms to be energised, s; less than our program's wait for this process
-_GONE_S = 5.0  # silence of the host that ends a question, s; the host lands the arms by itself
-LAND_S = 75.0  # wait for a landing, s; longer than a landing takes
-_LEAST = 5  # number of echoes from which the clock offset counts as known
-_WINDOW = 50  # number of echoes that are kept, those of 5 s: two clocks drift apart by 0.1 ms in that time
-_DRIFT_S = 0.001  # difference of two offsets that drift of the clocks explains, s
+_BEAT_S = 0.1  # heartbeat interval, s
+_FIRST_S = 0.02  # heartbeat interval until the host's clock offset is known, s
+_STOP_LOOK_S = 0.04  # interval between checks of the emergency stop, s
+_WAIT_S = 0.02  # wait for messages from the host and commands from the local program, s
+_LOST_S = 1.0  # silence after which the host counts as lost, s; later states may belong to another client
+_START_S = 57.0  # timeout of energising arms, s; shorter than the local program's timeout for this process
+_GONE_S = 5.0  # silence of the host that cancels a request, s; the host lands the arms by itself
+LAND_S = 75.0  # timeout of a landing, s; longer than a landing takes
+_LEAST = 5  # minimum number of echoes for a known clock offset
+_WINDOW = 50  # number of echoes kept, 5 s of heartbeats: two clocks drift apart by 0.1 ms in that time
+_DRIFT_S = 0.001  # offset change that clock drift can explain, s; after a larger change, earlier echoes are discarded
 _LET_GO = "the host has let go of the arms (another client may have them); connect again"
 
 
@@ -40,18 +40,19 @@ class _Measured(NamedTuple):
 
 
 class ClockOffset:
-    """Offset of the host's monotonic clock to ours, from the quickest of the last round trips.
+    """Offset between the host's monotonic clock and the local one, from the fastest recent round trip.
 
-    An echo that was sent at t0, arrived at the host at t1, left it at t2 and came back at t3 says
+    An echo that was sent at t0, arrived at the host at t1, left the host at t2 and came back at t3 gives
 
         offset = ((t1 - t0) + (t2 - t3)) / 2        wrong by at most half of (t3 - t0) - (t2 - t1)
 
-    (RFC 5905, section 8). The echo with the shortest round trip in a window counts, until another echo contradicts its
-    offset: while a computer sleeps, its monotonic clock stands still.
+    (RFC 5905, section 8). The echo with the shortest round trip in the window counts, until another echo contradicts
+    its
+    offset: a monotonic clock stops while its computer sleeps.
 
     Attributes:
-        offset_s: host's clock minus ours; NaN before the first echo.
-        error_s: largest error of offset_s.
+        offset_s: host's clock minus the local clock; NaN before the first echo.
+        error_s: maximum error of offset_s.
     """
 
     def __init__(self) -> None:
@@ -60,11 +61,11 @@ class ClockOffset:
 
     @property
     def known(self) -> bool:
-        """Whether there have been enough echoes to trust the offset."""
+        """Whether there are enough echoes to trust the offset."""
         return len(self._measured) >= _LEAST
 
     def add(self, echo: Echo, now: float) -> None:
-        """Add an echo that came back at `now`, s; echoes with a negative round trip are ignored."""
+        """Add an echo that came back at `now`, s. Echoes with a negative round trip are ignored."""
         round_trip_s = (now - echo.sent_s) - (echo.answered_s - echo.received_s)
         if round_trip_s < 0.0 or echo.answered_s < echo.received_s:
             return
@@ -76,7 +77,7 @@ class ClockOffset:
         self.offset_s, self.error_s = best.offset_s, best.round_trip_s / 2.0
 
     def clear(self) -> None:
-        """Forget all echoes: the host has changed or booted, or one of the computers has slept."""
+        """Discard all echoes, after the host has restarted or a computer has slept."""
         self._measured.clear()
         self.offset_s, self.error_s = math.nan, math.inf
 
@@ -86,17 +87,18 @@ class Link:
 
     Args:
         host: the host.
-        arms: number on the host → arm whose states are wanted; the owner of the link may change the mapping.
-        drives: whether commands of these arms are passed on, once `start` has energised them.
-        nudged: descriptor that becomes readable when a command was written; None without commands.
+        arms: number on the host → arm whose states are mirrored; the owner of the link may change the mapping.
+        drives: whether to send commands of these arms, once `start` has energised them.
+        nudged: file descriptor that becomes readable when a command was written; None without commands.
     """
 
     def __init__(self, host: Host, arms: Mapping[int, MirroredArm], drives: bool = False, nudged: int | None = None):
         self._host, self._arms, self._nudged = host, arms, nudged
         self._sockets = ClientSockets(host.address, host.client_key(), also=nudged)
         self._session = secrets.randbits(62) + 1 if drives else 0
-        self._started_s: float | None = None  # time since which the host takes commands; None while the host takes none
-        self._let_go = False  # whether the host has released the arms unasked: states may be another client's
+        self._started_s: float | None = None  # time since which the host accepts commands; None: not at all
+        # whether the host has released the arms without a request; states may then be another client's
+        self._let_go = False
         self._number = 0  # number of the newest command
         self._answer: Answer | None = None
         self._machine, self._told_stopped = machine_name(), False
@@ -106,19 +108,19 @@ class Link:
 
     @property
     def up(self) -> bool:
-        """Whether the host's clock and the states of all arms are known."""
+        """Whether the host's clock offset and the states of all arms are known."""
         return self._clock.known and all(arm.known for arm in self._arms.values())
 
     def start(self, group: str, search: bool, unwanted: Callable[[], bool]) -> None:
-        """Have the host energise a group; commands are sent only afterwards.
+        """Make the host energise a group. Commands are sent only afterwards.
 
         Args:
             group: "robot" or "teleop".
-            search: whether to search the stops of grippers.
-            unwanted: polled meanwhile; once it returns True the host releases the group.
+            search: whether to search for the grippers' stops.
+            unwanted: callback, polled while waiting; if it returns True, the host releases the group.
 
         Raises:
-            YamError: the host refuses, or does not answer.
+            YamError: the host refuses, or does not reply.
             LifeCycleError: `unwanted` has returned True.
         """
         fields = {"group": group, "session": self._session, "who": who(), "search": search}
@@ -131,14 +133,14 @@ class Link:
                     port = self._host.address.port + 1
                     raise LinkError(f"{self._host.address}: no states come; is port {port} open?")
         except LinkError:
-            self.stop(group)  # the host may have energised the arms by now
+            self.stop(group)  # the host may have energised the arms despite the error
             raise
         if unwanted():
             self.stop(group)
             raise LifeCycleError("nobody waits for the arms any more; the host has let go of them")
 
     def stop(self, group: str) -> bool:
-        """Have the host land the group; returns whether its arms are down, False (with a log entry) if unknown."""
+        """Make the host land the group. Return whether its arms have landed; False, with a log entry, if unknown."""
         self._started_s = None
         try:
             landed = bool(self._ask("stop", LAND_S, group=group, session=self._session)["landed"])
@@ -153,7 +155,7 @@ class Link:
     def _ask(
         self, op: str, within_s: float, unwanted: Callable[[], bool] = lambda: False, **fields: object
     ) -> dict[str, object]:
-        """Send a question as `Host.ask` does, while the link goes on. Raises LinkError: the host has gone."""
+        """Send a request like `Host.ask` while the link keeps running. Raises LinkError: the host is silent."""
 
         def turn() -> Answer | None:
             self.turn()
@@ -165,7 +167,7 @@ class Link:
         return ask_over(self._sockets, turn, self._host.address, op, within_s, unwanted, **fields)
 
     def turn(self) -> None:
-        """Run one round: wait a little, pass on messages of the host and commands of our program."""
+        """Run one round: wait briefly, then forward the host's messages and the local program's commands."""
         sockets = self._sockets
         came = sockets.wait(_WAIT_S)
         now = SYSTEM.now()
@@ -190,7 +192,8 @@ class Link:
 
     def _take_echo(self, echo: Echo) -> None:
         self._clock.add(echo, SYSTEM.now())
-        self._heard_s = max(self._heard_s, echo.sent_s)  # not the time of reading: an echo may have waited
+        # not the time of reading, because an echo may have waited in the queue
+        self._heard_s = max(self._heard_s, echo.sent_s)
         if self._started_s is not None and not echo.held and echo.sent_s > self._started_s:
             self._started_s, self._let_go = None, True
             for arm in self._arms.values():
@@ -200,7 +203,7 @@ class Link:
             logger.warning("%s: the host is back", self._host.address)
 
     def _take_states(self, states: States, now: float) -> None:
-        if states.run != self._run:  # the host has restarted, and maybe its computer, too
+        if states.run != self._run:  # the host's program has restarted, and possibly its computer
             self._run = states.run
             self._clock.clear()
         if self._clock.known and now - self._heard_s < _LOST_S and not self._let_go:
@@ -211,7 +214,7 @@ class Link:
         self._stops.hear(str(self._host.address), b"", stopped, now)
 
     def _beat(self, now: float) -> None:
-        """Send a beat when one is due, or when our own emergency stop has been latched or released."""
+        """Send a heartbeat when due, or when this computer's emergency stop has been latched or released."""
         due = now - self._beat_s >= (_BEAT_S if self._clock.known else _FIRST_S)
         if not due and now - self._look_s < _STOP_LOOK_S:
             return
@@ -222,7 +225,7 @@ class Link:
             self._sockets.send(Beat(self._session, self._machine, now, self._told_stopped))
 
     def _send_commands(self) -> None:
-        """Send new commands, with their times by the host's clock."""
+        """Send new commands, with times converted to the host's clock."""
         if self._started_s is None or not self._clock.known:
             return
         for number, arm in self._arms.items():

@@ -1,7 +1,7 @@
-"""Keys of host and clients (CURVE, Curve25519), in files that only their user can read.
+"""Keys of host and clients (CURVE, Curve25519), in files that only their owner can read.
 
-A host keeps its own key, and a folder with the public key of each client that may use it, as pyzmq's authenticator
-reads it. A client has one file: its pair, and the host's public key. `yam-host pair` makes all files.
+A host has its own key, and a folder with the public key of each permitted client, in the format of pyzmq's
+authenticator. A client has one file: its key pair, and the host's public key. `yam-host pair` creates all files.
 """
 
 import os
@@ -17,14 +17,14 @@ from msgspec import Meta
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
-HOST_KEY, CLIENTS = "host.json", "clients"  # names of the host's own key file, and of the folder of its clients' keys
+HOST_KEY, CLIENTS = "host.json", "clients"  # names of the host's key file and of the folder with its clients' keys
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,60}")
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 _Z85 = Annotated[str, Meta(pattern=r"^[0-9A-Za-z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}\Z")]  # rfc.zeromq.org/spec/32
 
 
 class LinkKey(msgspec.Struct, frozen=True):
-    """Pair of keys, and the host's public key. With the host's own `LinkKey`, `yam-host status` can be a client."""
+    """Key pair, and the host's public key. The host's own `LinkKey` lets `yam-host status` act as a client."""
 
     public: _Z85
     secret: _Z85
@@ -32,7 +32,7 @@ class LinkKey(msgspec.Struct, frozen=True):
 
     @classmethod
     def load(cls, path: str | Path) -> "LinkKey":
-        """Read a key file. Raises ConfigError: the file cannot be read, others can read it, or it holds no key."""
+        """Read a key file. Raises ConfigError: the file is unreadable, readable by other users, or contains no key."""
         path = user_path(path)
         try:
             mode = path.stat().st_mode
@@ -60,20 +60,20 @@ def keys_directory() -> Path:
 
 
 def paired(directory: Path) -> list[str]:
-    """List the names of paired clients."""
+    """Return the names of the paired clients."""
     return sorted(path.stem for path in (directory / CLIENTS).glob("*.key"))
 
 
 def pair(directory: Path, name: str, target: Path) -> None:
-    """Make a key for a client and, the first time, the host's own key.
+    """Create a key for a client and, the first time, the host's own key.
 
     Args:
-        directory: the directory of the host's keys.
+        directory: directory of the host's keys.
         name: the client's name.
-        target: key file to write for the client, which a person carries to the client's computer.
+        target: key file to write for the client; a person has to copy it to the client's computer.
 
     Raises:
-        ConfigError: the name is invalid or taken, the file exists already, or a file cannot be written.
+        ConfigError: the name is invalid or in use, the file exists already, or a file cannot be written.
     """
     if not _NAME.fullmatch(name):
         raise ConfigError(f"name {name!r}: letters, digits, - and _, at most 60")

@@ -1,8 +1,8 @@
-"""Messages between a host, the computer that has the arms, and its clients.
+"""Messages between a host (the computer with the arms) and its clients.
 
-A message is one frame: 8 bytes with the version, then a record of one of these types in msgpack. msgspec decodes these
-types and nothing else; nothing is ever unpickled. Times are in s, of the monotonic clock of the computer that the
-field names.
+A message is one frame: 8 bytes with the version, then a record of one of these types in msgpack. msgspec decodes only
+these types; nothing is ever unpickled. Times are in s, of the monotonic clock of the computer that the field's comment
+names.
 """
 
 import struct
@@ -15,19 +15,20 @@ from msgspec import Meta
 from lerobot_robot_yam.errors import LinkError
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, STATE_DTYPE
 
-MOST_BYTES = 1 << 16  # size of the largest message to the host, and of the largest `States`, bytes
-MOST_ANSWER_BYTES = 1 << 20  # size of the largest other message to a client, bytes: a hello has options of four arms
+MOST_BYTES = 1 << 16  # maximum size of a message to the host, and of `States`, bytes
+# maximum size of any other message to a client, bytes: a reply to hello has the options of four arms
+MOST_ANSWER_BYTES = 1 << 20
 _MAGIC, _VERSION = b"YR", 2
-_LAYOUT = zlib.crc32(repr((STATE_DTYPE.descr, COMMAND_DTYPE.descr)).encode())  # checksum of the records' layout
+_LAYOUT = zlib.crc32(repr((STATE_DTYPE.descr, COMMAND_DTYPE.descr)).encode())  # checksum of the layout of the records
 HEAD = struct.pack("<2sHI", _MAGIC, _VERSION, _LAYOUT)
 
 Number = Annotated[int, Meta(ge=0)]
-Time = Annotated[float, Meta(ge=0.0, le=1e12)]  # time that is finite, s
+Time = Annotated[float, Meta(ge=0.0, le=1e12)]  # finite time, s
 Machine = Annotated[str, Meta(pattern=r"^[0-9a-f]{0,8}\Z")]  # see `machine_name`
 
 
 class OtherVersionError(LinkError):
-    """Message of another version of this package."""
+    """Message from another version of this package."""
 
 
 class _Message(msgspec.Struct, tag=True, array_like=True, forbid_unknown_fields=True):
@@ -35,64 +36,64 @@ class _Message(msgspec.Struct, tag=True, array_like=True, forbid_unknown_fields=
 
 
 class Question(_Message):
-    """Question of a client, repeated under the same number until its answer has a result."""
+    """Request from a client, resent with the same number until its reply has a result."""
 
     number: Number
     op: Literal["hello", "start", "stop", "tool", "estop"]
-    group: str = ""  # start, stop: the group of arms
-    session: Number = 0  # start, stop: the session of the client
-    search: bool = True  # start: whether to search the stops of grippers
+    group: str = ""  # start, stop: group of arms
+    session: Number = 0  # start, stop: session of the client
+    search: bool = True  # start: whether to search for the grippers' stops
     who: str = ""  # start, estop: user, computer and process of the client
-    action: Literal["latch", "release", "status"] = "status"  # estop: what to do
+    action: Literal["latch", "release", "status"] = "status"  # estop: action
     why: str = ""  # estop: reason of a latch
     tool: Literal["doctor", "identify"] = "doctor"
-    channel: str = ""  # tool: the channel to identify
+    channel: str = ""  # tool: channel to identify
     json: bool = False  # tool: whether its output is JSON
 
 
 class Answer(_Message):
-    """Answer to a question."""
+    """Reply to a request."""
 
     number: Number
     result: dict[str, Any] | None = None  # result; None: not done yet
     error: str = ""  # reason of a refusal
-    kind: str = ""  # name of the error's class
+    kind: str = ""  # class name of the error
 
 
 class Command(_Message):
-    """Command record of a client for one arm."""
+    """Command record from a client for one arm."""
 
     session: Number
     number: Number  # grows with each command of the session
-    arm: Number  # number of the arm in the host's hello
+    arm: Number  # number of the arm in the host's reply to hello
     record: Annotated[bytes, Meta(min_length=COMMAND_DTYPE.itemsize, max_length=COMMAND_DTYPE.itemsize)]  # host's clock
 
 
 class Beat(_Message):
-    """Sign of life of a client, ten times a second; the host answers with an `Echo`."""
+    """Heartbeat of a client, ten times per second; the host replies with an `Echo`."""
 
     session: Number  # session of the client; 0: the client only watches
     machine: Machine  # computer and user of the client
-    sent_s: Time  # time of sending, by the client's clock
-    stopped: bool  # whether the client's machine itself has latched the emergency stop
+    sent_s: Time  # time of sending, client's clock
+    stopped: bool  # whether the client's own machine has latched the emergency stop
 
 
 class Echo(_Message):
-    """Answer of the host to a beat."""
+    """Host's reply to a heartbeat."""
 
-    sent_s: Time  # time at which the beat was sent, by the client's clock
-    received_s: Time  # time of the beat's arrival, by the host's clock
-    answered_s: Time  # time of this answer, by the host's clock
-    held: bool  # whether the beat's session has arms; once this becomes false, the host has released them
+    sent_s: Time  # time at which the heartbeat was sent, client's clock
+    received_s: Time  # time of the heartbeat's arrival, host's clock
+    answered_s: Time  # time of this reply, host's clock
+    held: bool  # whether the heartbeat's session has arms; False after True: the host has released them
 
 
 class States(_Message):
-    """Newest states of all arms that run."""
+    """Newest states of all running arms."""
 
-    run: Number  # random number of this run of the host
+    run: Number  # random id of this run of the host's program
     stopped: bool  # whether the emergency stop is latched on the host
-    stopped_by: Machine  # machine that has latched the stop: the host's or a client's
-    arms: list[tuple[Number, Annotated[bytes, Meta(max_length=STATE_DTYPE.itemsize)]]]  # number and state, host's clock
+    stopped_by: Machine  # machine that latched the stop: the host or a client
+    arms: list[tuple[Number, Annotated[bytes, Meta(max_length=STATE_DTYPE.itemsize)]]]  # (number, state), host's clock
 
 
 Message = Question | Answer | Command | Beat | Echo | States
@@ -105,7 +106,7 @@ def encode(message: Message) -> bytes:
 
 
 def decode(data: bytes) -> Message:
-    """Decode a message. Raises LinkError: the message is malformed, or of another version."""
+    """Decode a message. Raises LinkError: the message is malformed, or from another version."""
     if not data.startswith(_MAGIC):
         raise LinkError("a message is not of this protocol")
     if not data.startswith(HEAD):

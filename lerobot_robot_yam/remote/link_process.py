@@ -1,8 +1,8 @@
 """Link process: `python -m lerobot_robot_yam.remote.link_process`, started by `RemoteRunner`.
 
-The link process takes the place of the control process: it writes the states of the host's arms into their blocks, and
-sends the caller's commands. As a process of its own it cannot be disturbed by the caller's interpreter. On SIGTERM, or
-when its parent is gone, it has the host land the arms.
+The link process replaces the control process: it writes the states of the host's arms into their blocks, and sends the
+caller's commands. It is a separate process so that the caller's interpreter cannot disturb it. On SIGTERM, or when its
+parent has died, it makes the host land the arms.
 """
 
 import contextlib
@@ -24,8 +24,8 @@ from lerobot_robot_yam.system.runtime_files import FileLock
 logger = logging.getLogger("lerobot_robot_yam.remote.link_process")
 
 RT_PRIORITY = 15  # real-time priority, below that of control loops
-_PARENT_LOOK_S = 0.1  # period of checking the parent, s
-NOT_DOWN = 3  # exit status when the arms are in the air, or may be
+_PARENT_LOOK_S = 0.1  # interval between checks that the parent is alive, s
+NOT_DOWN = 3  # exit status if the arms may still be in the air
 
 
 def main() -> int:
@@ -37,7 +37,7 @@ def main() -> int:
             link = _link(job, ends)
             link.start(job["group"], job["search"], caller.wants_an_end)
         logger.info("link to %s: %s", job["host"], request_realtime(RT_PRIORITY))
-        raise_threads(RT_PRIORITY, "ZMQbg/IO")  # the threads that send and receive
+        raise_threads(RT_PRIORITY, "ZMQbg/IO")  # ZeroMQ's threads that send and receive
         caller.answer(ready=True)
         try:
             while not caller.wants_an_end():
@@ -48,7 +48,7 @@ def main() -> int:
 
 
 def _link(job: dict[str, Any], ends: contextlib.ExitStack) -> Link:
-    """Make the link that a job describes; `ends` closes it."""
+    """Create the link that a job describes; `ends` closes the link."""
     arms = {}
     rows = zip(job["arms"], job["numbers"], job["keys"], job["blocks"], strict=True)
     for fields, number, key, descriptors in rows:

@@ -1,7 +1,7 @@
 """Sockets of host and clients: ZeroMQ over TCP, with CURVE if there are keys.
 
-Commands go over DEALER and ROUTER, states over PUB and SUB, which keep only the newest. All queues are short: a
-message that cannot be delivered now is useless later.
+Commands use DEALER and ROUTER. States use PUB and SUB, which keep only the newest message. All queues are short: a
+message that cannot be delivered at once is useless later.
 """
 
 import contextlib
@@ -18,20 +18,20 @@ from lerobot_robot_yam.remote.link_messages import MOST_ANSWER_BYTES, MOST_BYTES
 
 _OPTIONS = {
     zmq.LINGER: 0,
-    zmq.SNDHWM: 64,  # most messages in a queue: half a second of commands, at 60 Hz and with two arms
+    zmq.SNDHWM: 64,  # maximum number of queued messages: half a second of commands, at 60 Hz and with two arms
     zmq.RCVHWM: 64,
     zmq.SNDBUF: 1 << 18,  # size of the kernel's buffer, bytes: 0.3 s of states
     zmq.RCVBUF: 1 << 18,
-    # Keepalive ends connections that the network has forgotten, after 3 to 4 s. ZMTP's heartbeat would end them, too,
-    # but libzmq 4.3.5 aborts (`!_io_error`) when a heartbeat is due on a full connection whose other end has gone.
+    # Keepalive closes connections that the network has dropped, after 3 to 4 s. ZMTP's heartbeat would close them, too,
+    # but libzmq 4.3.5 aborts (`!_io_error`) when a heartbeat is due on a full connection whose other end is closed.
     zmq.TCP_KEEPALIVE: 1,
     zmq.TCP_KEEPALIVE_IDLE: 1,  # silence before the first probe, s
-    zmq.TCP_KEEPALIVE_INTVL: 1,  # time between probes, s
+    zmq.TCP_KEEPALIVE_INTVL: 1,  # interval between probes, s
     zmq.TCP_KEEPALIVE_CNT: 3,
-    zmq.TCP_MAXRT: 3000,  # time until unacknowledged data ends a connection, ms
-    zmq.HANDSHAKE_IVL: 5000,  # time to exchange keys, ms; the default of 30 s keeps dead connections
-    zmq.RECONNECT_IVL: 100,  # first pause before connecting again, ms
-    zmq.RECONNECT_IVL_MAX: 1000,  # longest pause before connecting again, ms
+    zmq.TCP_MAXRT: 3000,  # time until unacknowledged data closes a connection, ms
+    zmq.HANDSHAKE_IVL: 5000,  # timeout of the key exchange, ms; the default of 30 s keeps dead connections
+    zmq.RECONNECT_IVL: 100,  # first pause before a reconnect, ms
+    zmq.RECONNECT_IVL_MAX: 1000,  # maximum pause before a reconnect, ms
 }
 
 Socket = zmq.Socket[bytes]
@@ -53,7 +53,7 @@ class ClientSockets:
         address: address of the host.
         key: this client's key; only a host on this computer accepts None.
         states: whether to open the socket for states.
-        also: further descriptor whose readability ends a wait; it is not read here. None without one.
+        also: another file descriptor that `wait` polls without reading; None: no other.
 
     Attributes:
         commands, states: the sockets.
@@ -63,7 +63,7 @@ class ClientSockets:
         self._context: zmq.Context[Socket] = zmq.Context()
         self._poller = zmq.Poller()
         self.commands = _socket(self._context, zmq.DEALER, MOST_ANSWER_BYTES)
-        self.commands.setsockopt(zmq.IMMEDIATE, 1)  # without a connection, messages are refused, not queued
+        self.commands.setsockopt(zmq.IMMEDIATE, 1)  # without a connection, messages are refused instead of queued
         self._connect(self.commands, address.commands, key)
         self.states: Socket | None = None
         if states:
@@ -81,7 +81,7 @@ class ClientSockets:
         self._poller.register(socket, zmq.POLLIN)
 
     def send(self, message: Message) -> bool:
-        """Send a message to the host; without a connection, drop the message and return False."""
+        """Send a message to the host. Without a connection, drop the message and return False."""
         try:
             self.commands.send(encode(message), zmq.NOBLOCK)
         except zmq.Again:
@@ -89,11 +89,11 @@ class ClientSockets:
         return True
 
     def receive(self) -> Message | None:
-        """Receive the host's next message besides states; None without one. Raises LinkError: it is malformed."""
+        """Return the host's next message other than states, or None. Raises LinkError: the message is malformed."""
         return self._next(self.commands)
 
     def newest_states(self) -> States | None:
-        """Receive the newest states; None without new states. Raises LinkError: the message is malformed."""
+        """Return the newest states; None: no new states. Raises LinkError: the message is malformed."""
         assert self.states is not None
         message = self._next(self.states)
         return message if isinstance(message, States) else None
@@ -106,11 +106,11 @@ class ClientSockets:
             return None
 
     def ignore(self, also: int) -> None:
-        """Stop waiting for the further descriptor `also`."""
+        """Stop polling the other file descriptor `also`."""
         self._poller.unregister(also)
 
     def wait(self, within_s: float) -> set[Any]:
-        """Wait until something has arrived; returns the readable sockets, and the further descriptor if readable."""
+        """Wait until data has arrived. Return the readable sockets, and the other descriptor if it is readable."""
         return {polled for polled, _ in self._poller.poll(max(0, round(within_s * 1e3)))}
 
     def close(self) -> None:
@@ -126,7 +126,7 @@ class HostSockets:
         keys: directory of the host's keys; None: connections are not encrypted.
 
     Raises:
-        ConfigError: there are no keys and other computers reach the address, or the host's key cannot be read.
+        ConfigError: there are no keys but other computers can reach the address, or the host's key cannot be read.
         BusError: the ports cannot be bound.
     """
 
@@ -144,7 +144,7 @@ class HostSockets:
                 self._authenticator = ThreadAuthenticator(self._context)
                 self._authenticator.start()
                 self._authenticator.configure_curve(domain="*", location=str(keys / CLIENTS))
-                self._authenticator.certs.setdefault("*", {})[key.public.encode()] = True  # for `yam-host status`
+                self._authenticator.certs.setdefault("*", {})[key.public.encode()] = True  # permits `yam-host status`
             self.commands = _socket(self._context, zmq.ROUTER, MOST_BYTES)
             self.states = _socket(self._context, zmq.PUB, MOST_BYTES)
             for socket, endpoint in ((self.commands, address.commands), (self.states, address.states)):
@@ -157,19 +157,19 @@ class HostSockets:
             raise BusError(f"cannot listen on {address}: {error}; does another yam-host run?") from error
 
     def receive(self, within_s: float) -> tuple[bytes, bytes] | None:
-        """Receive (client, message); None if nothing comes in that time. A message of several parts becomes empty."""
+        """Return (client, message), or None after the timeout. A message with several parts becomes empty."""
         if not self.commands.poll(round(within_s * 1e3)):
             return None
         client, *parts = self.commands.recv_multipart()
         return client, parts[0] if len(parts) == 1 else b""
 
     def answer(self, client: bytes, message: Message) -> None:
-        """Send a message to a client; it is dropped if the client has gone, or does not read."""
+        """Send a message to a client. The message is dropped if the client is disconnected or does not read."""
         with contextlib.suppress(zmq.ZMQError):
             self.commands.send_multipart([client, encode(message)], zmq.NOBLOCK)
 
     def publish(self, states: States) -> None:
-        """Send states to all clients. Only one thread may call this."""
+        """Send states to all clients. Only one thread may call `publish`."""
         with contextlib.suppress(zmq.Again):
             self.states.send(encode(states), zmq.NOBLOCK)
 

@@ -1,4 +1,4 @@
-"""Arm of the host for programs of this computer: its states in a local block, all times by our clock."""
+"""Host's arm as seen by programs on this computer: its states in a local block, with times in the local clock."""
 
 import contextlib
 import os
@@ -20,15 +20,15 @@ _COMMAND_TIMES = ("target_stamp_s", "coupled_until_s", "request_stamp_s")
 
 
 class MirroredArm:
-    """Arm of the host. Other programs find its states once the first has come.
+    """Local mirror of a host's arm. Other programs find the arm's states after the first state has arrived.
 
     Args:
         key: key of the arm's channel on this computer.
         config: config of the arm on this computer.
         lock: lock of the channel, already acquired.
-        states: shared memory to which the host's states are written.
+        states: shared memory for the host's states.
         commands: shared memory with the caller's commands; None if the arm is only watched.
-        keys: for every arm of the host, its channel key on the host → its channel key on this computer.
+        keys: for every arm of the host: channel key on the host → channel key on this computer.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class MirroredArm:
         self._coupled = {coupling_number(there): coupling_number(here) for there, here in keys.items()}
         self._leaders = {here.encode(): there.encode() for there, here in keys.items()}
         self._last: np.ndarray | None = None
-        self._sent = 0  # number of the last command record passed on
+        self._sent = 0  # sequence number of the last forwarded command record
 
     @property
     def known(self) -> bool:
@@ -52,12 +52,13 @@ class MirroredArm:
         return self._last is not None
 
     def write(self, record: bytes, ahead_s: float) -> None:
-        """Write a state of the host. A time of publication in the future becomes `now`, or the state would count as
-        fresh for too long.
+        """Write a state from the host, with a publication time in the future reduced to `now`.
+
+        A later publication time would make the state count as fresh for too long.
 
         Args:
-            record: the first bytes of a record of STATE_DTYPE, by the host's clock; zeros follow.
-            ahead_s: host's clock minus ours, s.
+            record: first bytes of a record of STATE_DTYPE, host's clock; the missing rest is zeros.
+            ahead_s: host's clock minus the local clock, s.
         """
         state = np.frombuffer(bytearray(record.ljust(STATE_DTYPE.itemsize, b"\0")), STATE_DTYPE).reshape(())
         shift_s = max(ahead_s, float(state["stamp_s"]) - SYSTEM.now())
@@ -67,22 +68,22 @@ class MirroredArm:
         state["owner_pid"] = os.getpid()
         self._states.write(state)
         if self._last is None:
-            with contextlib.suppress(OSError, YamError):  # then no other program can watch the arm
+            with contextlib.suppress(OSError, YamError):  # without the file no other program can watch the arm
                 self._states.publish(state_path(self._key))
             tell_about(self._key, self._config)
         self._last = state
 
     def note(self, mode: Mode, message: str = "") -> None:
-        """Write a mode and its reason, unless the arm is off; for use when states of the host are lost or not ours."""
+        """Write a mode and its reason, unless the arm is off. For when the host's states are lost or another client's."""
         if self._last is not None and self._last["mode"] != Mode.OFF:
             self._last["mode"], self._last["message"] = mode, message.encode() or self._last["message"]
             self._states.write(self._last)
 
     def command(self, ahead_s: float) -> bytes | None:
-        """Read the record that the caller has written since the last call; None without one, or during a write.
+        """Return the caller's new command record; None if there is none since the last call, or during a write.
 
         Args:
-            ahead_s: host's clock minus ours, s. Times in the returned record are of the host's clock.
+            ahead_s: host's clock minus the local clock, s. Times in the returned record are in the host's clock.
         """
         if self._commands is None or self._commands.sequence() == self._sent:
             return None
@@ -96,7 +97,7 @@ class MirroredArm:
         return record.tobytes()
 
     def close(self) -> None:
-        """Remove the arm's files, and release its memory and its lock. Idempotent."""
+        """Remove the arm's files, and release its memory and lock. Idempotent."""
         self._states.close()
         if self._commands is not None:
             self._commands.close()

@@ -1,10 +1,10 @@
 """Mirror of other computers' emergency stops: a stop latched or released there is latched or released here, too.
 
-Each computer reports only its own stop, never one that it mirrors. So a stop ends where it began: a mirrored stop that
-is released here is latched again.
+Each computer reports only its own stop, never a mirrored one. Therefore a stop is released where it was latched: a
+mirrored stop that is released on this computer is latched again.
 
-The programs of a computer have a link each, and check the computer's latch at different times. So a computer counts as
-stopped while one of its links reports a stop.
+Each program on a computer has its own link and checks the computer's latch at different times. Therefore a computer
+counts as stopped while any of its links reports a stop.
 """
 
 import logging
@@ -15,8 +15,8 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 
 logger = logging.getLogger(__name__)
 
-_GONE_S = 2.0  # silence of a computer, s, after which its stop is not latched again if a person releases it here
-_MOST = 64  # largest number of computers that are remembered
+_GONE_S = 2.0  # silence of a computer, s, after which its stop may be released on this computer
+_MOST = 64  # maximum number of remembered computers
 _WHY = "its emergency stop is latched; `yam-estop release` there"
 
 
@@ -24,22 +24,23 @@ _WHY = "its emergency stop is latched; `yam-estop release` there"
 class _Computer:
     heard_s: float = 0.0
     stopped: bool = False
-    said: dict[bytes, tuple[bool, float]] = field(default_factory=dict)  # link → its last report, and when (s)
+    # link → (its last report, time of the report in s)
+    said: dict[bytes, tuple[bool, float]] = field(default_factory=dict)
     failed: bool = False  # whether latching or releasing this computer's stop failed the last time
-    unwritten: bool = False  # whether the computer's stop cannot be latched here
+    unwritten: bool = False  # whether this computer's stop cannot be latched locally
 
 
 class MirroredStops:
     """Latch of this computer, with the stops of other computers mirrored into it.
 
     Args:
-        called: role of the other computers, "host" or "workstation"; reasons of their stops begin with it.
-        own: name of this computer for the others. Its reports are ignored: programs of one computer share a latch,
-            which would last for ever if it were mirrored.
+        called: role of the other computers, "host" or "workstation"; the reason of a mirrored stop begins with it.
+        own: name of this computer in reports. Reports with this name are ignored: programs on one computer share a
+            latch, and a stop mirrored into its own latch would never end.
 
     Attributes:
-        stopped: whether the emergency stop is latched here, or should be and cannot; and the computer whose stop it is.
-        unwritten: whether the stop of another computer cannot be latched here.
+        stopped: (whether the emergency stop is latched here or should be but cannot, computer whose stop it is).
+        unwritten: whether another computer's stop cannot be latched here.
     """
 
     def __init__(self, called: str, own: str) -> None:
@@ -53,13 +54,13 @@ class MirroredStops:
         return self.stopped == (True, self._own)
 
     def hear(self, name: str, link: bytes, stopped: bool, now: float) -> None:
-        """Note what a link of a computer reports. Once no link of the computer reports a stop, the mirrored stop ends.
+        """Record a report from a link. When no link of a computer reports a stop, its mirrored stop is released.
 
         Args:
             name: name of the computer.
-            link: the computer's link that reports.
+            link: id of the computer's link that reports.
             stopped: whether that computer itself has latched its stop.
-            now: present time, s.
+            now: current time, s.
         """
         if name == self._own:
             return
@@ -75,9 +76,9 @@ class MirroredStops:
             self.look(now)
 
     def look(self, now: float) -> None:
-        """Latch here what other computers have latched, and update the attributes; call this periodically.
+        """Latch here what other computers have latched, and update the attributes. Call `look` periodically.
 
-        A change that fails is tried again by the next call.
+        A change that fails is retried by the next call.
         """
         for name, computer in sorted(self._computers.items(), key=lambda item: item[1].stopped):  # releases first
             if not computer.stopped or computer.unwritten or now - computer.heard_s < _GONE_S:
@@ -94,7 +95,7 @@ class MirroredStops:
         prefix = self._prefix(name)
         try:
             if computer.stopped and not self._stop.latched:
-                EmergencyStop().latch(prefix + _WHY)  # a new object, since one that has failed never tries again
+                EmergencyStop().latch(prefix + _WHY)  # new object: a stop that failed once never tries again
             elif not computer.stopped and self._stop.latched and self._stop.reason().startswith(prefix):
                 self._stop.release()
                 logger.warning("%semergency stop released, as there", prefix)
