@@ -52,7 +52,7 @@ class MirroredArm:
         return self._last is not None
 
     def write(self, record: bytes, ahead_s: float) -> None:
-        """Write a state from the host, with a publication time in the future reduced to `now`.
+        """Write a state from the host. A publication time in the future is shifted to the current time.
 
         A later publication time would make the state count as fresh for too long.
 
@@ -74,7 +74,7 @@ class MirroredArm:
         self._last = state
 
     def note(self, mode: Mode, message: str = "") -> None:
-        """Write a mode and its reason, unless the arm is off. For when the host's states are lost or another client's."""
+        """Write a mode and its reason, unless the arm is off. Used when the host's states are lost or another's."""
         if self._last is not None and self._last["mode"] != Mode.OFF:
             self._last["mode"], self._last["message"] = mode, message.encode() or self._last["message"]
             self._states.write(self._last)
