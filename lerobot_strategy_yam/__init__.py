@@ -1,4 +1,4 @@
-"""YAM rollout strategies for LeRobot. `lerobot_robot_yam` registers the type; names are loaded on first use."""
+"""YAM rollout strategies for LeRobot. `lerobot_robot_yam` registers their type; modules are loaded on first use."""
 
 import importlib
 from typing import TYPE_CHECKING, Any

@@ -11,15 +11,15 @@ from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigE
 from lerobot_robot_yam.face.registration import register_as
 
 TAKES_PLUGINS = hasattr(RolloutStrategyConfig, "dataset_mode")
-"""Whether this version of LeRobot accepts rollout strategies from plugins."""
+"""Whether the installed LeRobot accepts rollout strategies from plugins."""
 
 
 @register_as(RolloutStrategyConfig, "yam_dagger")
 @dataclass(kw_only=True)
 class YamDaggerStrategyConfig(RolloutStrategyConfig):
-    """Options of a rollout in which a person takes over any arm from the policy at any moment; all is recorded."""
+    """Options of a rollout in which a person can take over any arm at any time; all frames are recorded."""
 
-    # Resources that LeRobot provides to the strategy.
+    # resources that LeRobot has to provide to the strategy
     dataset_mode: ClassVar[str] = "required"
     requires_teleop: ClassVar[bool] = True
 
@@ -38,7 +38,7 @@ class YamDaggerStrategyConfig(RolloutStrategyConfig):
         """Check the options.
 
         Raises:
-            RefusedConfigError: this LeRobot accepts no strategies from plugins, or a value is impossible.
+            RefusedConfigError: the installed LeRobot does not accept strategies from plugins, or a value is invalid.
         """
         if not TAKES_PLUGINS:
             raise RefusedConfigError(
@@ -49,7 +49,7 @@ class YamDaggerStrategyConfig(RolloutStrategyConfig):
         self.check()
 
     def check(self) -> None:
-        """Refuse impossible values. Raises RefusedConfigError."""
+        """Check the values. Raises RefusedConfigError: a value is invalid."""
         if self.rewind_button == self.take_over_button:
             raise RefusedConfigError("yam_dagger: take_over_button and rewind_button are the same; give each its own")
         for name in ("rewind_s", "hand_back_s"):
@@ -57,9 +57,9 @@ class YamDaggerStrategyConfig(RolloutStrategyConfig):
                 raise RefusedConfigError(f"yam_dagger: {name} takes a time within 0 … 60 s, not {getattr(self, name)}")
 
     def requires_streaming_encoding(self) -> bool:
-        """Return True: the control loop adds the frames, and must not wait for an encoder."""
+        """Return True: the control loop adds the frames and must not wait for an encoder."""
         return True
 
     def extra_dataset_features(self) -> dict[str, dict[str, Any]]:
-        """Return the column that tells whether a person has taken over an arm, as in LeRobot's own `dagger`."""
+        """Return the column that records whether a person has taken over an arm, as in LeRobot's own `dagger`."""
         return {"intervention": {"dtype": "bool", "shape": (1,), "names": None}}

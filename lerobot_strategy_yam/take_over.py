@@ -1,6 +1,6 @@
-"""Take-over of arms: a person's requests by handles and keys, and the action made of the policy's and the person's.
+"""Take-over of arms: a person's requests by handles and keys, and the action combined from policy and person.
 
-An arm that is given back blends from the pose in which the person has left it:
+The action of an arm that is given back blends from the pose in which the person left the arm:
 
     action = left + s (policy − left),  s = (1 − cos(π t / T)) / 2
 
@@ -24,7 +24,7 @@ from lerobot_teleoperator_yam.yam_leader import LeaderBase
 
 Action = dict[str, float]
 _ARM_KEYS = {"space": ("", "left_", "right_"), "l": ("left_",), "r": ("right_",)}
-_ASKED = {  # request of a page → the key in its place, and what that key does
+_ASKED = {  # request from a page → (equivalent key, effect of the key)
     Meaning.CORRECT: ("space", "takes all arms over, or gives them back"),
     Meaning.NEXT: ("n", "ends the episode, and saves it"),
     Meaning.DISCARD: ("x", "drops the episode"),
@@ -34,7 +34,7 @@ HELP = "space=take over or give back all arms, l/r=the left or right one, n=save
 
 
 class TakenArms:
-    """Arms of one robot that a person has taken over, and the common action of all arms.
+    """Arms of one robot that a person has taken over, and the combined action of all arms.
 
     Args:
         prefixes: prefix of each arm: "" for a single arm, "left_" and "right_".
@@ -49,7 +49,7 @@ class TakenArms:
         self.taken: set[str] = set()
         self._last: Action = {}
         self._left: dict[str, Action] = {}  # prefix → action at which the person left the arm
-        self._since_s: dict[str, float] = {}  # prefix → time of the policy's first action since then
+        self._since_s: dict[str, float] = {}  # prefix → time of the policy's first action after the person left the arm
 
     @property
     def all_taken(self) -> bool:
@@ -68,10 +68,10 @@ class TakenArms:
         self._since_s.pop(prefix, None)
 
     def action(self, now: float, policy: Mapping[str, float] | None, person: Mapping[str, float] | None) -> Action:
-        """Combine the actions of all arms; an arm whose driver has no action stays. Empty before the first action.
+        """Combine the actions of all arms. An arm whose driver has no action stays. Empty before the first action.
 
         Args:
-            now: present time, s.
+            now: current time, s.
             policy: action of the policy, if it has one.
             person: action of the leaders; None: no arm is taken.
         """
@@ -101,7 +101,7 @@ class TakenArms:
         return {key: left[key] + share * (value - left[key]) for key, value in asked.items()}
 
     def resume(self, action: Action) -> None:
-        """Blend from `action`, to which something else has moved all arms meanwhile."""
+        """Continue from `action`, to which something else has moved all arms in the meantime."""
         self._last = dict(action)
         for prefix in self._prefixes:
             self.give_back(prefix)
@@ -112,7 +112,7 @@ class TakenArms:
 
 
 class Wish(StrEnum):
-    """Wish of a person, beside taking arms over."""
+    """Request from a person other than a take-over."""
 
     KEEP = "keep"  # end the episode and save it
     DISCARD = "discard"  # drop the episode
@@ -124,7 +124,7 @@ _KEYS = {"n": Wish.KEEP, "x": Wish.DISCARD, "b": Wish.REWIND, "esc": Wish.STOP}
 
 
 class TakeOverSignals:
-    """Signals of a person from leaders and keyboard. Keys may come from any thread.
+    """Requests from a person, by leaders and keyboard. Keys may come from any thread.
 
     Args:
         leaders: LeRobot's teleoperator.
@@ -134,7 +134,7 @@ class TakeOverSignals:
         prefixes: prefix of each arm.
 
     Raises:
-        ConfigError: the teleoperator is no YAM leader that leads a follower, or a button has two meanings.
+        ConfigError: the teleoperator is not a YAM leader with a follower, or a button has two meanings.
     """
 
     def __init__(self, leaders: Any, config: YamDaggerStrategyConfig):
@@ -161,20 +161,20 @@ class TakeOverSignals:
         self._toggled, self._opened = set[str](), set[str]()
 
     def key(self, name: str) -> None:
-        """Store a key; LeRobot's listeners call this."""
+        """Store a key. LeRobot's listeners call `key`."""
         self._keys.append(name)
 
     def ask(self, press: Press) -> None:
-        """Do what a page requests, see `requests.Doer`."""
+        """Carry out a request from a page, see `requests.Doer`."""
         if press.meaning in _ASKED:
             self.key(_ASKED[press.meaning][0])
 
     def offers(self, now: Situation, first: int) -> dict[str, str]:
-        """Describe what a page can request now, see `requests.Doer`."""
+        """Describe what a page can currently request, see `requests.Doer`."""
         return {meaning.value: words for meaning, (_, words) in _ASKED.items()}
 
     def look(self) -> tuple[set[str], set[Wish]]:
-        """Return prefixes of the arms that the person wants to drive, and the person's wishes since the last call."""
+        """Return the prefixes of the arms that the person wants to drive, and other requests since the last call."""
         wishes, states = set[Wish](), self._leaders.arm_states()
         pressed = self._edges.pressed(buttons_of(states))
         for prefix in states:
@@ -192,6 +192,6 @@ class TakeOverSignals:
         return self._toggled | self._opened, wishes
 
     def give_all_back(self) -> set[str]:
-        """Forget arms that were taken over by button or key; returns those that a gate has taken over."""
+        """Give back arms taken over by button or key. Return the prefixes of arms taken over by a gate."""
         self._toggled.clear()
         return set(self._opened)

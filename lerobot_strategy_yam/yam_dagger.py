@@ -1,8 +1,8 @@
-"""Rollout strategy `yam_dagger`: a policy drives the followers, and a person takes any arm over at any moment.
+"""Rollout strategy `yam_dagger`: a policy drives the followers, and a person can take over any arm at any time.
 
-LeRobot's own `dagger` takes over all arms at once, through a pause that is not recorded. Here each frame is recorded,
-and an arm goes over to its leader, or back to the policy, from one frame to the next. The leaders have to lead their
-followers (option `follower`); with `mirror` the leaders are in the followers' pose when a take-over begins.
+LeRobot's own `dagger` takes over all arms at once, after a pause that is not recorded. `yam_dagger` records each frame,
+and an arm changes from policy to leader or back between two frames. The leaders have to lead their followers (option
+`follower`); with `mirror` the leaders are in the followers' pose when a take-over begins.
 """
 
 import logging
@@ -30,16 +30,16 @@ logger = logging.getLogger(__name__)
 
 
 class _Episodes:
-    """Episodes of the data set: frames are added without a gap, then the episode is kept or dropped.
+    """Episodes of the data set. Frames are added without a gap, then the episode is kept or discarded.
 
     Args:
         dataset: LeRobot's data set, open for writing.
-        features: LeRobot's features of its frames.
+        features: LeRobot's features of the frames.
         task: task of each frame.
-        longest: largest number of frames of an episode.
+        longest: maximum number of frames in an episode.
 
     Attributes:
-        saved: number of kept episodes.
+        saved: number of saved episodes.
     """
 
     def __init__(self, dataset: Any, features: Mapping[str, Any], task: str, longest: int):
@@ -48,18 +48,18 @@ class _Episodes:
 
     @property
     def full(self) -> bool:
-        """Whether the present episode has its greatest length."""
+        """Whether the current episode has its maximum length."""
         return self._frames >= self._longest
 
     def add(self, observation: Mapping[str, Any], action: Mapping[str, float], intervention: bool) -> None:
-        """Add a frame: observation, action, and whether a person made it."""
+        """Add a frame: observation, action, and whether a person drove an arm."""
         frame = build_dataset_frame(self._features, observation, prefix=OBS_STR)
         frame |= build_dataset_frame(self._features, action, prefix=ACTION)
         self._dataset.add_frame(frame | {"task": self._task, "intervention": np.array([intervention])})
         self._frames += 1
 
     def keep(self) -> bool:
-        """Save the present episode, unless it is empty; returns whether there was an episode to save."""
+        """Save the current episode, unless it is empty. Return whether an episode was saved."""
         if not self._frames:
             return False
         self._dataset.save_episode()
@@ -88,19 +88,19 @@ class YamDaggerStrategy(RolloutStrategy):
         self._listener: Any = None
 
     def setup(self, ctx: Any) -> None:
-        """Start the policy and listen to leaders and keys.
+        """Start the policy, and listen to leaders and keys.
 
         Raises:
-            ConfigError: the teleoperator is no YAM leader that leads a follower, or a button has two meanings.
+            ConfigError: the teleoperator is not a YAM leader with a follower, or a button has two meanings.
         """
         cfg = ctx.runtime.cfg
         self._signals = TakeOverSignals(ctx.hardware.teleop, self.config)
         self._init_engine(ctx)
         self._ctx, self._cfg, self._multiplier = ctx, cfg, self._interpolator.multiplier
-        joints = space_of(ctx.data.ordered_action_keys) == "joint"  # a tool's rotation cannot be blended linearly
+        joints = space_of(ctx.data.ordered_action_keys) == "joint"  # a rotation vector cannot be blended linearly
         self._arms = TakenArms(self._signals.prefixes, self.config.hand_back_s if joints else 0.0)
         ticks = round(self.config.rewind_s * cfg.fps * self._multiplier)
-        self._way_back: deque[Action] = deque(maxlen=max(ticks, 1))  # last actions that were sent
+        self._way_back: deque[Action] = deque(maxlen=max(ticks, 1))  # last actions sent, for the rewind
         self._rewinds = self._policy_runs = self._compiled = False
         longest = max(round(cfg.dataset.episode_time_s * cfg.fps), 1)
         task = cfg.dataset.single_task or cfg.task
@@ -111,7 +111,7 @@ class YamDaggerStrategy(RolloutStrategy):
         logger.info("yam_dagger is ready: %s", HELP)
 
     def run(self, ctx: Any) -> None:
-        """Drive until `--dataset.num_episodes` are saved, `--duration` is over, or somebody stops the command."""
+        """Drive until `--dataset.num_episodes` are saved, `--duration` has elapsed, or a person stops the command."""
         period_s = 1.0 / (self._cfg.fps * self._multiplier)
         due_s = begin_s = time.perf_counter()
         ends_s = begin_s + self._cfg.duration if self._cfg.duration > 0 else math.inf
@@ -121,14 +121,14 @@ class YamDaggerStrategy(RolloutStrategy):
                 while due_s < ends_s and not ctx.runtime.shutdown_event.is_set() and self._obey():
                     self._tick(is_frame=number % self._multiplier == 0)
                     number += 1
-                    due_s = max(due_s + period_s, time.perf_counter())  # after a stall: no burst
+                    due_s = max(due_s + period_s, time.perf_counter())  # no burst after a stall
                     precise_sleep(max(due_s - time.perf_counter(), 0.0))
             finally:
                 self._engine.pause()
                 self._episodes.keep()
 
     def _obey(self) -> bool:
-        """Carry out what the person has requested since the last tick; returns False to stop."""
+        """Handle the person's requests since the last tick. Return False to stop."""
         wanted, wishes = self._signals.look()
         if Wish.REWIND in wishes:
             wanted = self._signals.give_all_back()
@@ -148,7 +148,7 @@ class YamDaggerStrategy(RolloutStrategy):
         return Wish.STOP not in wishes and self._episodes.saved < self._cfg.dataset.num_episodes
 
     def _share(self, wanted: set[str]) -> None:
-        """Let the person drive the arms with these prefixes, and the policy the others."""
+        """Let the person drive the arms with these prefixes, and the policy the other arms."""
         for prefix in sorted(wanted - self._arms.taken):
             logger.info("%s is taken over", _arm(prefix))
             self._arms.take(prefix)
@@ -168,13 +168,13 @@ class YamDaggerStrategy(RolloutStrategy):
             log_say(f"Episode {self._episodes.saved} saved", self._cfg.play_sounds)
 
     def _restart_policy(self) -> None:
-        """Make the policy plan anew from its next observation: its old plan is for another pose of the arms."""
+        """Make the policy plan from its next observation: the old plan belongs to another pose of the arms."""
         self._interpolator.reset()
         self._engine.reset()
         self._engine.resume()
 
     def _tick(self, is_frame: bool) -> None:
-        """Observe, send the next action, record it."""
+        """Observe, send the next action, record the frame."""
         processors, robot = self._ctx.processors, self._ctx.hardware.robot_wrapper
         observation = robot.get_observation()
         if is_frame:
@@ -207,11 +207,11 @@ class YamDaggerStrategy(RolloutStrategy):
         return self._arms.action(time.perf_counter(), policy, person)
 
     def _policy_action(self) -> Action | None:
-        """Return the next action of the policy; None while it has no action."""
+        """Return the policy's next action, or None if the policy has none yet."""
         if self._cfg.use_torch_compile and not self._compiled:
             if not self._engine.ready:
                 return None
-            self._restart_policy()  # actions from the time of compiling are old
+            self._restart_policy()  # actions planned before compiling finished are too old
             self._compiled = True
         if self._interpolator.needs_new_action():
             frame = build_dataset_frame(self._ctx.data.dataset_features, self._seen, prefix=OBS_STR)
@@ -222,7 +222,7 @@ class YamDaggerStrategy(RolloutStrategy):
         return None if row is None else dict(zip(self._ctx.data.ordered_action_keys, row.tolist(), strict=True))
 
     def teardown(self, ctx: Any) -> None:
-        """Finish the data set, and upload it if requested; then move the arms to their start, and land."""
+        """Finish the data set, and upload it if requested; then move the arms to their start pose, and land."""
         requests.leave(self._signals)
         if self._listener is not None:
             self._listener.stop()

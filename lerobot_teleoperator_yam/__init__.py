@@ -1,4 +1,4 @@
-"""YAM leader arms for LeRobot. The types are registered by `lerobot_robot_yam`; names are loaded on first use."""
+"""YAM leader arms for LeRobot. `lerobot_robot_yam` registers their types; modules are loaded on first use."""
 
 import importlib
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""LeRobot configs of a hand that guides a follower (`--teleop.type=yam_hand_guide`), and two (`bi_yam_hand_guide`)."""
+"""LeRobot configs for guiding a follower by hand (`--teleop.type=yam_hand_guide`), or two (`bi_yam_hand_guide`)."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -20,8 +20,8 @@ class HandGuideOptions:
 
 
 def _refuse(device: str, config: Any, keys: tuple[str, ...]) -> None:
-    """Refuse a config from which no teleoperator can be made. Raises RefusedConfigError."""
-    from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper  # late, for a quick start
+    """Raise RefusedConfigError if a teleoperator cannot be built from `config`."""
+    from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper  # late import, for a quick start
     from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 
     try:
@@ -40,13 +40,14 @@ def _refuse(device: str, config: Any, keys: tuple[str, ...]) -> None:
         raise RefusedConfigError(str(error)) from error
 
 
-_FREE = "abdefgijklmotuvwxyz"  # keys without a meaning in LeRobot's recordings and rollouts; capitals count as small
+# keys without a meaning in LeRobot's recordings and rollouts; capitals count as lower case
+_FREE = "abdefgijklmotuvwxyz"
 
 
 @register_as(TeleoperatorConfig, "yam_hand_guide")
 @dataclass(kw_only=True)
 class YamHandGuideConfig(TeleoperatorConfig, HandGuideOptions):
-    """Options of a hand that guides one follower."""
+    """Options for guiding one follower by hand."""
 
     gripper_key: str = option("opens and closes the gripper when it is typed", "g")
 
@@ -65,7 +66,7 @@ class YamHandGuideConfig(TeleoperatorConfig, HandGuideOptions):
 @register_as(TeleoperatorConfig, "bi_yam_hand_guide")
 @dataclass(kw_only=True)
 class BiYamHandGuideConfig(TeleoperatorConfig, HandGuideOptions):
-    """Options of hands that guide two followers."""
+    """Options for guiding two followers by hand."""
 
     left_gripper_key: str = option("opens and closes the left gripper when it is typed", "f")
     right_gripper_key: str = option("opens and closes the right gripper when it is typed", "j")

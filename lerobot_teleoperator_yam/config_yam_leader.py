@@ -1,8 +1,8 @@
 """LeRobot configs of leader arms.
 
 yam_leader, bi_yam_leader                  one arm, two arms
-yam_remote_leader, bi_yam_remote_leader    one arm, two arms of another computer
-yam_rig                                    arms that a rig's file describes
+yam_remote_leader, bi_yam_remote_leader    one arm, two arms on another computer
+yam_rig                                    arms described by a rig file
 """
 
 from collections.abc import Mapping
@@ -56,7 +56,7 @@ class BiI2rtYamLeaderConfig(BiYamLeaderConfig):
 
 
 class _RemoteLeaders(RemoteOptions, LeaderOptions):
-    """Options of leaders whose arms the host describes."""
+    """Options of leaders whose arms are described by the host."""
 
     def arms(self) -> Mapping[str, LeaderArmConfig]:
         return {prefix: LeaderArmConfig(**options) for prefix, options in self.hosted.options.items()}
@@ -65,7 +65,7 @@ class _RemoteLeaders(RemoteOptions, LeaderOptions):
 @register_as(TeleoperatorConfig, "yam_remote_leader")
 @dataclass(kw_only=True)
 class YamRemoteLeaderConfig(TeleoperatorConfig, _RemoteLeaders):
-    """One leader arm of another computer."""
+    """One leader arm on another computer."""
 
     def __post_init__(self) -> None:
         self.ask_host("teleop", ("",))
@@ -75,7 +75,7 @@ class YamRemoteLeaderConfig(TeleoperatorConfig, _RemoteLeaders):
 @register_as(TeleoperatorConfig, "bi_yam_remote_leader")
 @dataclass(kw_only=True)
 class BiYamRemoteLeaderConfig(TeleoperatorConfig, _RemoteLeaders):
-    """Two leader arms of another computer."""
+    """Two leader arms on another computer."""
 
     def __post_init__(self) -> None:
         self.ask_host("teleop", ("left_", "right_"))
@@ -85,14 +85,14 @@ class BiYamRemoteLeaderConfig(TeleoperatorConfig, _RemoteLeaders):
 @register_as(TeleoperatorConfig, RIG_TYPE)
 @dataclass(kw_only=True)
 class YamRigLeadersConfig(TeleoperatorConfig):
-    """Config that a rig's file describes. The constructor returns a config of the type in the file, not of this one."""
+    """Config that a rig's file describes. The constructor returns a config of the type named in the file."""
 
     file: str = option("the rig's file, as yam-setup writes it; its `teleop` is taken")
     options: dict[str, Any] = option("options laid over the file's, such as {buttons: record}", factory=dict)
     arm_options: dict[str, Any] = option("options laid over those of each arm, such as {gate: auto}", factory=dict)
 
     def __new__(cls, **given: Any) -> TeleoperatorConfig:  # returns a config of the type in the file
-        # imported late, to keep LeRobot's start quick
+        # late import, to keep LeRobot's start quick
         from lerobot_robot_yam.face.lerobot_command.config_refusal import rig_device
 
         return rig_device(TeleoperatorConfig, "teleop", given)

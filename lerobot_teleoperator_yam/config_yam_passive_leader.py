@@ -47,7 +47,7 @@ class PassiveLeaderArmConfig(GateOptions, LeadOptions, PassiveOptions):
         None,
     )
 
-    # Constants in place of the options of a leader with motors.
+    # constants instead of the options of a leader with motors
     gripper: ClassVar[str] = "yam_teaching_handle"
     start: ClassVar[str] = "float"
     follower_arm: ClassVar[str | None] = None
@@ -55,10 +55,10 @@ class PassiveLeaderArmConfig(GateOptions, LeadOptions, PassiveOptions):
     fine_button: ClassVar[str | None] = None
 
     def __post_init__(self) -> None:
-        """Postpone the checks until both arms are known, with their sides."""
+        """Skip the checks: they need both arms, with their sides."""
 
     def passive_config(self) -> PassiveConfig:
-        """Make the options of reading the encoders. Raises ConfigError: an unknown kind."""
+        """Create the settings for reading the encoders. Raises ConfigError: the kind is unknown."""
         if self.kind not in JOINT_SIGNS:
             raise ConfigError(f"{self.name}: kind takes one of {', '.join(JOINT_SIGNS)}; got {self.kind!r}")
         return PassiveConfig(
@@ -70,7 +70,7 @@ class PassiveLeaderArmConfig(GateOptions, LeadOptions, PassiveOptions):
         )
 
     def lead_config(self) -> LeadConfig | None:
-        """Make the options for the follower. Raises ConfigError: there are such options, but no follower."""
+        """Create the settings for the follower. Raises ConfigError: such options are set without a follower."""
         if self.follower is None:
             if self.gate != "always" or self.gate_button is not None:
                 raise ConfigError("gate and gate_button: set follower to the follower's channel, too")
@@ -80,8 +80,8 @@ class PassiveLeaderArmConfig(GateOptions, LeadOptions, PassiveOptions):
 
 
 def _refuse(device: str, config: Any) -> None:
-    """Refuse a config from which no teleoperator can be made. Raises RefusedConfigError."""
-    from lerobot_robot_yam.arm.profile_files import load_arm  # late, for a quick start
+    """Raise RefusedConfigError if a teleoperator cannot be built from `config`."""
+    from lerobot_robot_yam.arm.profile_files import load_arm  # late import, for a quick start
     from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 
     refuse_leader(device, config)

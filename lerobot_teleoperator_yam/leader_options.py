@@ -1,4 +1,4 @@
-"""Options of leaders, one arm or two, and their checks, without importing LeRobot, whose registry loads all configs."""
+"""Options of one or two leaders, and their checks. Does not import LeRobot, whose registry would load all configs."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(kw_only=True)
 class GateOptions:
-    """Options of a leader, with motors or without, that concern its follower and the gate between them."""
+    """Options of a leader with or without motors that concern its follower and the gate between leader and follower."""
 
     ee_gripper: str = option(
         "gripper that the follower carries; with no_gripper the action has no gripper", "linear_4310"
@@ -79,10 +79,10 @@ class LeaderArmConfig(ArmConfig, GateOptions, LeadOptions):
     )
 
     def __post_init__(self) -> None:
-        """Postpone the checks until both arms are known, with their sides."""
+        """Skip the checks: they need both arms, with their sides."""
 
     def lead_config(self) -> LeadConfig | None:
-        """Make the options for the follower. Raises ConfigError: there are such options, but no follower."""
+        """Create the settings for the follower. Raises ConfigError: such options are set without a follower."""
         if self.follower is None:
             given = [name for name, usual in _NEED_FOLLOWER.items() if getattr(self, name) != usual]
             if given:
@@ -98,7 +98,7 @@ _NEED_FOLLOWER = {"gate": "always", "gate_button": None, "fine_button": None, "b
 
 @dataclass(kw_only=True)
 class LeaderOptions(ABC):
-    """Options of a leader, one arm or two."""
+    """Options of one or two leaders."""
 
     use_degrees: bool = option(
         "joints in degrees in actions and feedback, as the follower's option of this name", False
@@ -138,7 +138,7 @@ BUTTON_OPTIONS = ("estop_button", "gate_button", "fine_button")
 
 
 def meanings_of(options: LeaderOptions) -> dict[str, Meaning]:
-    """Return the meaning of each handle's button that has a meaning, by name, such as left_bottom.
+    """Return button name, such as left_bottom, → meaning, for the handle buttons that have a meaning.
 
     Raises:
         ConfigError: `buttons` has a mistake, or `auto_episodes` is set without a gate.
@@ -159,8 +159,8 @@ def meanings_of(options: LeaderOptions) -> dict[str, Meaning]:
 
 
 def refuse_leader(device: str, config: Any) -> None:
-    """Refuse a config from which no teleoperator can be made. Raises RefusedConfigError."""
-    # loads profiles: imported late, to keep LeRobot's start quick
+    """Raise RefusedConfigError if a teleoperator cannot be built from `config`."""
+    # loads profiles: late import, to keep LeRobot's start quick
     from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
     from lerobot_robot_yam.face.lerobot_command.command_checks import channels_of
     from lerobot_robot_yam.face.lerobot_command.config_refusal import refuse

@@ -1,4 +1,4 @@
-"""Hand as a LeRobot teleoperator: the hand guides a floating follower, without a leader."""
+"""LeRobot teleoperator for hand guiding: a person moves a floating follower by hand, without a leader."""
 
 import logging
 from collections.abc import Callable, Mapping
@@ -22,15 +22,16 @@ _HALF = 0.5
 
 
 def listen(pressed: Callable[[str], None]) -> Callable[[], None]:
-    """Listen to keys for the driver itself, through LeRobot's key listener and in the listener's thread.
+    """Listen to keys through LeRobot's key listener, in the listener's thread.
 
-    A terminal has only one reader: if LeRobot's own listener reads the terminal, it passes keys on to the driver.
+    A terminal has only one reader: if LeRobot's own listener reads the terminal, its keys are forwarded to `pressed`,
+    too.
 
     Args:
-        pressed: called with LeRobot's name of the key: a character, or a word such as "left".
+        pressed: callback with LeRobot's name of the key: a character, or a word such as "left".
 
     Returns:
-        The function that ends listening.
+        The function that stops listening.
     """
 
     def tell(key: str) -> None:
@@ -54,7 +55,7 @@ def listen(pressed: Callable[[str], None]) -> Callable[[], None]:
 
 
 def _terminal_listener() -> TerminalKeyListener | None:
-    """Find the key listener of the present command, if it reads a terminal."""
+    """Return the key listener of the running command, if it reads a terminal."""
     for caller in callers():
         values = caller.f_locals
         for found in (values.get("listener"), getattr(values.get("self"), "_listener", None)):
@@ -64,7 +65,7 @@ def _terminal_listener() -> TerminalKeyListener | None:
 
 
 class HandGuideBase(Uncopied, Teleoperator):
-    """Teleoperator: hands that guide one follower, or two.
+    """Teleoperator for guiding one follower or two by hand.
 
     Args:
         config: `YamHandGuideConfig` or `BiYamHandGuideConfig`.
@@ -80,28 +81,28 @@ class HandGuideBase(Uncopied, Teleoperator):
 
     @cached_property
     def action_features(self) -> dict[str, type]:
-        """Features of the follower: `joint_1.pos` … (or `ee_x.pos` …), `gripper.pos`; with prefixes for two."""
+        """Features of the follower: `joint_1.pos` … (or `ee_x.pos` …), `gripper.pos`; with prefixes for two arms."""
         arms = dict.fromkeys(self.config.prefixes(), self.config)
         return dict.fromkeys(action_keys(arms, self.config.action_space), float)
 
     @property
     def feedback_features(self) -> dict[str, type]:
-        """Empty mapping, since a hand cannot be led."""
+        """Empty mapping: feedback cannot move a person's hand."""
         return {}
 
     @property
     def is_connected(self) -> bool:
-        """Whether the guide is between connect and disconnect."""
+        """Whether `connect` was called and `disconnect` was not."""
         return self._connected
 
     @property
     def is_calibrated(self) -> bool:
-        """Whether the guide is calibrated; always True, since there is nothing to calibrate."""
+        """Always True: there is nothing to calibrate."""
         return True
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
-        """Announce the guide to the next follower; energise nothing. Raises ConfigError: there is another guide."""
+        """Announce the guide to the next follower; energise nothing. Raises ConfigError: another guide is connected."""
         self._guidance.announce()
         self._openings = [None] * len(self._openings)
         self._connected = True
@@ -126,21 +127,20 @@ class HandGuideBase(Uncopied, Teleoperator):
     @check_if_not_connected
     @saves_finished_episode
     def get_action(self) -> dict[str, float]:
-        """Return the action at the pose to which the hand has led the follower, which floats from the first call on.
+        """Return the action for the pose to which the follower was guided. The follower floats from the first call on.
 
-        A gripper's value is the opening that was last set by key, or the gripper's set-point if its key has not been
-        typed yet.
+        A gripper's value is the opening last set by key, or the gripper's set-point if its key has not been typed yet.
 
         Raises:
-            LifeCycleError: there is no follower yet, or the follower would run away if it floated.
+            LifeCycleError: there is no follower yet, or the follower would move away by itself if it floated.
             MotorError, StaleStateError: see `YamFollower.get_observation`.
         """
-        if self._end_keys is None:  # LeRobot's own listener runs by now
+        if self._end_keys is None:  # LeRobot's own listener is running by now
             self._end_keys = listen(self._typed)
         return self._guidance.action(self._openings)
 
     def send_feedback(self, feedback: Mapping[str, Any]) -> None:
-        """Do nothing: a hand cannot be led."""
+        """Do nothing: feedback cannot move a person's hand."""
 
     def _typed(self, key: str) -> None:
         for index, own in enumerate(self.config.keys()):
@@ -152,14 +152,14 @@ class HandGuideBase(Uncopied, Teleoperator):
 
 
 class YamHandGuide(HandGuideBase):
-    """Hand that guides one follower."""
+    """Hand guide for one follower."""
 
     config_class = YamHandGuideConfig
     name = "yam_hand_guide"
 
 
 class BiYamHandGuide(HandGuideBase):
-    """Hands that guide two followers."""
+    """Hand guide for two followers."""
 
     config_class = BiYamHandGuideConfig
     name = "bi_yam_hand_guide"

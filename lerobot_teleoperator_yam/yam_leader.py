@@ -1,4 +1,4 @@
-"""Leader arms of this computer or another one, as a LeRobot teleoperator."""
+"""Leader arms on this computer or another one, as a LeRobot teleoperator."""
 
 import logging
 import math
@@ -44,7 +44,7 @@ _GATE_WORDS = {
 
 
 class GateVoice:
-    """LeRobot's voice that announces gates, if the command's `play_sounds` is on; `together`: once for all leaders."""
+    """Announces gate changes by LeRobot's voice if `play_sounds` is on. `together`: once for all leaders."""
 
     def __init__(self, together: bool):
         self._together = together
@@ -52,11 +52,12 @@ class GateVoice:
         self._before: dict[str, Gate] = {}
 
     def begin(self) -> None:
-        """Begin a session. The voice speaks if the present command plays sounds."""
+        """Start a session. The voice speaks if the running command plays sounds."""
         self._say, self._before = None, {}
         command = command_above()
         if command is not None and getattr(command[1], "play_sounds", False):
-            from lerobot.utils.utils import say  # already loaded by the command
+            # no extra import cost: the running LeRobot command has already imported this module
+            from lerobot.utils.utils import say
 
             self._say = say
 
@@ -75,7 +76,7 @@ class GateVoice:
 
 
 class LeaderBase(ArmDevice, Teleoperator):
-    """Teleoperator with one leader arm or two, which float until `enable_torque`.
+    """Teleoperator with one or two leader arms, which float until `enable_torque`.
 
     Args:
         config: `YamLeaderConfig` or `BiYamLeaderConfig`.
@@ -104,29 +105,29 @@ class LeaderBase(ArmDevice, Teleoperator):
         self._restart()
 
     def _restart(self) -> None:
-        """Reset the state that a session has left."""
+        """Reset the state left by the previous session."""
         self._action: dict[str, float] | None = None
-        self._given = False  # whether get_action has returned an action since the last one was recognised
+        self._given = False  # whether get_action has returned an action since the last recognised action
         self._target: np.ndarray = np.zeros(len(self._arms.keys))  # joints of _action
         self._was_held = self._follows_feedback = False
         self._pickups = [TriggerPickup() for _ in self._arms.sides]
 
     @cached_property
     def action_features(self) -> dict[str, Any]:
-        """Features of an action, as in `ArmDevice`; with `action_space: delta` as LeRobot's RL stack has them."""
+        """Features of an action, as in `ArmDevice`; with `action_space: delta` the features of LeRobot's RL stack."""
         return super().action_features if self._steps is None else self._steps.features
 
     @cached_property
     def feedback_features(self) -> dict[str, Any]:
-        """Types of feedback values: joints, or tool poses if the actions are poses. Feedback moves the leader."""
+        """Types of feedback values: joints, or end-effector poses as in actions. Feedback moves the leader."""
         return dict.fromkeys(self._space.keys, float)
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
-        """Energise all arms, which float, supported against gravity; after an error, none is energised.
+        """Energise all arms; they float, with gravity compensated. After an error no arm is energised.
 
         Raises:
-            YamError: an arm cannot be driven, actions of this leader do not fit the follower in this process, or the
+            YamError: an arm cannot be driven, actions of this leader do not match the follower in this process, or the
                 option `follower` names an arm that this leader cannot lead.
         """
         self._restart()
@@ -135,7 +136,7 @@ class LeaderBase(ArmDevice, Teleoperator):
         keys = (self._steps or self._space).keys
         self._arms.start(calibrate, keys, self._models, self.get_action, self._recognise)
         try:
-            if self._steps is None:  # the RL stack reads events, and no keys
+            if self._steps is None:  # the RL stack reads events instead of keys
                 self._keys.start(self.arm_states)
         except BaseException:
             self.disconnect()
@@ -158,18 +159,20 @@ class LeaderBase(ArmDevice, Teleoperator):
     @check_if_not_connected
     @saves_finished_episode
     def get_action(self) -> dict[str, float]:
-        """Return the action at the leaders' pose, clipped to the follower's limits: what is recorded is what is sent.
+        """Return the action at the leaders' pose, clamped to the follower's limits, so that recordings match it.
 
-        With `action_space: ee` the action is the pose of the follower's tool at the leader's joints.
+        With `action_space: ee` the action is the end-effector pose of the follower at the leader's joints.
 
         The gripper is open (1) while the trigger is released, and closed (0) while it is squeezed. While a handle is
-        silent, its last opening stays (open before the first report). No motor moves a trigger, so an opening from
-        feedback stays until the trigger has reached it: a person who takes over does not drop the object in the
-        follower's gripper. During an emergency stop the last action stays, because the followers hold.
+        silent,
+        its last opening stays (open before the first report). No motor moves a trigger, so an opening from feedback
+        stays
+        until the trigger has reached that opening: a person who takes over does not drop the object in the follower's
+        gripper. During an emergency stop the last action stays, because the followers hold.
 
         Raises:
             MotorError: a motor has failed.
-            StaleStateError: an arm has no fresh data.
+            StaleStateError: an arm has no recent data.
         """
         states = self._arms.observe()
         self._voice.tell({side.prefix: state.gate for side, state in zip(self._arms.sides, states, strict=True)})
@@ -205,7 +208,7 @@ class LeaderBase(ArmDevice, Teleoperator):
     def _led(self, key: str, follower_key: str, state: ArmState) -> tuple[float, ...] | None:
         """Return the target of an arm's follower: the executed target if coupled, else the gate's; None: no follower.
 
-        A follower that the leader's loop has not seen yet stays where it is.
+        A follower whose state the leader's loop has not received yet stays where it is.
         """
         follower = self._arms.follower_state(follower_key)
         if follower is not None and follower.coupled_to == coupling_number(key):
@@ -213,10 +216,11 @@ class LeaderBase(ArmDevice, Teleoperator):
         return state.action or (None if follower is None else follower.setpoints)
 
     def _recognise(self, action: Mapping[str, Any]) -> tuple[np.ndarray, list[bool]] | None:
-        """Return joints of the last action, and per arm whether `action` repeats its part; None if no part is repeated.
+        """Return the joints of the last action, and per arm whether `action` repeats its part; None if no part.
 
-        Each action is recognised once: a caller that repeats an action later wants that old pose, not the leader's
-        present pose. One arm's part may come from the leader and the other from a policy.
+        Each action is recognised once: a caller that repeats an action later wants the old pose, not the leader's
+            current
+        pose. One arm's part may come from the leader and the other arm's part from a policy.
         """
         given = self._action
         if given is None or not self._given or given.keys() != action.keys():
@@ -230,7 +234,7 @@ class LeaderBase(ArmDevice, Teleoperator):
 
     @check_if_not_connected
     def send_feedback(self, feedback: Mapping[str, Any]) -> None:
-        """Move the arms to `feedback` (keys as the action) while torque is enabled; ignored while they float.
+        """Move the arms to `feedback` (keys as in the action) while torque is enabled; ignored while the arms float.
 
         Raises:
             ActionError: keys or values are wrong; nothing was sent to any arm.
@@ -250,17 +254,17 @@ class LeaderBase(ArmDevice, Teleoperator):
 
     @check_if_not_connected
     def enable_torque(self) -> None:
-        """Hold the present pose and follow `send_feedback` from now on. Followers hold until a new target comes."""
+        """Hold the current pose, and follow `send_feedback` from now on. Followers hold until a new target arrives."""
         self._arms.pause_followers()
         for side in self._arms.sides:
             self._arms[side].hold()
         for pickup in self._pickups:
-            pickup.leave(_asked(pickup), math.nan)  # releasing the trigger now drops nothing
+            pickup.leave(_asked(pickup), math.nan)  # releasing the trigger during the hold drops nothing
         self._was_held = self._follows_feedback = True
 
     @check_if_not_connected
     def disable_torque(self) -> None:
-        """Let the arms float, supported against gravity, never limp. Feedback is ignored from now on."""
+        """Let the arms float with gravity compensated, never limp. Feedback is ignored from now on."""
         self._follows_feedback = False
         self._arms.resume_followers()
         for side in self._arms.sides:
@@ -299,15 +303,16 @@ class BiYamLeader(LeaderBase):
 
 
 class YamRemoteLeader(RemoteDevice, YamLeader):
-    """One YAM arm, moved by hand, that another computer drives."""
+    """One YAM arm on another computer, moved by hand."""
 
     config_class = YamRemoteLeaderConfig
 
 
 class BiYamRemoteLeader(RemoteDevice, BiYamLeader):
-    """Two YAM arms, moved by hand, that another computer drives."""
+    """Two YAM arms on another computer, moved by hand."""
 
     config_class = BiYamRemoteLeaderConfig
 
 
-I2rtYamLeader, BiI2rtYamLeader = YamLeader, BiYamLeader  # LeRobot looks up the devices of the spare types here
+# LeRobot looks up the devices of the spare types in this module
+I2rtYamLeader, BiI2rtYamLeader = YamLeader, BiYamLeader

@@ -23,13 +23,13 @@ from lerobot_teleoperator_yam.yam_leader import LeaderBase
 
 logger = logging.getLogger(__name__)
 
-HOME_S, MOVE_S = 3.0, 20.0  # durations of a calibration, s: at home, and through all ranges
+HOME_S, MOVE_S = 3.0, 20.0  # durations of a calibration's steps, s: HOME_S at home, MOVE_S for moving all joints
 _STILL_RAD = 0.02
 _LOOK_S = 0.1
 
 
 class PassiveLeaderBase(LeaderBase):
-    """Teleoperator with one or two leaders without motors. Nothing is energised: leaders cannot float, be led or held.
+    """Teleoperator with one or two leaders without motors, which cannot float, be moved by feedback, or hold.
 
     Args:
         config: `YamPassiveLeaderConfig` or `BiYamPassiveLeaderConfig`.
@@ -46,14 +46,14 @@ class PassiveLeaderBase(LeaderBase):
         handles: Collection[str] | None = None,
     ) -> ArmGroup:
         for prefix, arm in arms.items():
-            if arm.passive_calibration_path is None:  # default: a subdirectory whose files LeRobot never reads
+            if arm.passive_calibration_path is None:  # default: in a subdirectory, whose files LeRobot never reads
                 ident = f"{prefix}{self.id}" if self.id else arm.channel
                 arm.passive_calibration_path = str(self.calibration_dir / "yam" / f"{ident}_passive.json")
         return super()._make_arms(role, arms, use_degrees, isolation, handles)
 
     @property
     def feedback_features(self) -> dict[str, type]:
-        """Empty mapping: without motors, a take-over begins with the follower's approach."""
+        """Empty mapping: there are no motors for feedback, so a take-over begins with the follower's approach."""
         return {}
 
     @property
@@ -62,7 +62,7 @@ class PassiveLeaderBase(LeaderBase):
         return all(Path(arm.passive_calibration_path).is_file() for arm in self.config.arms().values())
 
     def _no_motors(self, *_: Any) -> NoReturn:
-        """Refuse. Raises LifeCycleError: there are no motors."""
+        """Raise LifeCycleError: there are no motors."""
         raise LifeCycleError(f"{self}: a passive leader has no motors; it can be neither led nor held")
 
     send_feedback = enable_torque = disable_torque = rearm = _no_motors
@@ -70,12 +70,12 @@ class PassiveLeaderBase(LeaderBase):
     @check_if_not_connected
     @saves_finished_episode
     def get_action(self) -> dict[str, float]:
-        """Return the action as a leader with motors does; while the leaders are stopped, the followers hold.
+        """Return the action as a leader with motors does. While the leaders are stopped, the followers hold.
 
-        The leaders stay stopped after an emergency stop, see `PassiveStop`: a leader may have fallen meanwhile.
+        The leaders stay stopped after an emergency stop, see `PassiveStop`: a leader may have fallen in the meantime.
 
         Raises:
-            LifeCycleError: the leaders are stopped, and there has been no action yet.
+            LifeCycleError: the leaders are stopped before the first action.
             MotorError, StaleStateError: see `LeaderBase.get_action`.
         """
         before = self._stopped
@@ -94,13 +94,14 @@ class PassiveLeaderBase(LeaderBase):
 
     @check_if_not_connected
     def calibrate(self) -> None:
-        """Find zeros and ranges, store them, and use them from now on.
+        """Measure zeros and ranges, store them, and use them from now on.
 
-        For 3 s all leaders must lie at `home_rad` with the trigger released; then, for 20 s, each joint is moved
-        through its range and the trigger squeezed.
+        For the first 3 s all leaders must stay at `home_rad` with the trigger released. During the next 20 s a person
+        moves
+        each joint through its range and squeezes the trigger.
 
         Raises:
-            ConfigError: a leader was not still at home, or a joint was not moved; nothing was stored.
+            ConfigError: a leader was not at rest at home, or a joint was not moved; nothing was stored.
             YamError: the encoders of a leader are silent.
         """
         arms = [self._arms[side].config for side in self._arms.sides]
@@ -123,7 +124,8 @@ class PassiveLeaderBase(LeaderBase):
                 joint = int((high - low)[:-1].argmax()) + 1
                 raise ConfigError(f"{config.name}: joint_{joint} moved while it should lie at home; calibrate again")
             home = np.zeros(encoders.joints) if passive.home_rad is None else np.array(passive.home_rad)
-            zero = 0.5 * (low + high) - np.append(home, 0.0)  # encoder angle at joint angle 0; the mean is at home
+            # encoder angle at joint angle 0; the mean of low and high is the angle at home
+            zero = 0.5 * (low + high) - np.append(home, 0.0)
             logger.info("%s: move each joint through its range, squeeze the trigger: %.0f s", config.name, MOVE_S)
             low, high = _extremes(port, encoders, sign, MOVE_S)
         trigger = float(max(abs(low[-1]), abs(high[-1])))
@@ -138,7 +140,7 @@ class PassiveLeaderBase(LeaderBase):
 def _extremes(
     port: BusPort, encoders: PassiveEncoders, sign: np.ndarray, seconds: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return lowest and highest angle of each joint and of the trigger, (n + 1,) rad each, within `seconds`."""
+    """Return minimum and maximum angle of each joint and of the trigger, (n + 1,) rad each, within `seconds`."""
     until_s = port.clock.now() + seconds
     low, high = np.full(len(sign), np.inf), np.full(len(sign), -np.inf)
     while (now := port.clock.now()) < until_s:
