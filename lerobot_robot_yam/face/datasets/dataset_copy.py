@@ -1,8 +1,9 @@
-"""Copies of a data set. A copy appears under its name only when it is whole, with our side-cars renumbered.
+"""Copies of a data set. A copy appears under its name only when complete, with renumbered side-car files.
 
-`apply_labels` makes a copy without the episodes that are labelled as discarded, and with two columns for the outcomes
-of the others. LeRobot's own functions drop the episodes and write `next.success`, which lerobot-dataset-viz shows, in
-the form of lerobot-eval: true in the last frame of a success. The column `success` of the episodes' metadata is for
+`apply_labels` makes a copy without the episodes that are labelled as discarded, and adds two columns for the outcomes
+of
+the other episodes. LeRobot's own functions drop the episodes and write `next.success`, which lerobot-dataset-viz shows,
+in lerobot-eval's format: true in the last frame of a success. The column `success` of the episodes' metadata is for
 `LeRobotDataset(…, episode_filter=lambda episode: episode["success"])`: true, false, or null without a label.
 """
 
@@ -26,22 +27,22 @@ from lerobot_robot_yam.face.recorder import outcomes
 from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR, read_figures
 from lerobot_robot_yam.face.recorder.outcomes import DISCARD, OUTCOMES, SUCCESS, Outcome
 
-SIDE_CARS = (SIDE_CAR, OUTCOMES)  # our files beside a data set, with rows per episode
+SIDE_CARS = (SIDE_CAR, OUTCOMES)  # this package's files beside a data set, with one row per episode
 EPISODE_COLUMN = "success"  # name of the column in the episodes' metadata
-_NAME = "local/labelled"  # name of the copy for LeRobot, which needs a name but stores it nowhere
+_NAME = "local/labelled"  # name of the copy for LeRobot, which requires a name but does not store it
 
 
 @contextmanager
 def written_aside(target: Path) -> Iterator[Path]:
-    """Yield a path beside `target` for a new directory, which becomes `target` at the end, or is removed on an error.
+    """Yield a path for a new directory, which becomes `target` at the end, or is removed after an error.
 
-    Everything else in the same temporary directory is removed at the end.
+    Other content of the same temporary directory is removed at the end.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
-    # The name is new: an existing directory belongs to somebody, and may be the data set that is copied.
+    # new name: an existing directory belongs to somebody, and may be the data set that is being copied
     aside = Path(tempfile.mkdtemp(prefix=f"{target.name}.partial.", dir=target.parent))
     try:
-        yield aside / "whole"  # `aside` itself is readable by its owner only
+        yield aside / "whole"  # a subdirectory, because only the owner can read `aside` itself
         (aside / "whole").rename(target)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
@@ -53,10 +54,10 @@ def copy_side_cars(root: Path, target: Path, kept: Sequence[int]) -> None:
     Args:
         root: the data set.
         target: the copy; its directory meta exists.
-        kept: numbers that the copy's episodes have in `root`.
+        kept: numbers in `root` of the copy's episodes.
 
     Raises:
-        ConfigError: a line of the outcomes is no outcome; the message names the line.
+        ConfigError: a line of the outcomes file is invalid; the message names the line.
     """
     new_numbers = {old: new for new, old in enumerate(kept)}
     labels = outcomes.read(root)
@@ -74,7 +75,7 @@ def verify(root: Path, progress: Progress = iter) -> None:
     """Load a data set as a training would, with the pictures of each episode's first and last frame.
 
     Raises:
-        DatasetError: something does not load or contradicts the metadata.
+        DatasetError: a part cannot be loaded or contradicts the metadata.
     """
     try:
         data = LeRobotDataset("local/verified", root=root, return_uint8=True, video_backend="pyav")
@@ -89,23 +90,23 @@ def verify(root: Path, progress: Progress = iter) -> None:
                 got = tuple(int(item[name]) for name in ("index", "episode_index", "frame_index"))
                 if got != (index, episode, frame):
                     raise ValueError(f"row {index} should be frame {frame} of episode {episode}, it says {got}")
-    except Exception as error:  # readers and decoders raise anything
+    except Exception as error:  # readers and decoders can raise any exception
         raise DatasetError(f"{root}: does not load: {type(error).__name__}: {error}") from error
 
 
 def apply_labels(root: Path, target: Path, labels: Mapping[int, Outcome], progress: Progress = iter) -> None:
-    """Write a copy with labels; the original is only read.
+    """Write a copy with labels. The original is only read.
 
     Raises:
-        ConfigError: nothing would be left, or the data set is such a copy already.
-        DatasetError: the data set or the written copy does not load; `target` does not exist then.
+        ConfigError: no episode would remain, or the data set already is such a copy.
+        DatasetError: the data set or the written copy cannot be loaded; `target` does not exist then.
     """
     try:
         with written_aside(target) as whole:
             _write(root, whole, labels, progress)
     except YamError:
         raise
-    except Exception as error:  # LeRobot's functions and readers raise anything
+    except Exception as error:  # LeRobot's functions and readers can raise any exception
         raise DatasetError(
             f"{root}: cannot be copied: {type(error).__name__}: {error}; if the recording was killed, "
             "yam-repair-dataset makes it load"

@@ -1,4 +1,4 @@
-"""Pictures of a data set's videos, decoded by PyAV: single pictures, or those of an episode as small grey thumbnails.
+"""Pictures of a data set's videos, decoded by PyAV: single pictures, or an episode's as small grey thumbnails.
 
 LeRobot can decode videos, too, but loads torch for that.
 """
@@ -15,21 +15,21 @@ from lerobot_robot_yam.errors import DatasetError
 from lerobot_robot_yam.face.datasets.check.opened_dataset import OpenedDataset, RecordedEpisode
 from lerobot_robot_yam.face.datasets.layout import is_depth
 
-WIDTH, HEIGHT = 64, 48  # size of a thumbnail, pixels; each is the mean of 10 x 10 pixels of a picture of 640 x 480
+WIDTH, HEIGHT = 64, 48  # size of a thumbnail, pixels; each is the mean of 10 x 10 pixels of a 640 x 480 picture
 
 
 class DatasetPictures:
-    """Decoder of single frames of a data set. The last video of each camera stays open."""
+    """Decoder of single frames of a data set. Keeps the last video of each camera open."""
 
     def __init__(self, data: OpenedDataset):
         self._data = data
         self._videos: dict[str, tuple[Path, av.container.InputContainer]] = {}
 
     def picture(self, episode: RecordedEpisode, camera: str, frame: int) -> np.ndarray:
-        """Return a camera's picture of a frame, (height, width, 3) uint8 RGB; distances are grey, near is dark.
+        """Return a camera's picture of a frame, (height, width, 3) uint8 RGB. Depth becomes grey, near is dark.
 
         Raises:
-            DatasetError: there is no such picture, or it cannot be decoded.
+            DatasetError: the picture does not exist or cannot be decoded.
         """
         clip = self._data.clip(episode, camera)
         if clip is None or not clip[0].is_file():
@@ -39,7 +39,7 @@ class DatasetPictures:
             if is_depth(self._data.features[camera]):
                 return _grey(decoded.to_ndarray(format="gray12le"))
             return decoded.to_ndarray(format="rgb24")
-        except Exception as error:  # decoders raise anything
+        except Exception as error:  # decoders can raise any exception
             why = str(error).partition("\n")[0][:100]
             raise DatasetError(
                 f"{camera}: frame {frame} of episode {episode.number} cannot be decoded: {why}"
@@ -80,7 +80,7 @@ def _grey(distances: np.ndarray) -> np.ndarray:
 class Thumbnails:
     """Small grey pictures of one camera in an episode.
 
-    frames: (k,) numbers of the frames in the episode, growing. images: (k, HEIGHT, WIDTH) uint8, grey.
+    frames: (k,) increasing frame numbers in the episode. images: (k, HEIGHT, WIDTH) uint8, grey.
     """
 
     frames: np.ndarray
@@ -88,11 +88,14 @@ class Thumbnails:
 
 
 def decode(path: Path, start_s: float, length: int, fps: float, step: int) -> Thumbnails:
-    """Decode the frames 0 … length - 1 of an episode that begins at start_s in a video.
+    """Decode the frames 0 … length - 1 of an episode that begins at `start_s` in a video.
 
     Args:
-        step: 1 for all frames. Otherwise only key frames are decoded: the key frame at or just before each step-th
-            frame, and before the last. LeRobot makes every second frame a key frame.
+        path, fps: the video file and its frames per second.
+        start_s: start of the episode in the video, s.
+        length: number of frames in the episode.
+        step: 1: decode all frames. Otherwise only key frames: those at or just before each step-th frame, and the last
+            frame. LeRobot makes every second frame a key frame.
 
     Raises:
         av.FFmpegError, OSError, EOFError: the video cannot be decoded.
@@ -107,7 +110,7 @@ def decode(path: Path, start_s: float, length: int, fps: float, step: int) -> Th
         wanted = range(1) if step == 1 else sorted({*range(0, length, step), length - 1})
         if step > 1:
             stream.codec_context.skip_frame = "NONKEY"
-            stream.codec_context.thread_count = 1  # more threads would wait for unneeded pictures
+            stream.codec_context.thread_count = 1  # more threads would wait for pictures that are not needed
         for target in wanted:
             pictures = _pictures_from(target, video, stream, start_s, fps)
             if step == 1:
@@ -131,7 +134,7 @@ def _small(picture: av.VideoFrame) -> np.ndarray:
 def _pictures_from(
     frame: int, video: av.container.InputContainer, stream: av.VideoStream, start_s: float, fps: float
 ) -> Iterator[tuple[int, av.VideoFrame]]:
-    """Yield (number in the episode, picture) from a frame on, or a little before; the episode begins at start_s."""
+    """Yield (frame number in the episode, picture) from `frame` or slightly earlier; `start_s`: the episode's start."""
     assert stream.time_base is not None
     video.seek(round((start_s + (frame + 0.5) / fps) / stream.time_base), stream=stream)
     for picture in video.decode(stream):

@@ -1,6 +1,6 @@
 """Location and files of a LeRobot data set (format v3), for code that reads data sets without LeRobot.
 
-LeRobot takes seconds to import, and this module loads it only to find a data set by its name.
+Importing LeRobot takes seconds, so this module imports it only to find a data set by its name.
 """
 
 import json
@@ -13,10 +13,10 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import user_path
 
 Progress = Callable[[Iterable[Any]], Iterable[Any]]
-"""Wraps a loop to show its progress."""
+"""Wrapper that iterates over a loop and shows its progress."""
 
 INFO = Path("meta", "info.json")
-DEGREES_SUFFIX = "_degrees"  # end of the name of a robot whose joints are recorded in degrees
+DEGREES_SUFFIX = "_degrees"  # suffix of a robot's name if its joints are recorded in degrees
 
 
 def locate(path_or_repo_id: str) -> Path:
@@ -25,7 +25,7 @@ def locate(path_or_repo_id: str) -> Path:
     LeRobot downloads a data set that is not on this computer.
 
     Raises:
-        ConfigError: there is no such data set, or it cannot be downloaded.
+        ConfigError: the data set does not exist, or cannot be downloaded.
     """
     path = user_path(path_or_repo_id)
     if path.is_dir():
@@ -39,7 +39,7 @@ def locate(path_or_repo_id: str) -> Path:
 
     try:
         return Path(LeRobotDataset(path_or_repo_id).root)
-    except Exception as error:  # no such name, no network: LeRobot and the Hub raise anything
+    except Exception as error:  # no such name, no network: LeRobot and the Hub can raise any exception
         raise ConfigError(
             f"{path_or_repo_id} is no directory, no data set in {HF_LEROBOT_HOME}, and cannot be had from the Hub: "
             f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
@@ -47,17 +47,17 @@ def locate(path_or_repo_id: str) -> Path:
 
 
 def clip_columns(key: str) -> list[str]:
-    """Return the columns of an episode's metadata about a camera's clip: chunk, file, begin and end (s) in the file."""
+    """Return the metadata columns of an episode for a camera's clip: chunk, file, start and end (s) in the file."""
     return [f"videos/{key}/{name}" for name in ("chunk_index", "file_index", "from_timestamp", "to_timestamp")]
 
 
 def is_depth(feature: Mapping[str, Any]) -> bool:
-    """Return whether a camera records distances, not colours."""
+    """Return whether a camera records depth instead of colours."""
     return bool((feature.get("info") or {}).get("is_depth_map"))
 
 
 def value_names(feature: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names of the values of a feature; empty without names."""
+    """Return the names of a feature's values; empty without names."""
     names = feature.get("names")
     if isinstance(names, Mapping):  # {"motors": […]} in older data sets, {"delta_x": 0, …} in LeRobot's RL stack
         groups = [value for value in names.values() if isinstance(value, list)]
@@ -66,7 +66,7 @@ def value_names(feature: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def frame_count(path: Path) -> int:
-    """Return the number of frames by a video file's header; 0 if the file cannot be opened."""
+    """Return the number of frames according to a video file's header; 0 if the file cannot be opened."""
     import av
 
     try:
@@ -85,6 +85,6 @@ def episodes_in(root: Path) -> int | None:
 
 
 def is_empty(root: Path) -> bool:
-    """Return whether a folder is a data set in which nothing was ever recorded: no rows, images or videos."""
+    """Return whether a folder is a data set without any recorded content: no rows, images or videos."""
     recorded = (path for pattern in ("*.parquet", "*.mp4", "*.png") for path in root.rglob(pattern))
     return episodes_in(root) == 0 and next(recorded, None) is None

@@ -2,9 +2,10 @@
 
 LeRobot records neither units nor the meaning of an action's values, but
 
-- a data set names its robot (`recorded_name` gives the names of ours) and the values of its actions;
-- some checkpoints name these values, too, and all name the data set of their training, which may be on this computer;
-- both hold statistics of the values.
+- a data set names its robot (`recorded_name` gives this package's names) and the values of its actions;
+- some checkpoints name these values, too, and all checkpoints name the data set of their training, which may be on this
+  computer;
+- both contain statistics of the values.
 """
 
 import json
@@ -25,7 +26,7 @@ logger = logging.getLogger(__name__)
 RADIANS, DEGREES = "radians", "degrees"
 _OURS = ("yam_follower", "bi_yam_follower")
 _TOOL_SUFFIX = "_ee"
-_STATISTICS = ("min", "max", "mean", "q01", "q99")  # LeRobot's statistics that are read; any of these suffices
+_STATISTICS = ("min", "max", "mean", "q01", "q99")  # LeRobot's statistics that are read; any one of these suffices
 _PIPELINES = ("policy_preprocessor.json", "policy_postprocessor.json")
 _NORMALISERS = ("normalizer_processor", "unnormalizer_processor")
 
@@ -39,7 +40,7 @@ class Recording:
         robot_type: name of the robot, empty if unknown.
         names: names of the values of an action, empty if unknown.
         statistics: LeRobot's statistics by feature and kind: {"action": {"max": (n,), …}, "observation.state": …}.
-        config: the saved config of a checkpoint's policy, empty without one.
+        config: saved policy config of a checkpoint, empty without one.
     """
 
     what: str
@@ -49,7 +50,7 @@ class Recording:
     config: Mapping[str, Any] = field(default_factory=dict)
 
     def largest(self, which: np.ndarray) -> float | None:
-        """Return the largest magnitude in the statistics; None without statistics that fit.
+        """Return the maximum magnitude in the statistics; None without statistics of matching length.
 
         which: (n,) whether each value of an action counts; a state begins with the values of an action.
         """
@@ -63,9 +64,9 @@ class Recording:
 
 
 def unit_of(recording: Recording, is_joint: np.ndarray) -> str | None:
-    """Return the unit of the joints, None if unknown.
+    """Return the unit of the joints, or None if unknown.
 
-    is_joint: (n,) whether each value of an action is an angle; the others are openings of grippers.
+    is_joint: (n,) whether each value of an action is an angle; the other values are gripper openings.
     """
     if recording.robot_type.endswith(DEGREES_SUFFIX):
         return DEGREES
@@ -76,9 +77,9 @@ def unit_of(recording: Recording, is_joint: np.ndarray) -> str | None:
 
 
 def recorded_name(device: str, use_degrees: bool, action_space: str) -> str:
-    """Return the name of a robot in data sets, which encodes the meaning of their numbers.
+    """Return the name of a robot in data sets, which encodes the unit and the action space.
 
-    lerobot-record itself compares these names when it resumes. Tool poses are always in m and rad.
+    lerobot-record itself compares these names when it resumes a data set. End-effector poses are always in m and rad.
     """
     if action_space == "ee":
         return device + _TOOL_SUFFIX
@@ -92,14 +93,14 @@ def of_dataset(repo_id: str, root: str | None) -> Recording:
     what = f"data set {root or repo_id}"
     try:
         meta = LeRobotDatasetMetadata(repo_id, root=root)
-    except Exception as error:  # LeRobot, which is about to open the data set, reports the reason
+    except Exception as error:  # LeRobot reports the reason when it opens the data set next
         logger.debug("%s: %s", what, error)
         return Recording(what)
     return Recording(what, meta.robot_type or "", value_names(meta.features.get(ACTION, {})), meta.stats or {})
 
 
 def of_checkpoint(path: str, revision: str | None) -> Recording:
-    """Return facts about a checkpoint, a directory or a repository of the hub; empty if it cannot be read."""
+    """Return facts about a checkpoint (a directory or a repository on the hub); empty if it cannot be read."""
     data, config = _trained_on(path, revision), _json(path, "config.json", revision)
     names = tuple(config.get("action_feature_names") or value_names(data.get("features", {}).get(ACTION, {})))
     robot_type = data.get("robot_type") or ""
@@ -114,7 +115,7 @@ def _trained_on(path: str, revision: str | None) -> dict[str, Any]:
 
 
 def _statistics(path: str, revision: str | None) -> dict[str, dict[str, np.ndarray]]:
-    """Return the statistics that training has stored in the processors beside a policy."""
+    """Return the normalisation statistics saved with the policy's pre- and post-processors."""
     from safetensors.numpy import load_file
 
     statistics: dict[str, dict[str, np.ndarray]] = {}
@@ -135,7 +136,7 @@ def _json(path: str, name: str, revision: str | None) -> dict[str, Any]:
 
 
 def _file(path: str, name: str, revision: str | None) -> Path | None:
-    """Return a file of a checkpoint; None if it is missing, or the hub cannot be reached."""
+    """Return the path of a checkpoint's file; None if it is missing or the hub cannot be reached."""
     if Path(path).is_dir():
         file = Path(path) / name
         return file if file.is_file() else None
@@ -143,6 +144,6 @@ def _file(path: str, name: str, revision: str | None) -> Path | None:
 
     try:
         return Path(hf_hub_download(repo_id=path, filename=name, revision=revision))
-    except Exception as error:  # no such file, no network, or not the name of a repository
+    except Exception as error:  # no such file, no network, or not a repository name
         logger.debug("checkpoint %s: %s", path, error)
         return None

@@ -32,7 +32,7 @@ class EpisodeReport:
 
 @dataclass
 class DatasetReport:
-    """Flags of a data set's files, and of each episode."""
+    """Flags for the data set's files and for each episode."""
 
     root: Path
     fps: float
@@ -70,12 +70,12 @@ def check_dataset(
     """Check a data set, without changing it.
 
     Args:
-        every_s: seconds between the pictures to check; 0 for all, None for no pictures.
-        arm: profile with the joint limits; None for the widest of all arms.
-        progress: wraps the loop over episodes.
+        every_s: interval between checked pictures, s; 0: all pictures; None: no pictures.
+        arm: profile with the joint limits; None: the widest limits of all arms.
+        progress: wrapper of the loop over episodes.
 
     Raises:
-        ConfigError: the directory is no data set of format v3, or there is no such arm.
+        ConfigError: the directory is not a data set of format v3, or the arm is unknown.
     """
     data = open_dataset(root)
     report = DatasetReport(root, data.fps, [], [])
@@ -91,9 +91,9 @@ def check_into(
     arm: str | None = None,
     progress: Progress = iter,
 ) -> None:
-    """Check an open data set as `check_dataset` does, and add to the report episode by episode.
+    """Check an open data set as `check_dataset` does, adding to the report episode by episode.
 
-    Swapped cameras are flagged last, since they show only when all episodes are known.
+    Swapped cameras are flagged last, because they can only be detected when all episodes are known.
     """
     report.flags += [*data.flags, *_set_flags(data)]
     views: dict[int, Mapping[str, np.ndarray]] = {}
@@ -130,7 +130,7 @@ def _set_flags(data: OpenedDataset) -> Iterator[Flag]:
 
 
 def _trusted(flags: list[Flag]) -> bool:
-    """Return whether an episode's states show real motion: no flag says that their numbers are wrong."""
+    """Return whether an episode's states show real motion, because no flag says that their values are wrong."""
     return not {Kind.NOT_FINITE, Kind.UNITS, Kind.FRAMES} & {flag.kind for flag in flags}
 
 
@@ -157,7 +157,7 @@ def _motion_flags(
         flags += motion_checks.grippers(ACTION, episode.rows[ACTION], value_names(data.features[ACTION]))
     wrong = list(motion_checks.units(arms, data.unit != 1.0))
     if wrong:
-        return flags + wrong  # the further checks need the right unit
+        return flags + wrong  # the remaining checks need the right unit
     for arm in arms:
         flags += motion_checks.jumps(arm, data.fps)
         flags += motion_checks.limits(arm, motion_checks.joint_limits(profile, arm.state.shape[1]))
@@ -173,7 +173,7 @@ def _video_flags(
     frame_counts: dict[Path, int],
     pictures: dict[str, Thumbnails],
 ) -> Iterator[Flag]:
-    """Decode a camera's pictures of an episode into `pictures`, and flag its video."""
+    """Decode a camera's pictures of an episode into `pictures`, and flag defects of its video."""
     clip = data.clip(episode, camera)
     if clip is None or not clip[0].is_file():
         yield Flag(Kind.VIDEO_MISSING, f"{camera}: no video" + ("" if clip is None else f" {clip[0].name}"))

@@ -1,4 +1,4 @@
-"""Kinds of defects that the check of a data set knows, in one table, which docs/dataset-check.md shows, too."""
+"""Table of the defects that the data set check detects. docs/dataset-check.md shows the same table."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -14,8 +14,8 @@ class Kind(StrEnum):
     """Kind of defect.
 
     Attributes:
-        meaning: the defect in words.
-        remedy: advice on what to do.
+        meaning: description of the defect.
+        remedy: advice for the user.
     """
 
     meaning: str
@@ -100,9 +100,10 @@ class Flag:
     """Defect of a data set or an episode.
 
     Attributes:
-        kind: kind of the defect.
-        text: the finding, with numbers.
-        frames: first and last frame of the episode that show the defect; None if no single frames do.
+            kind: kind of the defect.
+            text: description of the finding, with numbers.
+            frames: first and last frame of the episode that show the defect; None if it does not belong to certain
+                frames.
     """
 
     kind: Kind

@@ -1,4 +1,4 @@
-"""Checks of an episode's actions and measured states. Angles are in rad, also for a data set in degrees."""
+"""Checks of an episode's actions and measured states. Angles are in rad, even if the data set is in degrees."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,24 +12,26 @@ from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
 from lerobot_robot_yam.face.datasets.layout import value_names
 from lerobot_robot_yam.face.devices.feature_names import JOINT
 
-JUMP_RAD_S = 5.0  # speed over a whole frame from which a motion is a jump, rad/s: no hand is so fast
-JUMP_RAD = (0.3, 0.45)  # least and greatest limit of the motion in one frame, rad, at any frame rate
-LIMIT_SLACK_RAD = 0.1  # largest distance outside the joint limits that is not flagged, rad
-OPENING = (-0.05, 1.05)  # range of plausible openings of a gripper
-STILL_S = 0.5  # least duration of a standstill that is flagged, s
+JUMP_RAD_S = 5.0  # speed over a whole frame from which a motion is a jump, rad/s: faster than any hand
+JUMP_RAD = (0.3, 0.45)  # minimum and maximum of the jump threshold per frame, rad, at any frame rate
+LIMIT_SLACK_RAD = 0.1  # distance outside the joint limits that is tolerated, rad
+OPENING = (-0.05, 1.05)  # range of plausible gripper openings
+STILL_S = 0.5  # minimum duration of a flagged standstill, s
 LAG_S = 0.25  # delay of a healthy arm behind its action, s
-ACTION_MOVES_RAD, STATE_LEAVES_RAD = 0.1, 0.2  # motion of action or state, rad, that flags the other's standstill
-FAR_RAD = 0.35  # usual distance of a joint from its action from which it is far apart, rad
-AWAY_RAD, THERE_RAD = 0.3, 0.15  # distance from the action at which an approach begins, and at which it ends, rad
+# motion, rad, from which a standstill is flagged: of the action (for the state), of the state (for the action)
+ACTION_MOVES_RAD, STATE_LEAVES_RAD = 0.1, 0.2
+FAR_RAD = 0.35  # median distance between joint and action from which they are flagged as far apart, rad
+# distance from the action, rad, at which an approach begins (AWAY_RAD) and ends (THERE_RAD)
+AWAY_RAD, THERE_RAD = 0.3, 0.15
 LARGEST_RAD = 6.4  # angle that is beyond any joint's range in rad, but small in degrees
-MOVES_RAD = 0.3  # motion from which small numbers of a data set in degrees are radians, in recorded units
+MOVES_RAD = 0.3  # motion, in recorded units, from which small numbers in a data set of degrees are taken for radians
 
 
 @dataclass(frozen=True)
 class ArmMotion:
     """Motion of one arm's joints in an episode.
 
-    prefix: beginning of the joints' names, such as `left_`. action, state: (n, joints) rad.
+    prefix: start of the joints' names, such as `left_`. action, state: (n, joints) rad.
     """
 
     prefix: str
@@ -37,7 +39,7 @@ class ArmMotion:
     state: np.ndarray
 
     def says(self, text: str) -> str:
-        """Return a text, with the arm's name before it if there are two arms."""
+        """Return `text`, preceded by the arm's name if there are two arms."""
         return f"{self.prefix.rstrip('_')}: {text}" if self.prefix else text
 
 
@@ -48,12 +50,12 @@ def arms_of(
     state_feature: Mapping[str, Any],
     unit: float,
 ) -> list[ArmMotion]:
-    """Return the motion of each arm whose joints have our names, in both action and state.
+    """Return the motion of each arm whose joints have this package's names in both action and state.
 
     Args:
         action, state: (n, values) as recorded.
         action_feature, state_feature: LeRobot's descriptions, with names.
-        unit: rad per recorded number.
+        unit: rad per recorded unit.
     """
     given, measured = list(value_names(action_feature)), list(value_names(state_feature))
     found = []
@@ -68,7 +70,7 @@ def arms_of(
 
 
 def joint_limits(arm: str | None, joints: int) -> np.ndarray | None:
-    """Return a profile's limits (joints, 2) rad; without a name, the widest limits of all arms with so many joints.
+    """Return a profile's limits (joints, 2) rad; without a name, the widest limits of all arms with `joints` joints.
 
     Raises:
         ConfigError: the arm is unknown.
@@ -81,18 +83,18 @@ def joint_limits(arm: str | None, joints: int) -> np.ndarray | None:
 
 
 def runs(mask: np.ndarray, shortest: float) -> list[tuple[int, int]]:
-    """Return (first, last + 1) of each stretch of true entries that has at least `shortest` of them."""
+    """Return (first, last + 1) of each run of at least `shortest` true entries."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= shortest]
 
 
 def _still(values: np.ndarray) -> np.ndarray:
-    """Return (n - 1,) whether a row of values (n, k) equals the next one, to the last bit."""
+    """Return (n - 1,) whether each row of `values` (n, k) equals the next row, to the last bit."""
     return np.asarray((np.diff(values, axis=0) == 0).all(axis=1))
 
 
 def finite(feature: str, values: np.ndarray) -> Iterator[Flag]:
-    """Flag NaN or infinity in values (n, k)."""
+    """Flag NaN or infinity in `values` (n, k)."""
     bad = ~np.isfinite(values).all(axis=1)
     if bad.any():
         at = np.flatnonzero(bad)
@@ -100,7 +102,7 @@ def finite(feature: str, values: np.ndarray) -> Iterator[Flag]:
 
 
 def units(arms: Sequence[ArmMotion], degrees: bool) -> Iterator[Flag]:
-    """Flag numbers in another unit than the robot's name says. degrees: whether the name says degrees."""
+    """Flag values whose unit differs from that of the robot's name. degrees: whether the name says degrees."""
     for arm in arms:
         both = np.concatenate([arm.action, arm.state], axis=1)
         largest = np.abs(both).max(axis=1)
@@ -127,7 +129,7 @@ def jumps(arm: ArmMotion, fps: float) -> Iterator[Flag]:
 
 
 def limits(arm: ArmMotion, limits_rad: np.ndarray | None) -> Iterator[Flag]:
-    """Flag measured joints beyond (joints, 2) limits."""
+    """Flag measured joints outside the limits (joints, 2)."""
     if limits_rad is None or len(limits_rad) != arm.state.shape[1]:
         return
     beyond = np.maximum(limits_rad[:, 0] - arm.state, arm.state - limits_rad[:, 1])
@@ -138,7 +140,7 @@ def limits(arm: ArmMotion, limits_rad: np.ndarray | None) -> Iterator[Flag]:
 
 
 def grippers(feature: str, values: np.ndarray, names: Sequence[str]) -> Iterator[Flag]:
-    """Flag openings out of range, in values (n, k) with these names."""
+    """Flag gripper openings out of range in `values` (n, k), whose columns have these names."""
     for column in [i for i, name in enumerate(names) if name.endswith("gripper.pos")]:
         low, high = float(values[:, column].min()), float(values[:, column].max())
         if low < OPENING[0] or high > OPENING[1]:
@@ -152,7 +154,7 @@ def constant(action: np.ndarray, fps: float) -> Iterator[Flag]:
 
 
 def frozen(arm: ArmMotion, fps: float) -> Iterator[Flag]:
-    """Flag stretches in which action or state stands still, to the last bit, while the other moves."""
+    """Flag intervals in which action or state is constant, to the last bit, while the other moves."""
     least, lag = max(STILL_S * fps, 3), round(LAG_S * fps)
     for start, stop in runs(_still(arm.state), least):
         moved = float(np.ptp(arm.action[start : stop + 1 - lag], axis=0).max())
@@ -170,7 +172,7 @@ def frozen(arm: ArmMotion, fps: float) -> Iterator[Flag]:
 
 
 def apart(arms: Sequence[ArmMotion], fps: float) -> Iterator[Flag]:
-    """Flag states far from their actions: arms swapped, joints far apart, an approach at the start."""
+    """Flag states far from their actions: swapped arms, joints far apart, an approach at the start."""
     if len(arms) == 2 and arms[0].action.shape == arms[1].action.shape:
         own = sum(float(np.abs(arm.action - arm.state).mean()) for arm in arms) / 2
         crossed = sum(float(np.abs(a.action - b.state).mean()) for a, b in (arms, arms[::-1])) / 2

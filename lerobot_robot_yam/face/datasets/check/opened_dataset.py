@@ -1,6 +1,6 @@
 """Data set opened for the check: the rows of each episode as arrays, and flags for unreadable files.
 
-No pictures and no LeRobot are loaded: 200 episodes of 1,000 frames open in well under a second.
+Neither pictures nor LeRobot are loaded: 200 episodes of 1,000 frames open in well under a second.
 """
 
 import json
@@ -31,8 +31,8 @@ class RecordedEpisode:
     Attributes:
         number: `episode_index` of the episode.
         metadata: LeRobot's row about the episode, empty without one. Statistics are nested: {"stats": {"action": {…}}}.
-        rows: name of a column → (n,) or (n, values) array. Columns that the data set does not have are missing.
-        figures: row of our recorder's side-car, empty without a row.
+        rows: name of a column → (n,) or (n, values) array, for the columns that the data set has.
+        figures: the episode's row in this package's side-car file, empty without a row.
     """
 
     number: int
@@ -67,7 +67,7 @@ class OpenedDataset:
 
     @property
     def fps(self) -> float:
-        """Frames per second by `meta/info.json`."""
+        """Frames per second according to `meta/info.json`."""
         return float(self.info["fps"])
 
     @property
@@ -76,17 +76,17 @@ class OpenedDataset:
 
     @property
     def unit(self) -> float:
-        """Radians per recorded number of a joint."""
+        """Radians per recorded unit of a joint."""
         degrees = str(self.info.get("robot_type") or "").endswith(DEGREES_SUFFIX)
         return math.radians(1.0) if degrees else 1.0
 
     @property
     def cameras(self) -> list[str]:
-        """Names of the features that are videos."""
+        """Names of the video features."""
         return [key for key, feature in self.features.items() if feature["dtype"] == "video"]
 
     def clip(self, episode: RecordedEpisode, camera: str) -> tuple[Path, float] | None:
-        """Return an episode's video file, and where the episode begins in the file, s; None without such metadata."""
+        """Return (an episode's video file, start of the episode in that file, s); None without such metadata."""
         chunk, file, start_s = (episode.metadata.get(name) for name in clip_columns(camera)[:3])
         if chunk is None or file is None or start_s is None:
             return None
@@ -95,10 +95,10 @@ class OpenedDataset:
 
 
 def open_dataset(root: Path) -> OpenedDataset:
-    """Read everything of a data set but its pictures.
+    """Read a data set, except its pictures.
 
     Raises:
-        ConfigError: the directory is no data set of format v3, or its description cannot be read.
+        ConfigError: the directory is not a data set of format v3, or its description cannot be read.
     """
     try:
         info = json.loads((root / "meta" / "info.json").read_text())
@@ -125,8 +125,8 @@ def _unreadable(data: OpenedDataset, path: Path, error: Exception) -> None:
 def _tasks(data: OpenedDataset) -> dict[int, str]:
     path = data.root / "meta" / "tasks.parquet"
     try:
-        table = pq.ParquetFile(path).read().to_pydict()  # read_table imports pandas first
-        (text,) = [name for name in table if name != "task_index"]  # LeRobot's index column, whatever its name
+        table = pq.ParquetFile(path).read().to_pydict()  # not read_table, which imports pandas first
+        (text,) = [name for name in table if name != "task_index"]  # LeRobot's index column, whatever its name is
         return dict(zip(table["task_index"], table[text], strict=True))
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:
         _unreadable(data, path, error)
@@ -163,7 +163,7 @@ def _is_wanted(name: str) -> bool:
 
 
 def _rows(data: OpenedDataset) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
-    """Yield (number, columns) of each episode; rows are in the order of the files."""
+    """Yield (number, columns) for each episode, with rows in the order of the files."""
     names = [*_ALWAYS, *(name for name in (ACTION, STATE) if name in data.features)]
     tables: list[dict[str, np.ndarray]] = []
     for path in sorted((data.root / "data").rglob("*.parquet")):

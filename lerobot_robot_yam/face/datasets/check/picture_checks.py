@@ -1,4 +1,4 @@
-"""Checks of an episode's pictures, made with thumbnails. Levels of grey are 0 black … 255 white."""
+"""Checks of an episode's pictures by means of thumbnails. Grey levels are 0 black … 255 white."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
@@ -9,20 +9,23 @@ from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
 from lerobot_robot_yam.face.datasets.check.motion_checks import STILL_S, ArmMotion
 from lerobot_robot_yam.face.datasets.dataset_pictures import Thumbnails
 
-SAME_LEVELS = 4  # largest difference of a pixel, levels, that coding makes in a repeated picture
-REPEATED_LEVELS = 2  # largest such difference between neighbouring frames, levels
-MOVES_RAD = 0.2  # motion of a joint, rad, that a camera has to show
-MOVES_IN_A_FRAME_RAD = 0.03  # motion of a joint from frame to frame, rad, that a camera has to show
-REPEATED_SHARE, FEWEST_MOVING = 0.3, 10  # share of repeated pictures of a slow camera; least number of moving frames
+SAME_LEVELS = 4  # maximum pixel difference of a repeated picture, levels, caused by video coding
+REPEATED_LEVELS = 2  # the same between neighbouring frames, levels
+MOVES_RAD = 0.2  # joint motion that a camera has to show, rad
+MOVES_IN_A_FRAME_RAD = 0.03  # joint motion between two frames that a camera has to show, rad
+# a camera is slow from this fraction of repeated pictures; minimum number of moving frames to judge
+REPEATED_SHARE, FEWEST_MOVING = 0.3, 10
 BLACK_LEVEL = 16  # level below which 99 % of the pixels of a black picture are
-WHITE_LEVEL, WHITE_SHARE = 250, 0.6  # least level of white pixels, and their share in a white picture
-ALIKE_LEVELS, CONTRAST_LEVELS = 2.0, 4.0  # largest mean difference of two alike cameras; least contrast to judge
-SWAPPED_LEVELS = 8.0  # least mean difference of swapped pictures from a camera's usual view, levels
-FEWEST_EPISODES = 3  # least number of episodes that show which view of a camera is usual
+# minimum level of a white pixel; a picture counts as white from this fraction of white pixels
+WHITE_LEVEL, WHITE_SHARE = 250, 0.6
+# maximum mean difference between two cameras that show the same; minimum contrast to judge
+ALIKE_LEVELS, CONTRAST_LEVELS = 2.0, 4.0
+SWAPPED_LEVELS = 8.0  # minimum mean difference between a swapped picture and a camera's usual view, levels
+FEWEST_EPISODES = 3  # minimum number of episodes from which a camera's usual view is known
 
 
 def seen_arms(camera: str, arms: Sequence[ArmMotion]) -> list[ArmMotion]:
-    """Return the arms that a camera has to show: the arm on the side in the camera's name, else all arms."""
+    """Return the arms that a camera has to show: the arm on the side in the camera's name, otherwise all arms."""
     sides = [arm for arm in arms if arm.prefix and arm.prefix.rstrip("_") in camera.rpartition(".")[2].split("_")]
     return sides if len(sides) == 1 else list(arms)
 
@@ -64,7 +67,7 @@ def repeated(camera: str, thumbnails: Thumbnails, arms: Sequence[ArmMotion], fps
 
 
 def _stills(images: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Yield (first, last) of each stretch of pictures that equal the first picture of the stretch."""
+    """Yield (first, last) of each run of pictures that equal the first picture of the run."""
     start = 0
     for place in range(1, len(images) + 1):
         if place == len(images) or np.abs(images[place] - images[start]).max() > SAME_LEVELS:
@@ -84,9 +87,9 @@ def alike(pictures: Mapping[str, Thumbnails]) -> Iterator[Flag]:
 
 
 def swapped(views: Mapping[int, Mapping[str, np.ndarray]]) -> Iterator[tuple[int, Flag]]:
-    """Flag episodes in which two cameras show each other's usual view; yield (number, flag).
+    """Flag episodes in which two cameras show each other's usual view. Yield (episode number, flag).
 
-    views: number of an episode → camera → its mean picture (HEIGHT, WIDTH).
+    views: episode number → camera → mean picture (HEIGHT, WIDTH).
     """
     for one, other in combinations(sorted({camera for view in views.values() for camera in view}), 2):
         both = {number: (view[one], view[other]) for number, view in views.items() if {one, other} <= view.keys()}

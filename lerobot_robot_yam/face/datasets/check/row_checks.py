@@ -1,4 +1,4 @@
-"""Checks of an episode's rows, time stamps and statistics. Each check yields flags for the defects that it finds."""
+"""Checks of an episode's rows, timestamps and statistics. Each check yields flags for the defects found."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -9,12 +9,13 @@ from lerobot_robot_yam.face.datasets.check.flags import Flag, Kind
 from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, OpenedDataset, RecordedEpisode
 
 SHORT_S = 0.5  # duration below which an episode is short, s
-PAUSE_S = 0.5  # longest delay of a frame, s
-LATE_PERIODS, LATE_SHARE = 1.5, 0.05  # periods after which a frame is late; share of late frames that is flagged
-RATE_TOLERANCE = 0.05  # largest relative difference between the real rate and the stamped one
-REPEATED_SHARE = 0.3  # share of repeated images from which a camera is slow
-OFF_GRID_FRAMES = 0.5  # largest distance of a stamp from its frame, periods: beyond it, another frame is nearer
-STATISTICS_TOLERANCE = 1e-3  # largest error of a statistic, share of the range of the value
+PAUSE_S = 0.5  # maximum delay of a frame, s
+# a frame is late after this many periods; flagged from this fraction of late frames
+LATE_PERIODS, LATE_SHARE = 1.5, 0.05
+RATE_TOLERANCE = 0.05  # maximum relative difference between the real rate and the stamped rate
+REPEATED_SHARE = 0.3  # fraction of repeated images from which a camera is slow
+OFF_GRID_FRAMES = 0.5  # maximum distance between a timestamp and its frame, periods: beyond it another frame is nearer
+STATISTICS_TOLERANCE = 1e-3  # maximum error of a statistic, as a fraction of the value's range
 
 
 def check_rows(data: OpenedDataset, episode: RecordedEpisode) -> Iterator[Flag]:
@@ -69,7 +70,7 @@ def _task(data: OpenedDataset, episode: RecordedEpisode) -> Iterator[Flag]:
 
 
 def stamps(timestamp: np.ndarray, frame_index: np.ndarray, fps: float) -> Iterator[Flag]:
-    """Flag time stamps (n,) in s that do not grow, or are not frame_index / fps."""
+    """Flag timestamps (n,) in s that do not increase, or are not frame_index / fps."""
     steps = np.diff(timestamp)
     if not np.isfinite(timestamp).all() or (steps <= 0).any():
         at = int(np.argmax(~(steps > 0)))
@@ -86,7 +87,7 @@ def stamps(timestamp: np.ndarray, frame_index: np.ndarray, fps: float) -> Iterat
 
 
 def real_times(figures: Mapping[str, Any], fps: float) -> Iterator[Flag]:
-    """Flag a wrong real rate, late frames and repeated images, from our recorder's figures."""
+    """Flag a wrong real rate, late frames and repeated images, from the figures in the side-car file."""
     times = np.asarray(figures.get("times_s", ()), float)
     if len(times) < 2:
         return
@@ -104,7 +105,7 @@ def real_times(figures: Mapping[str, Any], fps: float) -> Iterator[Flag]:
 
 
 def statistics(feature: str, said: Mapping[str, Any], values: np.ndarray) -> Iterator[Flag]:
-    """Flag LeRobot's minimum, maximum or mean (k,) that are not those of the values (n, k)."""
+    """Flag LeRobot's minimum, maximum or mean (k,) if it does not match the values (n, k)."""
     if not np.isfinite(values).all():
         return  # `finite` flags such values
     low, high = values.min(axis=0), values.max(axis=0)

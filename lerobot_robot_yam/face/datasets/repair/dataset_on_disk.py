@@ -1,4 +1,4 @@
-"""Description of a LeRobot data set (format v3) as it is on disk: its episodes, and its problems in words."""
+"""Description of a LeRobot data set (format v3) on disk: its episodes, and its problems as text."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +15,7 @@ from lerobot_robot_yam.face.datasets.repair.parquet_salvage import salvage
 
 @dataclass
 class Clip:
-    """Place of an episode in a camera's videos, by LeRobot's metadata."""
+    """Location of an episode in a camera's videos, according to LeRobot's metadata."""
 
     chunk: int
     file: int
@@ -24,11 +24,11 @@ class Clip:
 
 @dataclass
 class Episode:
-    """Episode on disk; `lost` is the reason why the episode cannot be recovered, empty if it can."""
+    """Episode on disk. `lost` is the reason why the episode cannot be recovered, empty if it can be recovered."""
 
     number: int  # number of the episode when it was recorded
     path: Path  # data file, relative to the data set
-    start: int  # number of the episode's first row in the data file
+    start: int  # index of the episode's first row in the data file
     length: int
     tasks: list[str]
     videos: dict[str, Clip] = field(default_factory=dict)
@@ -38,15 +38,15 @@ class Episode:
 
 @dataclass
 class Findings:
-    """Episodes of a data set's directory in their order, and its problems in words."""
+    """Episodes in a data set's directory in order, and the data set's problems as text."""
 
     root: Path
     info: DatasetInfo
     tasks: list[str]
-    stats: dict[str, dict[str, np.ndarray]]  # of all episodes together; empty if the file cannot be read
+    stats: dict[str, dict[str, np.ndarray]]  # statistics over all episodes; empty if the file cannot be read
     episodes: list[Episode] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
-    leftovers: list[str] = field(default_factory=list)  # files that no program reads, in words
+    leftovers: list[str] = field(default_factory=list)  # files that no program reads, as text
 
     @property
     def kept(self) -> list[Episode]:
@@ -62,7 +62,7 @@ class Findings:
         return Path(self.info.video_path.format(video_key=key, chunk_index=clip.chunk, file_index=clip.file))
 
     def read_data(self, path: Path, columns: list[str] | None = None) -> tuple[pa.Table, bool]:
-        """Read a data file; returns rows, and whether the file is whole. Of a torn file, read complete row groups."""
+        """Return a data file's rows, and whether the file is complete. A torn file yields complete row groups only."""
         try:
             return pq.ParquetFile(self.root / path).read(columns=columns), True
         except (pa.ArrowException, OSError):

@@ -1,9 +1,10 @@
-"""Inspection of a LeRobot data set (format v3) on disk, in whatever state its recording left it.
+"""Inspection of a LeRobot data set (format v3) on disk, in any state that its recording may have left.
 
 LeRobot's writer keeps one data file and one file of episode metadata open for a whole session and writes their footers
-at the session's end; metadata of up to ten episodes are only in memory. So after a kill -9 nothing loads, not even the
-saved episodes. But their rows and videos are on disk: rows are read page by page (`parquet_salvage`), and the places of
-episodes in the cameras' videos follow from the lengths of the episodes, which are appended in order.
+at the session's end; the metadata of up to ten episodes are only in memory. After a kill -9 therefore nothing loads,
+not
+even the saved episodes. But their rows and videos are on disk: rows are read page by page (`parquet_salvage`), and the
+episodes' locations in the cameras' videos follow from the episodes' lengths, because videos are appended in order.
 """
 
 from collections.abc import Iterator
@@ -32,12 +33,12 @@ from lerobot_robot_yam.face.datasets.layout import Progress, clip_columns, frame
 from lerobot_robot_yam.face.datasets.repair.dataset_on_disk import Clip, Episode, Findings
 
 _INTERRUPTED = "{}: rows of an episode {} whose saving was interrupted"
-_TOLERANCE_S = 1e-4  # largest difference between a frame's time stamp and its time in the video, s, as in LeRobot
+_TOLERANCE_S = 1e-4  # maximum difference between a frame's timestamp and its time in the video, s, as in LeRobot
 _BATCH = 16  # number of frames decoded at once: LeRobot's decoder keeps all frames between the first and the last
 
 
 def inspect(root: Path, progress: Progress = iter) -> Findings:
-    """Inspect a data set without changing it. progress: wraps the loop that decodes videos.
+    """Inspect a data set without changing it. progress: wrapper of the loop that decodes videos.
 
     Raises:
         DatasetError: a file that describes the format of the data is missing.
@@ -89,7 +90,7 @@ def _stats(root: Path) -> dict[str, dict[str, np.ndarray]]:
 
 
 def _metadata(findings: Findings) -> dict[int, dict[str, Any]]:
-    """Return LeRobot's metadata of the episodes, as far as they are readable: number of an episode → row."""
+    """Return LeRobot's readable metadata of the episodes: episode number → row."""
     rows: dict[int, dict[str, Any]] = {}
     for path in sorted((findings.root / "meta" / "episodes").glob("*/*.parquet")):
         try:
@@ -110,7 +111,7 @@ def _episodes(findings: Findings, path: Path, rows: dict[int, dict[str, Any]]) -
     spans = [(start, stop) for start, stop in pairwise(cuts) if stop > start]
     if not whole:
         findings.problems.append(f"{path}: has no footer, its writer was killed; {len(spans)} episodes are complete")
-    again = {int(numbers[start]) for start, _ in spans}.difference(rows)  # LeRobot uses such a number again
+    again = {int(numbers[start]) for start, _ in spans}.difference(rows)  # LeRobot reuses such a number
     for episode in [episode for episode in findings.episodes if episode.number in again]:
         findings.problems.append(_INTERRUPTED.format(episode.path, episode.number))
         findings.episodes.remove(episode)
@@ -131,7 +132,7 @@ def _episodes(findings: Findings, path: Path, rows: dict[int, dict[str, Any]]) -
         if row is not None:
             for key in findings.keys("video"):
                 place = clip_columns(key)[:3]
-                # LeRobot saves the row first where it encodes the videos of several episodes at once.
+                # LeRobot saves the row before the video if it encodes the videos of several episodes at once.
                 if all(row.get(name) is not None for name in place):
                     episode.videos[key] = Clip(*(row[name] for name in place))
             flat = {name.split("/", 1)[1]: value for name, value in row.items() if name.startswith("stats/")}
@@ -145,7 +146,7 @@ def _data_path(findings: Findings, row: dict[str, Any]) -> Path:
 
 
 def _place(findings: Findings, key: str) -> None:
-    """Find the clips of a camera's episodes without metadata, in video files that no metadata mention."""
+    """Locate the clips of a camera's episodes without metadata, in video files that no metadata mention."""
     taken = {findings.video(key, episode.videos[key]) for episode in findings.episodes if key in episode.videos}
     waiting = [episode for episode in findings.episodes if key not in episode.videos and episode.length]
     for path in sorted((findings.root / "videos" / key).glob("*/*.mp4")):
@@ -170,7 +171,7 @@ def _place(findings: Findings, key: str) -> None:
 
 
 def _check(findings: Findings, episode: Episode) -> None:
-    """Decode the first and the last frame of an episode in each video; compute statistics that are lost.
+    """Decode the first and the last frame of an episode in each video. Compute missing statistics.
 
     Raises:
         DatasetError: a video cannot be decoded.
@@ -196,14 +197,14 @@ def _check(findings: Findings, episode: Episode) -> None:
         scale = 1.0 if is_depth(features[key]) else 255.0
         raw = get_feature_stats(images, axis=(0, 2, 3), keepdims=True)
         stats[key] = {name: np.squeeze(value / scale, axis=0) for name, value in raw.items() if name != "count"}
-        # LeRobot weighs episodes by this count: pixels if it encoded while recording, else pictures that it sampled.
+        # LeRobot weights episodes by this count: pixels if it encoded while recording, otherwise sampled pictures.
         in_pixels = key in findings.stats and findings.stats[key]["count"][0] > findings.info.total_frames
         stats[key]["count"] = np.array([episode.length * images[0, 0].size if in_pixels else len(images)])
     episode.stats = stats
 
 
 def _frames(findings: Findings, key: str, clip: Clip, indices: list[int]) -> np.ndarray:
-    """Return frames of an episode (n, channels, height, width), reduced as in LeRobot's statistics.
+    """Return frames of an episode (n, channels, height, width), downsampled as for LeRobot's statistics.
 
     Raises:
         DatasetError: the frames cannot be decoded.

@@ -1,9 +1,9 @@
 """Row groups of a parquet file whose writer was killed before the footer was written.
 
-A parquet file lists the places of its columns only in its footer, which is written last; without a footer no reader
+A parquet file lists the locations of its columns only in its footer, which is written last; without a footer no reader
 opens the file. But everything before the footer is complete: each column of a row group is one run of pages, and each
-page begins with a header that has its length and number of values. So this module counts pages, in the order of the
-columns, and makes a footer: schema and form of each column's entry come from a one-row file of the same writer.
+page begins with a header that has its length and number of values. This module therefore counts pages, in the order of
+the columns, and creates a footer: schema and format of each column's entry come from a one-row file by the same writer.
 Format: github.com/apache/parquet-format, README.md and parquet.thrift (headers and footer are structures of Thrift's
 compact protocol).
 """
@@ -20,16 +20,16 @@ import pyarrow.parquet as pq
 _MAGIC = b"PAR1"
 _TRUE, _FALSE, _BYTE, _I16, _I32, _I64, _DOUBLE, _BINARY, _LIST, _SET, _MAP, _STRUCT = range(1, 13)
 _DATA_PAGE, _DICTIONARY_PAGE, _DATA_PAGE_V2 = 0, 2, 3
-# Type of a page → number of the field with its header, number of the encoding's field in that header.
+# page type → (number of the field with its header, number of the encoding's field in that header)
 _PAGE_HEADERS = {_DATA_PAGE: (5, 2), _DICTIONARY_PAGE: (7, 2), _DATA_PAGE_V2: (8, 4)}
 _RLE = 3
 
 Struct = dict[int, tuple[int, Any]]
-"""Field number → (Thrift type, value); a list's value is (type of its elements, elements)."""
+"""Field number → (Thrift type, value). The value of a list is (type of its elements, elements)."""
 
 
 class _Reader:
-    """Decoder of Thrift's compact protocol. Raises IndexError at the data's end, ValueError on anything else."""
+    """Decoder of Thrift's compact protocol. Raises IndexError at the end of the data, ValueError on invalid data."""
 
     def __init__(self, data: bytes, at: int = 0):
         self.data, self.at = data, at
@@ -69,7 +69,7 @@ class _Reader:
             head = self.take(1)[0]
             size = head >> 4 if head < 0xF0 else self.varint()
             inner = head & 0xF
-            if inner in (_TRUE, _FALSE):  # in a list, each truth value is a byte
+            if inner in (_TRUE, _FALSE):  # in a list, each boolean is a byte
                 return inner, [self.take(1)[0] for _ in range(size)]
             return inner, [self.value(inner) for _ in range(size)]
         if kind == _STRUCT:
@@ -95,7 +95,7 @@ def _varint(value: int) -> bytes:
 
 
 def _encode(kind: int, value: Any) -> bytes:
-    """Encode a value of Thrift's compact protocol, as `_Reader.value` decodes it."""
+    """Encode a value in Thrift's compact protocol; inverse of `_Reader.value`."""
     if kind in (_TRUE, _FALSE):
         return b""
     if kind in (_BYTE, _DOUBLE):
@@ -141,9 +141,9 @@ def _page(data: bytes, at: int) -> _Page:
 
 
 def _chunk(data: bytes, at: int, values: int | None) -> list[_Page]:
-    """Return the pages of one column from `at` on, with `values` values, or all up to the next dictionary if None.
+    """Return the pages of one column from `at` on, with `values` values; None: all pages up to the next dictionary.
 
-    Raises as `_page` does if pages are missing.
+    Raises the exceptions of `_page` if pages are missing.
     """
     pages: list[_Page] = []
     found = 0
@@ -151,7 +151,7 @@ def _chunk(data: bytes, at: int, values: int | None) -> list[_Page]:
         try:
             page = _page(data, pages[-1].end if pages else at)
         except (IndexError, KeyError, TypeError):
-            if values is None and found:  # the end of the data, after a table's only column
+            if values is None and found:  # end of the data, after a table's only column
                 break
             raise
         if page.dictionary and pages:
@@ -164,7 +164,7 @@ def _chunk(data: bytes, at: int, values: int | None) -> list[_Page]:
 
 
 def _row_group(data: bytes, at: int, template: Struct, per_row: list[int]) -> tuple[Struct, int]:
-    """Return the entry of the row group that begins at `at`, and its end; raises as `_page` does."""
+    """Return the footer entry and the end of the row group that begins at `at`. Raises the exceptions of `_page`."""
     start = at
     columns: list[Struct] = []
     rows: int | None = None
@@ -200,13 +200,13 @@ def salvage(path: Path, example: pa.Table, columns: list[str] | None = None) -> 
     """Return the row groups that a killed `pyarrow.parquet.ParquetWriter` has written completely.
 
     Args:
-        path: file without footer (the footer of a whole file is ignored).
-        example: one row with the file's schema, in which lists are as long as in the file. The row is written as
-            LeRobot writes: snappy, dictionaries.
+        path: file without footer (the footer of a complete file is ignored).
+        example: one row with the file's schema, with lists as long as in the file. The row is written with LeRobot's
+            settings: snappy, dictionaries.
         columns: columns to read; all by default.
 
     Returns:
-        One table per row group, up to the first that is cut off or damaged.
+        One table per row group, up to the first truncated or damaged group.
     """
     data = path.read_bytes()
     if data[:4] != _MAGIC:
@@ -222,7 +222,7 @@ def salvage(path: Path, example: pa.Table, columns: list[str] | None = None) -> 
         try:
             group, at = _row_group(data, at, template, per_row)
         except (IndexError, KeyError, TypeError, ValueError, RecursionError):
-            break  # the end, or the group that the killed writer left
+            break  # end of the data, or the group that the killed writer left incomplete
         groups.append(group)
     footer[3] = (_I64, sum(group[3][1] for group in groups))
     footer[4] = (_LIST, (_STRUCT, groups))

@@ -18,10 +18,10 @@ _REPLACED = ("data", "videos", "images", "episodes")  # directories that are wri
 
 
 def rebuild(findings: Findings, target: Path, progress: Progress = iter) -> None:
-    """Write the recoverable episodes, numbered from 0, to a new directory; the original is only read.
+    """Write the recoverable episodes, numbered from 0, to a new directory. The original is only read.
 
     Raises:
-        DatasetError: the written data set does not load; `target` is removed.
+        DatasetError: the written data set cannot be loaded; `target` is removed.
         ConfigError: the outcomes of the data set cannot be read.
     """
     with written_aside(target) as whole:
@@ -59,7 +59,7 @@ def _metadata(findings: Findings, target: Path) -> None:
     meta.finalize()
     frames = sum(episode.length for episode in findings.kept)
     if findings.stats.get("index", {}).get("count", np.zeros(1))[0] == frames:
-        write_stats(findings.stats, target)  # LeRobot's own statistics, since they are of exactly these frames
+        write_stats(findings.stats, target)  # LeRobot's own statistics are valid: they cover exactly these frames
 
 
 def _rest(findings: Findings, target: Path) -> None:
