@@ -1,4 +1,4 @@
-"""Common part of followers and leaders: one arm or two as a LeRobot device."""
+"""Common part of followers and leaders: one or two arms as a LeRobot device."""
 
 from collections.abc import Collection, Mapping
 from functools import cached_property
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class ArmDevice(Uncopied):
-    """Mixin for a `Robot` or `Teleoperator` of LeRobot with our arms."""
+    """Mixin for a LeRobot `Robot` or `Teleoperator` with YAM arms."""
 
     name: str
     id: str | None
@@ -28,7 +28,7 @@ class ArmDevice(Uncopied):
     _arms: ArmGroup
     _models: Models
     _space: "ArmGroup | EeSpace"
-    """Converter of actions to joints and back: the group itself for joints, `EeSpace` for poses."""
+    """Converter between actions and joints: the group itself for joints, `EeSpace` for end-effector poses."""
 
     def _make_arms(
         self,
@@ -38,19 +38,19 @@ class ArmDevice(Uncopied):
         isolation: Isolation,
         handles: Collection[str] | None = None,
     ) -> ArmGroup:
-        """Make the `ArmGroup` of these arms; messages call an unnamed arm by prefix and `role`."""
+        """Create the `ArmGroup` of these arms. Messages name an unnamed arm by prefix and `role`."""
         configs = {prefix: arm_config(arm, f"{prefix}{role}") for prefix, arm in arms.items()}
         for prefix, arm in configs.items():
-            if arm.calibration_path is None:  # in a subdirectory, whose files LeRobot never reads
+            if arm.calibration_path is None:  # default: in a subdirectory, whose files LeRobot never reads
                 ident = f"{prefix}{self.id}" if self.id else arm.channel
                 arm.calibration_path = str(self.calibration_dir / "yam" / f"{ident}_gripper.json")
         return ArmGroup(self.name, configs, use_degrees, isolation, handles)
 
     def _speak(self, kind: Literal["joint", "ee"], models: Models) -> None:
-        """Set whether actions are joints, or poses of the tools of `models`.
+        """Choose the action space: joint angles, or end-effector poses computed with `models`.
 
         Raises:
-            ConfigError: there is no such kind, or an arm has no tool pose.
+            ConfigError: the action space is unknown, or an arm has no end-effector pose.
         """
         self._models = models
         if kind == "joint":
@@ -69,17 +69,17 @@ class ArmDevice(Uncopied):
 
     @property
     def is_connected(self) -> bool:
-        """Whether the arms are connected. Cameras do not count: a dead camera must not keep the arms from landing."""
+        """Whether the arms are connected. Cameras do not count: a dead camera must not prevent landing."""
         return self._arms.connected
 
     @property
     def is_calibrated(self) -> bool:
-        """Whether the stops of all gripper motors are known without a search; handles need none."""
+        """Whether the stops of all gripper motors are known without a search; handles have no stops."""
         return self._arms.calibrated
 
     @check_if_not_connected
     def calibrate(self) -> None:
-        """Search the stops of gripper motors and store them. Nothing may be between the fingers.
+        """Search for the stops of gripper motors and store them. There must be no object between the fingers.
 
         Raises:
             YamError: the search of a gripper failed.
@@ -91,11 +91,11 @@ class ArmDevice(Uncopied):
 
     @check_if_not_connected
     def rearm(self) -> None:
-        """Enable failed arms again after a fault (docs/faults.md). Look at the arms first.
+        """Re-enable arms after a fault (docs/faults.md). Inspect the arms first.
 
-        Followers then hold their pose, leaders float.
+        Afterwards followers hold their pose and leaders float.
 
         Raises:
-            YamError: an arm still fails, or needs a new connection.
+            YamError: an arm is still in fault, or has to be connected again.
         """
         self._arms.rearm()

@@ -1,4 +1,4 @@
-"""One arm or two behind a LeRobot device: names of the features, units, calibration files, connect and land."""
+"""One or two arms of a LeRobot device: feature names, units, calibration files, connect and land."""
 
 import atexit
 import contextlib
@@ -31,7 +31,7 @@ _running: "list[ArmGroup]" = []  # connected groups of this process
 
 
 class _Side:
-    """Arm of the group, and the place of its values in the group's vector."""
+    """Arm of the group, and the indices of its values in the group's vector."""
 
     def __init__(self, prefix: str, config: ArmConfig, session: ArmSession, start: int, handles: bool):
         self.name = config.name
@@ -55,19 +55,19 @@ class ArmGroup:
     Args:
         device: LeRobot's type name, for messages.
         arms: feature prefix → configuration, in canonical order: {"": …} or {"left_": …, "right_": …}.
-        use_degrees: whether joints are in degrees towards LeRobot; grippers stay 0 … 1.
+        use_degrees: whether LeRobot's joint values are in degrees; grippers stay 0 … 1.
         isolation: where the control loop runs, see `ArmSession`.
         handles: for leaders, prefixes of arms whose trigger counts as a gripper, if they have a handle; None for
             followers.
 
     Attributes:
         motors: names of the values in canonical order, such as `left_joint_1`.
-        keys: keys of an action: these names with `.pos`.
-        is_joint: (n,) whether each value is an angle; the others are openings of grippers.
+        keys: keys of an action: the same names with `.pos`.
+        is_joint: (n,) whether each value is an angle; the other values are gripper openings.
         paused: whether followers hold until they get a new target, see `pause_followers`.
-        give_action: for connected leaders, returns their present action; None for followers.
-        recognise: for connected leaders, returns the joints (n,) of their last action, and for each arm whether a
-            given action has them; None if the action has none of them.
+        give_action: for connected leaders, function that returns their current action; None for followers.
+        recognise: for connected leaders, function that returns (joints (n,) of their last action, for each arm whether
+            the given action has these joints), or None if no arm has them; None for followers.
     """
 
     def __init__(
@@ -105,12 +105,12 @@ class ArmGroup:
 
     @property
     def connected(self) -> bool:
-        """Whether the device is connected, whatever state the arms are in."""
+        """Whether the device is connected, in whatever mode the arms are."""
         return self._session.running
 
     @property
     def calibrated(self) -> bool:
-        """Whether all grippers' stops are configured, stored, or known to the loop, which stores them soon."""
+        """Whether all grippers' stops are configured, stored, or known to the control loop, which will store them."""
         return all(
             config.gripper_stops_rad is not None
             or Path(config.calibration_path or "").is_file()
@@ -130,14 +130,15 @@ class ArmGroup:
         """Energise all arms or none.
 
         Args:
-            calibrate: False before a calibration (lerobot-calibrate): the grippers' stops are not searched, and known
-                stops that do not fit are set aside.
-            action_keys: keys of the device's actions; a leader and a follower of one process need the same keys.
-            models: profiles to which the actions refer; a leader and a follower of one process need matching profiles.
+            calibrate: False before a calibration (lerobot-calibrate): stops of grippers are not searched for, and known
+                stops
+                that do not fit are ignored.
+            action_keys: keys of the device's actions; a leader and a follower in one process need the same keys.
+            models: profiles that the actions refer to; a leader and a follower in one process need matching profiles.
             give_action, recognise: functions of a leader, see `ArmGroup`.
 
         Raises:
-            YamError: an arm cannot be driven; nothing is energised.
+            YamError: an arm cannot be driven; no arm is energised.
         """
         tell_what_is_kept()
         self._action_keys, self._models, self.paused = list(action_keys), models, False
@@ -155,10 +156,10 @@ class ArmGroup:
             self._undo_signals()
             raise
         _running.append(self)
-        atexit.register(self.stop)  # whatever ends the interpreter, the arms land
+        atexit.register(self.stop)  # land the arms, for whatever reason the interpreter ends
 
     def _check_pair(self, other: "ArmGroup") -> None:
-        """Refuse a leader and a follower whose actions do not fit, before the arms are energised."""
+        """Raise ConfigError if actions of leader and follower do not match, before the arms are energised."""
         check_pair(*(Spoken(g.device, g._action_keys, g._use_degrees, g._models) for g in (self, other)))
         both = f"{self.device} and {other.device}"
         leaders, followers = (self, other) if self._leads else (other, self)
@@ -170,22 +171,24 @@ class ArmGroup:
                 )
 
     def check_followers(self) -> None:
-        """Refuse followers that this process cannot lead; raises as `pair_check.check_followers` does."""
+        """Raise if this process cannot lead a follower, as `pair_check.check_followers` does."""
         others = [side.key for other in _running if not other._leads for side in other.sides]
         if any(side.follower_key for side in self.sides):
             check_followers([side.hardware.config for side in self.sides], others)
 
     def stop(self) -> None:
-        """Land all arms and disconnect. Idempotent; signals do not cut the landing short.
+        """Land all arms and disconnect. Idempotent; signals do not shorten the landing.
 
-        A LeRobot command that disconnects one device disconnects the others next, so all arms begin to land now.
+        A LeRobot command that disconnects one device then disconnects the others, so all arms start landing now.
         """
         self._leave()
         try:
             with undisturbed(f"{self.device}: landing"):
                 if under_a_command():
                     for other in _running:
-                        with contextlib.suppress(OSError):  # these arms land, whatever happens to the other process
+                        with contextlib.suppress(
+                            OSError
+                        ):  # an error in the other control process must not prevent this landing
                             other._session.begin_stop()
                 self._session.stop()
         finally:
@@ -201,7 +204,7 @@ class ArmGroup:
         return self._session.clock
 
     def discard(self) -> None:
-        """End the session without landing, when its lock-step world is thrown away. Idempotent."""
+        """End the session without landing, when its simulated world is discarded. Idempotent."""
         self._leave()
         try:
             self._session.discard()
@@ -209,7 +212,7 @@ class ArmGroup:
             self._undo_signals()
 
     def calibrate(self) -> None:
-        """Search the stops of gripper motors and store them, see `ArmDevice.calibrate`."""
+        """Search for the stops of gripper motors and store them, see `ArmDevice.calibrate`."""
         for side, config in zip(self.sides, self._configs, strict=True):
             if side.hardware.has_gripper:
                 self[side].calibrate_gripper()
@@ -221,11 +224,11 @@ class ArmGroup:
                 logger.info("%s: nothing to calibrate, there is no gripper motor", side.name)
 
     def rearm(self) -> None:
-        """Enable failed arms again, see `ArmDevice.rearm`."""
+        """Re-enable arms after a fault, see `ArmDevice.rearm`."""
         self._session.rearm()
 
     def leader(self) -> "ArmGroup | None":
-        """Return the leaders whose actions a LeRobot command gives to these followers, if there is one pair."""
+        """Return the leaders whose actions a LeRobot command sends to these followers, if there is exactly one pair."""
         leaders = [other for other in _running if other.give_action is not None]
         one_pair = len(leaders) == 1 and len(_running) == 2
         return leaders[0] if one_pair and under_a_command() else None
@@ -233,15 +236,17 @@ class ArmGroup:
     def couple(
         self, action: Mapping[str, object], joints_of: Callable[[Mapping[str, object]], np.ndarray]
     ) -> tuple[np.ndarray, list[str | None]] | None:
-        """Find leaders of this process that gave this action last, so that followers can follow them at loop rate.
+        """Find the leaders of this process that produced an action, so that followers can follow them at loop rate.
 
         Args:
-            action: action of all arms; the values of one arm may come from a leader, and of the other from elsewhere.
-            joints_of: computes the joints (n,) of other sources.
+            action: action of all arms; the values of one arm may come from a leader, and those of the other from
+                elsewhere.
+            joints_of: function that computes the joints (n,) of an action from another source.
 
         Returns:
-            The joints (n,) of the action, and for each arm the channel key of its leader, None if that leader has no
-            follower or has not given the action. None in place of both if no leader has given the action.
+            (joints (n,) of the action, for each arm the channel key of its leader or None if that leader has no
+            follower or
+            has not produced the action); None if no leader has produced the action.
         """
         for other in _running:
             if other.recognise is None or not any(side.follower_key for side in other.sides):
@@ -260,7 +265,7 @@ class ArmGroup:
         return None
 
     def follower_state(self, key: str) -> ArmState | None:
-        """Return the state of the follower with this channel key; None if it is not in this process, or has failed."""
+        """Return the state of the follower with this channel key; None if it is not in this process, or is in fault."""
         for other in _running:
             for side in other.sides:
                 if side.key == key and not other._leads:
@@ -275,9 +280,9 @@ class ArmGroup:
         return 1.0 if opening is None else opening
 
     def pause_followers(self) -> None:
-        """Have the followers of this process brake and hold until a target comes that differs from the last one.
+        """Make the followers of this process brake and hold until a target differs from the last one.
 
-        Called when a held leader is about to be led to a follower: LeRobot pauses then, but still sends its last
+        Called before a held leader is moved to a follower's pose: LeRobot pauses at that time, but still sends its last
         action.
         """
         for other in _running:
@@ -286,7 +291,7 @@ class ArmGroup:
 
     @staticmethod
     def resume_followers() -> None:
-        """End the pause: followers accept any target."""
+        """End the pause: followers accept any target again."""
         for other in _running:
             other.paused = False
 
@@ -301,25 +306,25 @@ class ArmGroup:
         """Return the set-points of all arms, (n,) in canonical order, rad; grippers 0 closed … 1 open.
 
         Raises:
-            YamError: an arm is silent or has failed.
+            YamError: an arm is silent or in fault.
         """
         return np.array([value for state in self.newest() for value in state.setpoints])
 
     def observe(self) -> list[ArmState]:
-        """Return a fresh state of each arm. Raises YamError: an arm is silent or has failed."""
+        """Return a fresh state of each arm. Raises YamError: an arm is silent or in fault."""
         for side in self.sides:
             self[side].await_fresh()
         return self.newest()
 
     def newest(self) -> list[ArmState]:
-        """Return the newest state of each arm without waiting, for modes and set-points; raises as `observe` does."""
+        """Return the newest state of each arm without waiting, for modes and set-points. Raises as `observe` does."""
         return [self[side].newest() for side in self.sides]
 
     def vector(self, action: Mapping[str, object]) -> np.ndarray:
         """Return the values of a LeRobot action in canonical order and SI units, (n,).
 
         Raises:
-            ActionError: keys are missing or unknown, values are not finite, or are degrees instead of radians.
+            ActionError: keys are missing or unknown, values are not finite, or values are degrees instead of radians.
         """
         vector = validate_action(self.device, action, self.keys) / self.scale
         if not self._use_degrees:
@@ -327,8 +332,8 @@ class ArmGroup:
         return vector
 
     def action(self, vector: np.ndarray) -> dict[str, float]:
-        """Return LeRobot's form of a vector in canonical order and SI units."""
+        """Convert a vector in canonical order and SI units to a LeRobot action."""
         return dict(zip(self.keys, (vector * self.scale).tolist(), strict=True))
 
     def begin(self) -> None:
-        """Do nothing: joints move from any pose."""
+        """Do nothing: joints can be moved from any pose."""

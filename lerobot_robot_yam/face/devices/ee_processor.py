@@ -35,13 +35,13 @@ _GRIPPER_KEYS = {"joints": "gripper.pos", "tool": "gripper.pos", "ee": "ee.gripp
 
 @dataclass
 class _ArmStep(ProcessorStep):
-    """Base of the steps, which replace the keys of one arm, and the gripper's key.
+    """Base of the steps, each of which replaces the keys of one arm and its gripper.
 
     Attributes:
         arm, gripper: profile names.
-        site: site whose pose the keys give, tcp_site or grasp_site.
+        site: site whose pose the keys describe, tcp_site or grasp_site.
         prefix: prefix of all keys.
-        use_degrees: whether joint keys are in degrees, as with the robot's option of this name.
+        use_degrees: whether joint keys are in degrees, like the robot's option of the same name.
     """
 
     arm: str = "yam"
@@ -65,11 +65,11 @@ class _ArmStep(ProcessorStep):
         self._gripper_keys = _GRIPPER_KEYS[self.reads], _GRIPPER_KEYS[self.writes]
 
     def get_config(self) -> dict[str, Any]:
-        """Return the arguments with which LeRobot makes the step again."""
+        """Return the arguments with which LeRobot recreates the step."""
         return asdict(self)
 
     def convert(self, values: np.ndarray, transition: EnvTransition) -> np.ndarray:
-        """Compute the values of the keys that the step writes from the values that it reads."""
+        """Compute the values that the step writes from the values that it reads."""
         if self.reads == "joints":
             pose = self._kinematics.fk(values * self._unit)
         else:
@@ -77,10 +77,10 @@ class _ArmStep(ProcessorStep):
         return pose_to_vector(pose, self._axes[self.writes])
 
     def __call__(self, transition: EnvTransition) -> EnvTransition:
-        """Convert the action, the observation, or both, whichever has the arm's keys.
+        """Convert the action, the observation, or both, depending on which has the arm's keys.
 
         Raises:
-            ActionError: neither has these keys, some keys are missing, or the values are no pose.
+            ActionError: neither has these keys, some keys are missing, or the values are not a valid pose.
         """
         source = [self.prefix + key for key in self._source]
         changed, found = transition.copy(), False
@@ -104,7 +104,7 @@ class _ArmStep(ProcessorStep):
     def transform_features(
         self, features: dict[PipelineFeatureType, dict[str, PolicyFeature]]
     ) -> dict[PipelineFeatureType, dict[str, PolicyFeature]]:
-        """Replace these keys in the description of the data."""
+        """Replace the arm's keys in the description of the data."""
         kinds = {
             TransitionKey.ACTION: (PipelineFeatureType.ACTION, FeatureType.ACTION),
             TransitionKey.OBSERVATION: (PipelineFeatureType.OBSERVATION, FeatureType.STATE),
@@ -133,8 +133,9 @@ class YamJointsToEE(_ArmStep):
 class YamEEToJoints(_ArmStep):
     """Inverse kinematics, from an action in LeRobot's `ee.*` to joints.
 
-    The first solution starts from the joints in the transition's observation, each further one from the solution
-    before, until `reset`.
+    The first solution starts from the joints in the transition's observation, each later one from the previous
+    solution,
+    until `reset`.
     """
 
     reads, writes = "ee", "joints"
@@ -152,14 +153,14 @@ class YamEEToJoints(_ArmStep):
         return self._tool.follow(vector_to_pose(values, self._axes["ee"]), q) / self._unit
 
     def reset(self) -> None:
-        """Begin a new path, since the next action does not continue the actions before."""
+        """Start a new path: the next action does not continue the previous ones."""
         self._tool.begin()
 
 
 @ProcessorStepRegistry.register("yam_tool_to_ee")
 @dataclass
 class YamToolToEE(_ArmStep):
-    """Conversion of a robot's keys with `action_space: ee` to LeRobot's `ee.*`, in actions and observations."""
+    """Conversion from a robot's keys with `action_space: ee` to LeRobot's `ee.*`, in actions and observations."""
 
     reads, writes = "tool", "ee"
 
@@ -167,7 +168,7 @@ class YamToolToEE(_ArmStep):
 @ProcessorStepRegistry.register("yam_ee_to_tool")
 @dataclass
 class YamEEToTool(_ArmStep):
-    """Conversion of LeRobot's `ee.*` to a robot's keys with `action_space: ee`, in actions and observations."""
+    """Conversion from LeRobot's `ee.*` to a robot's keys with `action_space: ee`, in actions and observations."""
 
     reads, writes = "ee", "tool"
 

@@ -5,7 +5,7 @@
     gripper.pos                        as with joints, if there is a gripper
 
 with prefixes `left_` and `right_` for two arms. `arm.tool_pose` defines the rotation vector. The names end in .pos
-because lerobot-rollout drops other names. `EeSpace` has `keys`, `vector`, `action` and `begin` as `ArmGroup` does.
+because lerobot-rollout drops other names. `EeSpace` has `keys`, `vector`, `action` and `begin`, like `ArmGroup`.
 """
 
 import logging
@@ -24,16 +24,16 @@ from lerobot_robot_yam.state.modes import Mode
 
 logger = logging.getLogger(__name__)
 
-_JUMP_M = 0.1  # distance between two poses from which a new path begins, m (a radian counts 0.1 m)
-_SEARCHES = 12  # largest number of attempts at the first pose of a path, about 1 ms each; usually one or two
-_ATTEMPTS = 4  # largest number of attempts at each further pose; usually one
-_REACH_RAD = 0.7  # largest turn of a joint between poses, rad, so that the arm never swings round to its other side
+_JUMP_M = 0.1  # distance between two poses from which a new path starts, m (1 rad counts as 0.1 m)
+_SEARCHES = 12  # maximum number of attempts at the first pose of a path, about 1 ms each; usually one or two
+_ATTEMPTS = 4  # maximum number of attempts at each later pose; usually one
+_REACH_RAD = 0.7  # maximum turn of a joint between poses, rad, so that the arm never swings to its other side
 _WORTH_SAYING_M = 1e-3  # error from which a pose counts as out of reach, m
-_QUIET = 30  # number of poses within reach, about a second, after which the next warning may come
+_QUIET = 30  # number of poses within reach, about a second, after which the next warning may be logged
 
 
 class EeSpace:
-    """Keys, observations and actions of a group of arms by the poses of the tools of `models`.
+    """Actions of a group of arms as end-effector poses of `models`, instead of joints.
 
     Raises:
         ConfigError: an arm has no joints.
@@ -51,20 +51,20 @@ class EeSpace:
             self.keys += [f"{side.prefix}{name}.pos" for name in names]
 
     def action(self, vector: np.ndarray) -> dict[str, float]:
-        """Return LeRobot's form of joints and grippers in canonical order and SI units."""
+        """Convert joints and grippers in canonical order and SI units to a LeRobot action."""
         values = vector.copy()
         for side, tool in zip(self._arms.sides, self._tools, strict=True):
             values[side.slice] = tool.numbers(vector[side.slice])
         return dict(zip(self.keys, values.tolist(), strict=True))
 
     def vector(self, action: Mapping[str, object]) -> np.ndarray:
-        """Return joints and grippers, in canonical order and SI units, that put the tools at the poses of an action.
+        """Return joints and grippers, in canonical order and SI units, for the end-effector poses of an action.
 
-        For a pose out of reach, these are the joints at the nearest pose that the arm reaches.
+        For a pose out of reach, the joints are those at the nearest reachable pose.
 
         Raises:
-            ActionError: keys are missing or unknown, values are not finite numbers, or are no pose.
-            YamError: an arm is silent or has failed.
+            ActionError: keys are missing or unknown, or values are not finite numbers or not a valid pose.
+            YamError: an arm is silent or in fault.
         """
         vector = validate_action(self._arms.device, action, self.keys)
         states = self._arms.newest()
@@ -75,13 +75,13 @@ class EeSpace:
         return vector
 
     def begin(self) -> None:
-        """Begin new paths, because something else has moved the arms."""
+        """Start new paths, because something else has moved the arms."""
         for tool in self._tools:
             tool.begin()
 
 
 class Tool:
-    """Tool of one arm, which converts joints to the six `TOOL_NUMBERS` and back."""
+    """End effector of one arm: converts joints to the six `TOOL_NUMBERS` and back."""
 
     def __init__(self, name: str, kinematics: YamKinematics):
         self._name = name
@@ -99,18 +99,20 @@ class Tool:
         self._before = None
 
     def joints(self, numbers: np.ndarray, setpoint: np.ndarray) -> np.ndarray:
-        """Return the joints of `follow` for `numbers` (6,) instead of a pose."""
+        """Return joints (n,) rad as `follow` does, for `numbers` (6,) instead of a pose."""
         return self.follow(vector_to_pose(numbers, self._reference), setpoint)
 
     def follow(self, pose: np.ndarray, setpoint: np.ndarray) -> np.ndarray:
-        """Return joints (n,) rad for a pose (4, 4), or for the nearest pose that the arm reaches.
+        """Return joints (n,) rad for a pose (4, 4), or for the nearest reachable pose.
 
-        The search for a path's first solution starts from the arm's set-point (n,) rad, each further search from the
-        solution before: that keeps the branch, while an arm that lags behind would not. Only for a first pose far from
-        the set-point may the solution be on any branch.
+        The search for a path's first solution starts from the arm's set-point (n,) rad, each later search from the
+        previous
+        solution. This keeps the kinematic branch even if the arm lags behind. Only for a first pose far from the
+        set-point
+        may the solution be on any branch.
 
         Raises:
-            ActionError: `pose` is no valid pose.
+            ActionError: `pose` is not a valid pose.
         """
         begins = self._before is None or pose_distance_m(self._before, pose) > _JUMP_M
         if begins:
@@ -124,7 +126,7 @@ class Tool:
         return result.q
 
     def _note(self, result: IkResult) -> None:
-        """Warn when poses begin to be out of reach."""
+        """Warn when poses start to be out of reach."""
         if result.converged or result.error_m < _WORTH_SAYING_M:
             self._reached += 1
             return

@@ -1,9 +1,9 @@
-"""Followers that a hand moves, with the teleoperator `yam_hand_guide` in the same process.
+"""Followers guided by hand, with the teleoperator `yam_hand_guide` in the same process.
 
 LeRobot connects follower and teleoperator, reads the teleoperator's action and sends it to the follower. The action is
-the pose to which the hand has led the follower: from the first action on the arms float, and only grippers obey. Any
-other action, such as a policy's, ends the guidance: the arms hold, and follow that action. Without any action the arms
-hold after `command_timeout_s`.
+the pose to which a person has moved the follower: from the first action on the arms float, and only grippers follow the
+action. Any other action, such as a policy's, ends the guidance: the arms hold, and then follow that action. Without any
+action the arms hold after `command_timeout_s`.
 """
 
 import contextlib
@@ -44,7 +44,7 @@ class HandGuidance:
         """Offer the connected teleoperator to the next follower of this process.
 
         Raises:
-            ConfigError: another teleoperator of this kind is connected already.
+            ConfigError: another teleoperator of this kind is already connected.
         """
         global _announced
         if _announced is not None and _announced is not self:
@@ -52,7 +52,7 @@ class HandGuidance:
         _announced = self
 
     def withdraw(self) -> None:
-        """Disconnect the teleoperator: the arms hold. Idempotent."""
+        """Disconnect the teleoperator; the arms hold. Idempotent."""
         global _announced
         self.end()
         if _announced is self:
@@ -62,7 +62,7 @@ class HandGuidance:
         """Guide a follower that is about to be energised.
 
         Raises:
-            ConfigError: follower and teleoperator have different action keys, or another follower is guided already.
+            ConfigError: follower and teleoperator have different action keys, or another follower is already guided.
         """
         if self._arms is not None and self._arms is not arms and self._arms.connected:
             raise ConfigError(f"{self._device}: guides {self._follower} already; disconnect that first")
@@ -80,14 +80,14 @@ class HandGuidance:
             self._arms, self._guides = None, False
 
     def action(self, openings: Sequence[float | None]) -> dict[str, float]:
-        """Return the pose to which the hand has led the arms, which float from the first call on.
+        """Return the pose to which a person has moved the arms. The arms float from the first call on.
 
         Args:
             openings: target of each arm's gripper, 0 closed … 1 open; None keeps its set-point.
 
         Raises:
-            LifeCycleError: there is no follower yet, or an arm would run away.
-            YamError: an arm is silent or has failed.
+            LifeCycleError: there is no follower yet, or an arm would move away by itself.
+            YamError: an arm is silent or in fault.
         """
         arms = self._arms
         if arms is None or self._space is None:
@@ -108,12 +108,12 @@ class HandGuidance:
         return dict(self._given)
 
     def opening(self, arm: int) -> float:
-        """Return the set-point of the gripper of an arm (by number), 0 closed … 1 open; 1 without a follower."""
+        """Return the gripper set-point of an arm (by number), 0 closed … 1 open; 1 without a follower."""
         asked = None if self._arms is None else self._arms.newest()[arm].gripper_setpoint
         return 1.0 if asked is None else asked
 
     def _float(self, arms: ArmGroup) -> None:
-        """Let all arms float. An arm that holds again while a hand pulls at it holds until the hand lets go."""
+        """Let all arms float. An arm that holds again while a person pulls at it floats once the person releases it."""
         first, self._guides = not self._guides, True
         waits = ""
         for side, state in zip(arms.sides, arms.newest(), strict=True):
@@ -136,7 +136,7 @@ class HandGuidance:
         self._waits = bool(waits)
 
     def take(self, action: Mapping[str, Any]) -> np.ndarray | None:
-        """Pass on an action if it is the teleoperator's last one: only grippers move, and the arms go on floating.
+        """Apply an action if it is the teleoperator's last one: only grippers move, and the arms keep floating.
 
         Returns:
             The action's joints and grippers (n,); None for any other action, after which the arms hold.
@@ -154,7 +154,7 @@ class HandGuidance:
         return self._target.copy()
 
     def end(self) -> None:
-        """End the guidance: the arms hold their poses. Idempotent."""
+        """End the guidance; the arms hold their poses. Idempotent."""
         arms, guided = self._arms, self._guides
         self._guides = False
         if arms is None or not guided:

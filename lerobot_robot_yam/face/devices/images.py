@@ -1,6 +1,6 @@
 """Cameras of a run config: finding the rig of a rendered camera, opening a camera, and reading the newest images.
 
-Reading waits for images that are somewhat late.
+Reading waits for images that are slightly late.
 """
 
 import dataclasses
@@ -24,30 +24,30 @@ from lerobot_robot_yam.system.runtime_files import rig_name
 
 logger = logging.getLogger(__name__)
 
-# Largest age of a fresh image, s; the second for slow cameras. A busy machine or USB bus makes images late now and
-# then, which should not end a recording. A program that waits leaves the machine to the processes that make images.
+# Maximum age of a fresh image, s; the second for slow cameras. A busy machine or USB bus delays images now and then,
+# which should not end a recording. While this program waits, the processes that deliver images get the machine.
 _FRESH_S, _FRESH_SLOW_S = 0.2, 0.4
-_FRESH_FRAMES = 2.0  # largest age of a fresh image in frames of a slow camera, up to _FRESH_SLOW_S
-LATE_S = 0.6  # length of a wait after which LeRobot's own limit of an image's age counts, s
-# Age of an image at which its camera counts as dead, ms. A dead camera is reported within the second that
-# docs/faults.md promises, if this process gets its time; while others have the machine, all cameras are merely slow.
+_FRESH_FRAMES = 2.0  # maximum age of a fresh image in frames of a slow camera, up to _FRESH_SLOW_S
+LATE_S = 0.6  # waiting time after which LeRobot's own limit of an image's age applies, s
+# Age of an image at which its camera counts as dead, ms. A dead camera is reported within the second promised by
+# docs/faults.md if this process gets CPU time. While other processes use the machine, all cameras are merely slow.
 _DEAD_MS = 800
-PATIENCE_S = 3.0  # longest wait for a fresh image, s
+PATIENCE_S = 3.0  # maximum wait for a fresh image, s
 _GLANCE_S = 0.005  # pause before a late image is read again, s
-_RENEWAL_S = 0.011  # longest wait for an image that is due, s: a third of LeRobot's period, less than LeRobot sleeps
-_RENEWAL_FRAMES = 1 / 3  # share of a camera's period, at its end, in which the next image is due
+_RENEWAL_S = 0.011  # maximum wait for an image that is due, s: a third of LeRobot's period, less than LeRobot sleeps
+_RENEWAL_FRAMES = 1 / 3  # last part of a camera's period, as a fraction, in which the next image is due
 _POLL_S = 0.001  # pause between two reads of an image that is due, s
-_SAMPLE = 8  # step of the rows and columns that are compared, pixels
-_ASLEEP_S = 0.1  # time between two reads that shows that other processes had the machine, s
-_TOLD_S = 30.0  # least time between two warnings of late images, s: on a busy machine each read waits
+_SAMPLE = 8  # step between compared rows and columns, pixels
+_ASLEEP_S = 0.1  # time between two reads from which other processes must have used the machine, s
+_TOLD_S = 30.0  # minimum time between two warnings about late images, s: on a busy machine each read waits
 _REGISTER = ("lerobot.cameras.opencv", "lerobot.cameras.realsense")  # modules that LeRobot's commands import, too
 _SCENE_OPTIONS = {field.name for field in dataclasses.fields(Options)}
 
 
 def beside_arms(camera: Any, arms: Iterable[ArmConfig]) -> Any:
-    """Return a camera's config in the rig of a robot's virtual arms, unless it names another rig.
+    """Return a camera's config with the rig of a robot's virtual arms, unless the config names another rig.
 
-    The camera may be the first to start that rig. Cameras of other types stay as they are.
+    The camera may be the first to start that rig. Configs of other camera types are returned unchanged.
     """
     said = next((arm.can_options for arm in arms if arm.interface == "yam_sim"), None)
     if said is None or camera.type != "yam_sim" or camera.rig != "auto":
@@ -62,7 +62,7 @@ def beside_arms(camera: Any, arms: Iterable[ArmConfig]) -> Any:
 
 
 def open_camera(name: str, options: Mapping[str, Any], arms: Iterable[ArmConfig] = ()) -> Camera:
-    """Open and connect a camera; the caller disconnects it.
+    """Open and connect a camera. The caller disconnects it.
 
     Args:
         name: the camera's name in messages.
@@ -77,24 +77,24 @@ def open_camera(name: str, options: Mapping[str, Any], arms: Iterable[ArmConfig]
         importlib.import_module(module)
     try:
         config = beside_arms(draccus.decode(CameraConfig, dict(options)), arms)
-    except Exception as error:  # draccus raises anything
+    except Exception as error:  # draccus can raise any exception
         raise ConfigError(f"camera {name}: {error}") from error
     try:
         (camera,) = make_cameras_from_configs({name: config}).values()
         camera.connect()
-    except Exception as error:  # drivers of cameras raise anything
+    except Exception as error:  # camera drivers can raise any exception
         raise CameraError(f"camera {name} cannot be opened: {error}; does another program use it?") from error
     return camera
 
 
 def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]) -> tuple[dict[str, Any], str]:
-    """Read all cameras, and again while an image is older than 0.2 s (two frames of a slow camera).
+    """Read all cameras, and repeat while an image is older than 0.2 s (two frames of a slow camera).
 
-    After `LATE_S` of waiting, images within LeRobot's limit (0.5 s) count as fresh. A camera is called dead only after
-    a watch of that length in which this process never lost the machine for 0.1 s.
+    After `LATE_S` of waiting, images within LeRobot's limit (0.5 s) count as fresh. A camera counts as dead only after
+    `LATE_S` in which no other process kept this process from running for 0.1 s.
 
     Returns:
-        Images by feature name, depth as `<name>_depth`; and the message about a wait, empty without one.
+        Images by feature name, depth as `<name>_depth`; and the message about a wait, empty without a wait.
 
     Raises:
         StaleStateError: a camera has no image, or its image is older than 0.8 s, or was late for `PATIENCE_S`.
@@ -107,7 +107,7 @@ def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraCon
             images = _read(cameras, configs, _fresh_ms if waited_s < LATE_S else None)
             break
         except StaleStateError as error:
-            # The cause is a TimeoutError for an old image, but not for a camera that is gone.
+            # The cause is a TimeoutError for an old image, but not for a disconnected camera.
             if not isinstance(error.__cause__, TimeoutError) or waited_s > PATIENCE_S:
                 raise
             late = str(error.__cause__)
@@ -124,15 +124,18 @@ def newest_images(cameras: Mapping[str, Camera], configs: Mapping[str, CameraCon
 class ImageReader:
     """Reader of the newest images of cameras, which reads each image only once if possible.
 
-    Camera and loop have the same rate, but drift. At times an image comes just before one read and the next image just
-    after the next read, so images would be read twice. So a read waits a third of a frame for an image that is due.
+    Cameras and control loop have the same rate, but drift. At times one image arrives just before a read and the next
+    just after the following read, so an image would be read twice. Therefore a read waits up to a third of a frame for
+    an
+    image that is due.
     """
 
     def __init__(self, cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]):
         self._cameras, self._configs = cameras, configs
         self._images: dict[str, Any] = {}
         self._new_s: dict[str, float] = {}  # time of the first read of each camera's image
-        self._told_s, self._untold = -math.inf, 0  # time of the last warning of a wait, number of waits since
+        # time of the last warning about a wait, number of waits since that warning
+        self._told_s, self._untold = -math.inf, 0
 
     def read(self) -> tuple[dict[str, Any], bool]:
         """Return the images of `newest_images`, and whether this call has waited for any."""
@@ -147,7 +150,7 @@ class ImageReader:
             waited, now = True, time.monotonic()
             try:
                 images |= _read(due, self._configs, None)
-            except StaleStateError:  # the next call raises this error again, if the image stays away
+            except StaleStateError:  # the next call raises this error again if the image is still missing
                 break
             due = {name: camera for name, camera in due.items() if self._is_due(name, images, now)}
         for name in self._cameras:
@@ -157,7 +160,7 @@ class ImageReader:
         return images, waited
 
     def _tell(self, late: str) -> None:
-        """Warn of a wait at once, then at most every `_TOLD_S`."""
+        """Warn about a wait at once, then at most every `_TOLD_S`."""
         self._untold += 1
         if time.monotonic() - self._told_s > _TOLD_S:
             also = f" (and {self._untold - 1} times since this was said)" if self._untold > 1 else ""
@@ -165,7 +168,7 @@ class ImageReader:
             self._told_s, self._untold = time.monotonic(), 0
 
     def _is_due(self, name: str, images: Mapping[str, Any], now_s: float) -> bool:
-        """Return whether a camera repeats its last image, though the next one should come at any moment."""
+        """Return whether a camera still repeats its last image although the next one is due."""
         fps = getattr(self._configs[name], "fps", None)
         if not fps or name not in self._new_s or not self._is_repeated(name, images):
             return False

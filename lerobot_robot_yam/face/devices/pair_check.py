@@ -1,4 +1,4 @@
-"""Checks before leader and follower are energised: this process can lead, and the actions of both mean the same."""
+"""Checks before leader and follower are energised: this process can lead, and both use the same actions."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -15,20 +15,20 @@ from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
 
 Models = Sequence[tuple[ArmProfile, GripperProfile]]
-"""Profiles of arm and end effector to which actions refer, for each arm in canonical order."""
+"""Profiles of arm and end effector that actions refer to, for each arm in canonical order."""
 
 _INTERFACES = Path("/sys/class/net")
 
 
 @dataclass(frozen=True)
 class Spoken:
-    """Meaning of a device's actions.
+    """Format of a device's actions.
 
     Attributes:
         device: name in messages.
         action_keys: keys of the device's actions.
         use_degrees: whether angles are in degrees.
-        models: profiles of the arms whose joints or tools the actions mean.
+        models: profiles of the arms whose joints or end effectors the actions describe.
     """
 
     device: str
@@ -38,7 +38,7 @@ class Spoken:
 
 
 def check_pair(one: Spoken, other: Spoken) -> None:
-    """Refuse two devices that do not fit. Raises ConfigError: their actions differ in space, keys, unit or arm."""
+    """Check that two devices match. Raises ConfigError: their actions differ in space, keys, unit or arm."""
     both = f"{one.device} and {other.device}"
     spaces = {space_of(spoken.action_keys) for spoken in (one, other)}
     if "delta" in spaces and under_a_command():
@@ -65,14 +65,14 @@ def check_pair(one: Spoken, other: Spoken) -> None:
 
 
 def check_followers(leaders: Sequence[ArmConfig], driven: Collection[str]) -> None:
-    """Refuse followers (a leader's option `follower`) that this process cannot lead.
+    """Check that this process can lead the followers (a leader's option `follower`).
 
     Args:
         leaders: configs of the leaders' arms.
         driven: channel keys of the arms that this process drives.
 
     Raises:
-        ConfigError: the follower's channel is no CAN interface of this computer.
+        ConfigError: the follower's channel is not a CAN interface of this computer.
         ChannelInUseError: another process drives the follower.
     """
     holders = sessions(runtime_dir())

@@ -1,6 +1,6 @@
 """Devices whose arms another computer drives: their options, and the calls that need files of that computer.
 
-LeRobot loads this module at its start, so slow imports come later.
+LeRobot loads this module at its start, so slow imports are delayed.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(kw_only=True)
 class RemoteOptions:
-    """Options that say which computer has the arms."""
+    """Options that identify the computer with the arms."""
 
     host: str = option("the computer that has the arms, where yam-host runs: NAME or ADDRESS, or with :PORT")
     key: str | None = option(
@@ -28,10 +28,10 @@ class RemoteOptions:
     )
 
     def ask_host(self, group: str, prefixes: tuple[str, ...]) -> None:
-        """Request the kinds of the arms from the host: LeRobot needs the action's keys before it connects.
+        """Request the description of the arms from the host: LeRobot needs the action's keys before it connects.
 
         Raises:
-            RefusedConfigError: the host does not answer, or has other arms.
+            RefusedConfigError: the host does not reply, or has other arms.
         """
         from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
         from lerobot_robot_yam.remote.host_address import HostAddress
@@ -67,5 +67,5 @@ class RemoteDevice:
 
     @check_if_not_connected
     def calibrate(self) -> None:
-        """Refuse. Raises ConfigError: the host has the files."""
+        """Raise ConfigError: only the host has the calibration files."""
         raise ConfigError("calibrate the arms on their own computer: lerobot-calibrate with the rig's file there")

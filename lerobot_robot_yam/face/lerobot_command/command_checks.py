@@ -1,21 +1,23 @@
-"""Checks of the options of a LeRobot command, before anything is opened or energised.
+"""Checks of the options of a LeRobot command, before any device is opened or energised.
 
 - Existence: the data set, the episode, the cameras of a policy, and a separate channel for each arm.
-- Meaning: numbers of a recording or policy have to mean what the robot's numbers mean. No loop of LeRobot tells the
-  robot what is about to be replayed, resumed or rolled out, so the checks read the command's options. LeRobot decodes
-  the options while the robot's config is made; its parser has them, from command line and file, in a local variable.
+- Meaning: the numbers of a recording or policy must have the same meaning as the robot's. No LeRobot loop tells the
+  robot what it is about to replay, resume or roll out, so the checks read the command's options. LeRobot decodes the
+  options while it creates the robot's config; its parser has the options, from command line and file, in a local
+  variable.
 
-Joints or tool poses: both are six numbers for an arm with six joints, so nothing else would notice a mix-up.
+Joints or end-effector poses: both are six numbers for an arm with six joints, so no other check would detect a mix-up.
 
-- Names of the values decide, wherever they are kept.
-- Statistics show some joints: no tool of these arms gets 1.5 m away from its base, and joints get beyond 1.5 rad.
+- Names of the values decide, if they are stored anywhere.
+- Otherwise statistics can show joints: no end effector of these arms gets 1.5 m away from its base, while joints exceed
+  1.5 rad.
 
 Degrees or radians:
 
-- A data set names its robot, and the name of ours ends in `_degrees` if angles are in degrees. The same holds for a
-  checkpoint whose data set is still on this computer.
-- Otherwise statistics decide: no joint of these arms gets a whole turn away from zero. So larger numbers are degrees;
-  without larger numbers the recording is in radians (or of an arm that never left zero by 6°).
+- A data set names its robot, and this package's robot names end in `_degrees` if angles are in degrees. The same holds
+  for a checkpoint whose data set is still on this computer.
+- Otherwise statistics decide: no joint of these arms gets a whole turn away from zero, so larger numbers are degrees.
+  Without larger numbers the recording is in radians (or of an arm that never moved more than 6° from zero).
 """
 
 import difflib
@@ -47,10 +49,10 @@ from lerobot_robot_yam.system.rig_file import ARMS_OF_TWO, device_of
 logger = logging.getLogger(__name__)
 
 _POLICY_OPTIONS = ("pretrained_revision", "action_space", "angle_unit")  # options that are checked
-_HUB_S = 5.0  # longest wait for the hub's answer
+_HUB_S = 5.0  # maximum wait for the hub's reply, s
 _PARQUET_END = b"PAR1"
 _FILLED = "empty_camera"  # prefix of images that LeRobot fills with zeros
-_FILLING = ("pi0", "pi05", "pi0_fast", "smolvla", "xvla", "evo1")  # types of policies that fill any missing image
+_FILLING = ("pi0", "pi05", "pi0_fast", "smolvla", "xvla", "evo1")  # policy types that fill any missing image
 _SERVER_SPACES = {"joint_position": "joint", "cartesian_position": "ee"}  # RoboArena's word → action space
 _NAMES = {"joint": "joint positions", "ee": "tool poses"}
 _OTHER_ROBOT = "Set the robot's type, and each arm's gripper, to those of the recording"
@@ -60,7 +62,7 @@ _METRES = tuple(f"{name}.pos" for name in TOOL_NUMBERS[:3])
 
 
 def given_options() -> Mapping[str, Any]:
-    """Return the options that LeRobot's parser is decoding, nested as in a config file; empty outside of the parser."""
+    """Return the options that LeRobot's parser is decoding, nested as in a config file; empty outside the parser."""
     for caller in callers():
         if caller.f_code.co_filename == argparsing.__file__ and "deflat_d" in caller.f_locals:
             return caller.f_locals["deflat_d"]
@@ -73,17 +75,17 @@ def _section(options: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 
 def channels_of(device: str) -> dict[str, str]:
-    """Return the channels of the arms of a device ("robot", "teleop"), by the option that gives them."""
+    """Return option name → channel for the arms of a device ("robot", "teleop")."""
     try:
         told = device_of(device, _section(given_options(), device))
-    except (ConfigError, TypeError):  # raised again when the device is made
+    except (ConfigError, TypeError):  # raised again when the device is created
         return {}
     arms = {"channel": told} | {f"{name}.channel": _section(told, name) for name in ARMS_OF_TWO}
     return {f"{device}.{option}": str(arm["channel"]) for option, arm in arms.items() if arm.get("channel")}
 
 
 def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Collection[str] = ()) -> None:
-    """Refuse a LeRobot command that cannot work, or that replays, resumes or rolls out numbers of another meaning.
+    """Check that a LeRobot command can work, and does not replay, resume or roll out numbers of another meaning.
 
     Args:
         device: LeRobot's type name.
@@ -93,7 +95,8 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
 
     Raises:
         ConfigError: two arms share a channel; the data set or episode does not exist, or a new data set would replace
-            an old one; the policy sees cameras that the robot lacks; the numbers have other names, are tool poses
+            an
+            old one; the policy needs cameras that the robot lacks; the values have other names, are end-effector poses
             instead of joints (or the reverse), or are in the other unit.
     """
     space, options = space_of(keys), given_options()
@@ -108,13 +111,14 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
         _check_names(device, keys, data, in_order=resumes)
         recordings.append(data)
     policy = _policy_options(options)
-    path = parser.get_path_arg("policy") or options.get("pretrained_name_or_path")  # the latter in async inference
-    if path and command != "lerobot-train":  # a training evaluates newer weights
+    # pretrained_name_or_path is used in async inference
+    path = parser.get_path_arg("policy") or options.get("pretrained_name_or_path")
+    if path and command != "lerobot-train":  # lerobot-train evaluates newer weights
         learnt = of_checkpoint(path, policy.get("pretrained_revision"))
         policy = {**learnt.config, **policy}
         if not options.get("rename_map") and command != "lerobot-eval":
             _check_cameras(learnt, cameras)
-        if set(learnt.names) == set(keys):  # LeRobot goes by the order then, not by the names
+        if set(learnt.names) == set(keys):  # in this case LeRobot uses the order, not the names
             _check_names(device, keys, learnt, in_order=True)
         recordings.append(learnt)
     if space is None:  # a gripper alone
@@ -122,14 +126,14 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
     is_joint = np.array([not key.endswith("gripper.pos") for key in keys])
     for recording in recordings:
         _check_space(device, keys, recording)
-        if space == "joint":  # poses of a tool have one unit
+        if space == "joint":  # end-effector poses have one unit
             _check_unit(device, use_degrees, recording.what, unit_of(recording, is_joint))
     if policy.get("type") == "yam_openpi":
         _check_server(device, keys, use_degrees, policy)
 
 
 def _policy_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the policy's options. Beside `policy.path`, LeRobot's parser keeps these options undecoded, as words."""
+    """Return the policy's options. With `policy.path`, LeRobot's parser keeps these options undecoded, as words."""
     words = [*(parser.get_cli_overrides("policy") or ()), *parser.get_yaml_overrides("policy")]
     told = {name: parser.parse_arg(name, words) for name in _POLICY_OPTIONS}
     return {**_section(options, "policy"), **{name: value for name, value in told.items() if value is not None}}
@@ -147,7 +151,7 @@ def _check_channels() -> None:
 
 
 def _check_data_set(dataset: Mapping[str, Any], opens: bool, new: bool) -> None:
-    """Refuse a `dataset.root` without the data set that the command opens, or with one where it makes a new one."""
+    """Check `dataset.root`: it has the data set if the command opens one, or is new if the command creates one."""
     if not dataset.get("root"):
         return  # LeRobot's own directory, or the hub
     root = Path(str(dataset["root"]))
@@ -173,7 +177,7 @@ def _check_data_set(dataset: Mapping[str, Any], opens: bool, new: bool) -> None:
 
 
 def _is_torn(root: Path) -> bool:
-    """Return whether the recording was killed: LeRobot would look for the data set on the Hub, without explanation."""
+    """Return whether the recording was killed. LeRobot would then search the Hub, without explanation."""
     episodes = list(root.glob("meta/episodes/**/*.parquet"))
     tables = [*episodes, *root.glob("data/**/*.parquet")]
     return not episodes or not all(_is_closed(path) for path in tables)
@@ -186,7 +190,7 @@ def _is_closed(table: Path) -> bool:
 
 
 def _clean(root: Path) -> str:
-    """Return advice on how to get rid of a data set without an episode."""
+    """Return advice on removing a data set without an episode."""
     if is_empty(root):
         return f"remove it (rm -r {root}) and record"
     return f"there are rows or images of one all the same: `yam-repair-dataset {root}`"
@@ -197,13 +201,13 @@ def _on_hub(repo_id: str) -> bool:
 
     try:
         HfApi().dataset_info(repo_id, timeout=_HUB_S)
-    except Exception:  # no such data set, no network, or no valid name
+    except Exception:  # no such data set, no network, or an invalid name
         return False
     return True
 
 
 def _check_cameras(policy: Recording, cameras: Collection[str]) -> None:
-    """Refuse a policy that sees cameras which the robot lacks. Some policies accept zeros for all but one camera."""
+    """Raise ConfigError if a policy needs cameras that the robot lacks. Some policies need only one camera."""
     config = policy.config
     names = [name.removeprefix(f"{OBS_IMAGES}.") for name in config.get("input_features") or {} if OBS_IMAGES in name]
     wanted = [name for name in names if not name.startswith(_FILLED)]
@@ -218,7 +222,7 @@ def _check_cameras(policy: Recording, cameras: Collection[str]) -> None:
 
 
 def _check_server(device: str, keys: Sequence[str], use_degrees: bool, policy: Mapping[str, Any]) -> None:
-    """Check space and unit in the options of a yam_openpi policy, or in its saved config."""
+    """Check action space and unit in the options of a yam_openpi policy, or in its saved config."""
     from lerobot_robot_yam.face.openpi.configuration_openpi import YamOpenpiConfig
 
     space = policy.get("action_space") or YamOpenpiConfig.action_space
@@ -231,7 +235,7 @@ def _check_server(device: str, keys: Sequence[str], use_degrees: bool, policy: M
 
 
 def _check_names(device: str, keys: Sequence[str], data: Recording, in_order: bool) -> None:
-    """Refuse a data set or checkpoint whose actions have other names than this robot's."""
+    """Raise ConfigError if the actions of a data set or checkpoint have other names than this robot's."""
     held = list(data.names)
     if not held or held == list(keys) or (not in_order and set(held) == set(keys)):
         return
@@ -246,7 +250,7 @@ def _check_names(device: str, keys: Sequence[str], data: Recording, in_order: bo
 
 
 def _check_space(device: str, keys: Sequence[str], recording: Recording) -> None:
-    """Refuse joints if the robot takes poses, and poses if it takes joints; warn if the recording is not clear."""
+    """Raise ConfigError if recording and robot differ in action space; warn if the recording's is unknown."""
     ours, found = space_of(keys), space_of(recording.names)
     if found is None and ours == "ee":
         largest = recording.largest(np.array([key.endswith(_METRES) for key in keys]))
@@ -259,7 +263,7 @@ def _check_space(device: str, keys: Sequence[str], recording: Recording) -> None
 
 
 def _refuse_other_space(device: str, keys: Sequence[str], what: str, found: str | None) -> None:
-    """Refuse `what`, whose actions are `found` ("joint" or "ee"; None if unknown), unless the robot's are the same."""
+    """Raise ConfigError if `what` has the action space `found` ("joint", "ee"; None: unknown) and the robot another."""
     ours = space_of(keys)
     if found is not None and ours is not None and found != ours:
         raise ConfigError(
@@ -269,7 +273,7 @@ def _refuse_other_space(device: str, keys: Sequence[str], what: str, found: str 
 
 
 def _check_unit(device: str, use_degrees: bool, what: str, found: str | None) -> None:
-    """Refuse a unit that is not the robot's; warn if the unit is unknown."""
+    """Raise ConfigError if the unit `found` is not the robot's; warn if the unit is unknown."""
     unit = DEGREES if use_degrees else RADIANS
     if found is None:
         logger.warning("%s: %s does not tell its unit; this robot is in %s", device, what, unit)

@@ -1,6 +1,6 @@
-"""Checks of a LeRobot config of arms, while LeRobot's parser still reads the config, with one-line errors.
+"""Checks of a LeRobot config of arms while LeRobot's parser still reads the config, with one-line errors.
 
-Of an error in a device's constructor, LeRobot would make a line of 2,000 characters that ends with the cause.
+An error in a device's constructor would be printed by LeRobot as a line of 2,000 characters that ends with the cause.
 """
 
 import dataclasses
@@ -24,7 +24,7 @@ _DEFAULT_NAME = ArmConfig(channel="any").name
 
 
 class RefusedConfigError(ConfigError, DecodingError):
-    """`ConfigError` that a LeRobot command prints as one line, before the command ends."""
+    """`ConfigError` that a LeRobot command prints as one line before it ends."""
 
     def __init__(self, message: str):
         DecodingError.__init__(self, (), message)
@@ -34,7 +34,7 @@ class RefusedConfigError(ConfigError, DecodingError):
 
 
 def arm_config(options: ArmConfig | PassiveOptions, name: str) -> ArmConfig:
-    """Return the arm layer's part of a LeRobot config that extends `ArmConfig`, and check it.
+    """Check a LeRobot config that extends `ArmConfig`, and return the arm layer's part of it.
 
     Args:
         options: the LeRobot config of one arm.
@@ -54,16 +54,16 @@ def arm_config(options: ArmConfig | PassiveOptions, name: str) -> ArmConfig:
 
 
 def refuse(device: str, options: Any, role: str, check: Callable[[Mapping[str, ResolvedArm]], None]) -> None:
-    """Refuse a config from which no device can be made.
+    """Raise RefusedConfigError if a device cannot be built from a config.
 
     Args:
         device: LeRobot's type name.
         options: the config, which has `arms()`.
         role: "follower" or "leader".
-        check: function with further checks, called with the arms by prefix.
+        check: function with further checks, called with prefix → arm.
 
     Raises:
-        RefusedConfigError: the config has a mistake; the message is about the first one.
+        RefusedConfigError: the config has a mistake; the message describes the first mistake.
     """
     try:
         check_switches(device, options)
@@ -79,7 +79,7 @@ def refuse(device: str, options: Any, role: str, check: Callable[[Mapping[str, R
 
 
 def rig_device[C](registry: type[C], section: str, given: Mapping[str, Any]) -> C:
-    """Return the config of the device that a run config names by the rig's file.
+    """Return the config of a device that a run config specifies by the rig's file.
 
     Args:
         registry: LeRobot's base class of such configs.
@@ -87,7 +87,7 @@ def rig_device[C](registry: type[C], section: str, given: Mapping[str, Any]) -> 
         given: options of `yam_rig`, see `device_of`.
 
     Raises:
-        RefusedConfigError: there is no such file or device, or the device has a mistake; the message names the file.
+        RefusedConfigError: the file or device does not exist, or the device has a mistake; the message names the file.
     """
     try:
         return draccus.decode(registry, device_of(section, {"type": RIG_TYPE, **given}))
@@ -100,17 +100,17 @@ def rig_device[C](registry: type[C], section: str, given: Mapping[str, Any]) -> 
 
 
 def check_options(section: str, device: Mapping[str, Any], where: str) -> None:
-    """Refuse a device with an option that LeRobot's parser would not know.
+    """Check that LeRobot's parser knows all options of a device.
 
     Args:
         section: "robot" or "teleop".
-        device: options of one of our types.
-        where: place of the device, for messages.
+        device: options of one of this package's types.
+        where: location of the device, for messages.
 
     Raises:
-        ConfigError: an option is unknown; the message names the option and the most similar known one.
+        ConfigError: an option is unknown; the message names the option and the most similar known option.
     """
-    from lerobot.robots.config import RobotConfig  # already loaded in LeRobot's commands only
+    from lerobot.robots.config import RobotConfig  # only LeRobot's commands have already loaded this module
     from lerobot.teleoperators.config import TeleoperatorConfig
 
     registry: Any = RobotConfig if section == "robot" else TeleoperatorConfig

@@ -1,7 +1,7 @@
-"""LeRobot command that runs in this process: its options, data set, flags, and present phase.
+"""LeRobot command that runs in this process: its options, data set, flags, and current phase.
 
-LeRobot passes none of these to a robot. So this module reads them from local variables of LeRobot's own functions, on
-the call stack, and replaces nothing of LeRobot. Under any other program it finds nothing.
+LeRobot passes none of these to a robot. Therefore this module reads them from local variables of LeRobot's functions on
+the call stack, without patching LeRobot. Under any other program it finds nothing.
 """
 
 import importlib.util
@@ -20,7 +20,7 @@ from typing import Any
 
 RECORD, EVALUATION = "lerobot-record", "lerobot-eval"
 STOP, LEAVE_LOOP, AGAIN = "stop_recording", "exit_early", "rerecord_episode"  # LeRobot's flags, which its keys set
-_KEY_S = 0.2  # longest time until a key takes effect, s: keys act at the command's next frame
+_KEY_S = 0.2  # maximum time until a key takes effect, s: keys act at the command's next frame
 
 
 def _lerobot() -> Path:
@@ -37,18 +37,18 @@ _SCRIPTS = {
 
 
 class Meaning(StrEnum):
-    """Request of a button, or of a page, to a command. See docs/buttons.md."""
+    """Request from a button or a page to a command. See docs/buttons.md."""
 
     NEXT = "next"  # end the episode, or the reset
-    RERECORD = "rerecord"  # drop the episode and record it again
+    RERECORD = "rerecord"  # discard the episode and record it again
     STOP = "stop"
-    SUCCESS = "success"  # label the episode, and end it if it runs
+    SUCCESS = "success"  # label the episode, and end it if it is running
     FAILURE = "failure"
     DISCARD = "discard"
-    PAUSE = "pause"  # pause the policy; pressed again: let the policy go on
+    PAUSE = "pause"  # pause the policy; pressed again: resume the policy
     CORRECT = "correct"  # take over from the policy; pressed again: end the correction
     GO_ON = "go_on"  # give the arms back to the policy
-    SAVE = "save"  # keep the last frames, and those that follow; pressed again: end the clip
+    SAVE = "save"  # keep the last frames and the following ones; pressed again: end the clip
     UPLOAD = "upload"
 
 
@@ -73,10 +73,10 @@ class Situation:
 
     Attributes:
         command: name in messages, empty without a command.
-        phase: present phase.
-        keys: meaning for which the command has a key → function that does what the key does.
+        phase: current phase.
+        keys: meaning for which the command has a key → function with the effect of that key.
         dataset: LeRobot's data set that the command writes; None before the command has opened it.
-        turn: start of the present run of the command's loop, on `time.perf_counter`; 0 outside of the loop.
+        turn: start time of the current run of the command's loop, on `time.perf_counter`; 0 outside the loop.
         left_s: seconds until the phase ends by itself.
         flags: LeRobot's flags, which its keys set; empty unless the command records episode by episode.
         config: LeRobot's options of the command.
@@ -93,7 +93,7 @@ class Situation:
 
     @property
     def drops(self) -> bool:
-        """Whether the last recorded episode is dropped, not saved, when the reset ends."""
+        """Whether the last recorded episode will be discarded instead of saved when the reset ends."""
         return bool(self.flags.get(AGAIN))
 
     @property
@@ -101,24 +101,24 @@ class Situation:
         """Number of frames of the episode that is not saved yet."""
         writer = self.dataset.writer if self.dataset is not None else None
         buffer = writer.episode_buffer if writer is not None else None
-        return int(buffer.get("size", 1)) if buffer is not None else 0  # no count while LeRobot saves
+        return int(buffer.get("size", 1)) if buffer is not None else 0  # there is no count while LeRobot saves
 
     @property
     def ends_by_itself(self) -> bool:
-        """Whether the phase ends so soon that a key would end the next one, perhaps an episode without a frame."""
+        """Whether the phase ends so soon that a key would end the next phase, possibly an episode without a frame."""
         return self.left_s < _KEY_S
 
     def stop(self) -> None:
-        """End the command as its stop key does: the episode that is being recorded, or was just recorded, is saved."""
+        """End the command as its stop key does. The episode that is being recorded, or was just recorded, is saved."""
         self.flags[STOP] = self.flags[LEAVE_LOOP] = True
 
     def discard(self) -> None:
-        """Drop the episode that is being recorded, as the re-record key does."""
+        """Discard the episode that is being recorded, as the re-record key does."""
         self.flags[AGAIN] = self.flags[LEAVE_LOOP] = True
 
 
 def callers(frame: FrameType | None = None) -> Iterator[FrameType]:
-    """Yield `frame`, by default the present one, then its caller, and so on."""
+    """Yield `frame` (default: the current frame), then its caller, and so on."""
     frame = frame or inspect.currentframe()
     while frame is not None:
         yield frame
@@ -126,12 +126,12 @@ def callers(frame: FrameType | None = None) -> Iterator[FrameType]:
 
 
 def under_a_command() -> bool:
-    """Return whether a LeRobot command, not a program of the user's, has called down to here."""
+    """Return whether a LeRobot command, rather than a user's program, is on the call stack."""
     return any(caller.f_code.co_filename.startswith(_COMMANDS) for caller in callers())
 
 
 def command_above() -> tuple[str, Any] | None:
-    """Return name and options of the recording, rollout or evaluation that has called down to here, if any."""
+    """Return name and options of the recording, rollout or evaluation on the call stack, if any."""
     for caller in callers():
         name = _SCRIPTS.get(caller.f_code.co_filename)
         if name is not None and "cfg" in caller.f_locals:
@@ -140,7 +140,7 @@ def command_above() -> tuple[str, Any] | None:
 
 
 def hears_keys() -> bool:
-    """Return whether a command that listens to keys has called down to here."""
+    """Return whether a command that listens to keys is on the call stack."""
     found = command_above()
     return found is not None and found[0] != EVALUATION
 
@@ -151,15 +151,15 @@ def _main_frame() -> FrameType | None:
 
 
 def look() -> Situation:
-    """Return the command's present situation. Any thread may call it."""
+    """Return the command's current situation. Any thread may call `look`."""
     frame = _main_frame()
     return recording(frame) or _rollout(frame)
 
 
 def recording(frame: FrameType | None = None) -> Situation | None:
-    """Return the situation of the `lerobot-record` that called down to `frame`; None before the data set is open.
+    """Return the situation of the `lerobot-record` on the call stack of `frame`; None before the data set is open.
 
-    frame: by default the frame of the caller.
+    frame: default: the frame of the caller.
     """
     phase, turn, left_s = Phase.BETWEEN, 0.0, math.inf
     for caller in callers(frame):
@@ -174,7 +174,7 @@ def recording(frame: FrameType | None = None) -> Situation | None:
             dataset, config = values.get("dataset"), values.get("cfg")
             if dataset is None or config is None:
                 return None
-            flags = values.get("events") or {}  # no key listener before the robot has connected
+            flags = values.get("events") or {}  # there is no key listener before the robot has connected
             return Situation(RECORD, phase, _episode_keys(flags), dataset, turn, left_s, flags, config)
     return None
 
@@ -225,7 +225,7 @@ def _strategy(strategy: Any, ctx: Any, phase: Phase, turn: float, left_s: float)
 
 
 def evaluation_values() -> dict[str, Any]:
-    """Return local variables of LeRobot's evaluation in this process, and of its present rollout, by name."""
+    """Return local variables of LeRobot's evaluation in this process, and of its current rollout, by name."""
     found: dict[str, Any] = {}
     for caller in callers(_main_frame()):
         if _SCRIPTS.get(caller.f_code.co_filename) == EVALUATION:
