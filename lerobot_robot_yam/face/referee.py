@@ -1,4 +1,4 @@
-"""Referees of an environment, which lay the scene out before an episode, and judge the episode."""
+"""Referees of an environment, which set up the scene before an episode, and judge the episode."""
 
 import importlib
 import logging
@@ -20,10 +20,11 @@ from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 
 logger = logging.getLogger(__name__)
 
-_REMIND_S = 20.0  # period of reminding the operator while the referee waits for a key, s
-_ENDLESS_S = 86_400.0  # the rig's time limit of a task, s: a day, since the environment ends episodes by their steps
+_REMIND_S = 20.0  # interval between reminders while the referee waits for the operator's key, s
+# the rig's time limit of a task, s: a day, because the environment ends episodes by their number of steps
+_ENDLESS_S = 86_400.0
 Judge = Callable[[Mapping[str, Any]], bool | None]
-"""Judges an observation: True for success, False for failure, None for undecided."""
+"""Function that judges an observation: True for success, False for failure, None for undecided."""
 
 
 class Verdict(NamedTuple):
@@ -34,35 +35,35 @@ class Verdict(NamedTuple):
 
 
 class Referee:
-    """Referee that lets each episode run on; base class of the other referees.
+    """Referee that never ends an episode; base class of the other referees.
 
-    scene: referee that lays the scene out in place of this one; None without one.
+    scene: other referee that sets up the scene instead of this one, or None.
     """
 
     def __init__(self, scene: "Referee | None" = None):
         self._scene = scene
 
     def arrange(self, seed: int | None) -> None:
-        """Lay the scene out for an episode, while the arms are out of the way.
+        """Set up the scene for an episode, while the arms are out of the way.
 
         Raises:
-            YamError: the scene cannot be laid out.
+            YamError: the scene cannot be set up.
         """
         if self._scene is not None:
             self._scene.arrange(seed)
 
     def verdict(self, observation: Mapping[str, Any]) -> Verdict:
-        """Judge the present episode by an observation."""
+        """Judge the current episode by an observation."""
         return Verdict()
 
     def close(self) -> None:
-        """Release what the referee holds. Idempotent."""
+        """Release the referee's resources. Idempotent."""
         if self._scene is not None:
             self._scene.close()
 
 
 class RigReferee(Referee):
-    """Referee for a virtual rig's own task, which the rig lays out and judges.
+    """Referee for a virtual rig's own task: the rig sets up the scene and judges the episode.
 
     task: name of a task of the rig's scene.
     """
@@ -82,11 +83,11 @@ class RigReferee(Referee):
         return Verdict(success, success or bool(state["failed"]))
 
 
-_KEYS = {Meaning.NEXT: "space", Meaning.SUCCESS: "s", Meaning.FAILURE: "f"}  # request of a page → key in its place
+_KEYS = {Meaning.NEXT: "space", Meaning.SUCCESS: "s", Meaning.FAILURE: "f"}  # request from a page → equivalent key
 
 
 class OperatorReferee(Referee):
-    """Person who lays the scene out and judges, by keys or at a page: space goes on, s is success, f failure.
+    """Person who sets up the scene and judges, by keys or on a page: space continues, s is success, f is failure.
 
     Raises:
         ConfigError: there is no keyboard.
@@ -145,10 +146,10 @@ class OperatorReferee(Referee):
 
 
 def find_judge(name: str) -> Judge:
-    """Import the callable "module:function", see `YamEnvConfig.success`; the working directory is searched too.
+    """Import the callable "module:function", see `YamEnvConfig.success`; the working directory is searched, too.
 
     Raises:
-        ConfigError: there is no such function.
+        ConfigError: the function does not exist.
     """
     module, _, function = name.partition(":")
     if (here := os.getcwd()) not in sys.path:  # a console script has its own folder in sys.path instead

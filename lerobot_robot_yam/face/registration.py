@@ -1,12 +1,13 @@
-"""Registration of our types with LeRobot, without importing LeRobot where no program uses it.
+"""Registration of this package's types with LeRobot, without importing LeRobot into programs that do not use it.
 
-`lerobot.robots.config` alone takes seconds and loads torch, and our own processes (control loop, virtual rig) import
-this package too. So each of our config modules is imported right after the LeRobot module with the registry that it
-uses: at once if that is loaded already, else as soon as a LeRobot command loads it.
+`lerobot.robots.config` alone takes seconds and loads torch, and this package's processes (control loop, virtual rig)
+import this module too. Therefore each config module is imported right after the LeRobot module with its registry: at
+once if that LeRobot module is already loaded, otherwise as soon as a LeRobot command loads it.
 
-Other plugins use some of our type names. So each device has a spare name, and is still usable if its name is taken.
+Other plugins use some of the same type names. Therefore each device has a spare name, and stays usable if its name is
+taken.
 
-The messages of `start_messages` are shown at the same moment.
+The messages of `start_messages` are shown at the same time.
 """
 
 import importlib
@@ -21,7 +22,7 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.start_messages import refuse_unreadable, shorten_page_about_ffmpeg, warn_if_newer
 from lerobot_robot_yam.system.other_plugins import distribution_of, is_foreign, mixture
 
-# LeRobot's module that holds a registry → our modules that register types there.
+# LeRobot module with a registry → this package's modules that register types in it
 REGISTRIES = {
     "lerobot.robots.config": ("lerobot_robot_yam.config_yam_follower",),
     "lerobot.teleoperators.config": (
@@ -36,27 +37,27 @@ REGISTRIES = {
 }
 
 logger = logging.getLogger(__name__)
-_registering: set[str] = set()  # modules that have called `register_as`: ours, not those of another plugin
+_registering: set[str] = set()  # modules that have called `register_as`: this package's, not another plugin's
 
 
 def register() -> None:
-    """Register our types with LeRobot's registries: at once with those that are loaded, later with the others.
+    """Register this package's types with LeRobot's registries: with loaded ones at once, with the others later.
 
     Raises:
-        ConfigError: another distribution has put its own files over ours.
+        ConfigError: another distribution has overwritten files of this package.
     """
     for name in REGISTRIES:
         wrapt.register_post_import_hook(lambda module: register_types(module.__name__), name)
 
 
 def register_types(lerobot_module: str) -> None:
-    """Register our types with the registry of `lerobot_module`, which is loaded.
+    """Register this package's types with the registry of `lerobot_module`, which is loaded.
 
     Raises:
-        ConfigError: another distribution has put its own files over ours.
+        ConfigError: another distribution has overwritten files of this package.
     """
     warn_if_newer()
-    if not _registering:  # once, before the first of our types
+    if not _registering:  # once, before the first type
         refuse_unreadable()
     shorten_page_about_ffmpeg()
     for name in REGISTRIES[lerobot_module]:
@@ -75,12 +76,12 @@ def _register_types_of(name: str) -> None:
 
 
 def register_as[C: type](registry: Any, name: str, spare: str | None = None) -> Callable[[C], C]:
-    """Return the class decorator that enters a config class of ours into a registry of LeRobot.
+    """Return the class decorator that enters a config class of this package into a LeRobot registry.
 
     Args:
         registry: LeRobot's base class of such configs.
-        name: name of the type. When another plugin has taken this name, the class gets the spare name.
-        spare: spare name of the type; None without one.
+        name: name of the type. If another plugin has taken this name, the class gets the spare name.
+        spare: spare name of the type; None: no spare name.
     """
 
     def decorate(config_class: C) -> C:

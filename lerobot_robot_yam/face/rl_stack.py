@@ -1,14 +1,14 @@
-"""Parts of our devices for LeRobot's RL stack (`lerobot.rl`): a follower's motor bus, a leader's events and steps.
+"""Parts of YAM devices for LeRobot's RL stack (`lerobot.rl`): a follower's motor bus, a leader's events and steps.
 
-The action of a leader is a step of the follower's tool along x, y and z, and a command for its gripper:
+The action of a leader is a step of the follower's end effector along x, y and z, and a command for its gripper:
 
-    delta_x, delta_y, delta_z      -1 … 1, share of the longest step per frame, along the axes of the arm's base
+    delta_x, delta_y, delta_z      -1 … 1, as a fraction of the maximum step per frame, along the axes of the arm's base
     gripper                        0 opens, 1 stops, 2 closes
 
-LeRobot's own names of the gripper's values are the other way round, for arms whose grippers close by rising values.
+LeRobot's own names of the gripper's values are reversed, for arms whose grippers close with increasing values.
 
-A step is the motion of the leader's tool since the person took over, less the steps given before. So the follower does
-not jump to the leader, and motion beyond the length of one step follows in the next steps.
+A step is the motion of the leader's end effector since the person took over, minus the previous steps. Therefore the
+follower does not jump to the leader, and motion beyond the length of one step follows in the next steps.
 """
 
 import logging
@@ -34,15 +34,15 @@ from lerobot_robot_yam.state.records import ArmState
 logger = logging.getLogger(__name__)
 
 # Constants of `MotorBus.sync_write`
-_THERE = 2e-3  # distance from the target at which the arm counts as arrived, rad or share of the stroke
-_MOVES = 1e-4  # least change of the set-point from tick to tick that counts as motion, rad or share of the stroke
+_THERE = 2e-3  # distance from the target at which the arm counts as arrived, rad or fraction of the stroke
+_MOVES = 1e-4  # minimum change of the set-point between ticks that counts as motion, rad or fraction of the stroke
 _BLOCKED_S = 0.5  # time without motion that ends the wait, s, as in an emergency stop or at the workspace's edge
-_TICK_S = 0.01  # period of sending the target, s
+_TICK_S = 0.01  # interval between sent targets, s
 
 # Constants of `TeleopEventWatch`
-_PERIOD_S = 0.005  # period of reading the handles, s; LeRobot reads events ten times a second
-_RESET_S = 0.5  # pause between LeRobot's calls that shows that LeRobot has reset the arm, s
-_END_S = 1.0  # longest wait for the end of the thread, s
+_PERIOD_S = 0.005  # polling interval of the handles, s; LeRobot reads events ten times per second
+_RESET_S = 0.5  # pause between LeRobot's calls that indicates a reset of the arm by LeRobot, s
+_END_S = 1.0  # timeout of joining the thread, s
 _EVENTS = {
     Meaning.SUCCESS: (TeleopEvents.SUCCESS,),
     Meaning.FAILURE: (TeleopEvents.TERMINATE_EPISODE,),
@@ -53,13 +53,13 @@ _EVENTS = {
 _ENDINGS = (TeleopEvents.TERMINATE_EPISODE, TeleopEvents.SUCCESS, TeleopEvents.RERECORD_EPISODE)
 
 # Constants of `ToolSteps`
-_OPENS, _CLOSES = 0.0, 2.0  # LeRobot's values of a gripper that opens, and of one that closes
+_OPENS, _CLOSES = 0.0, 2.0  # LeRobot's values of an opening gripper (_OPENS) and a closing one (_CLOSES)
 _HALF = 0.5  # opening below which a trigger counts as squeezed, and a gripper as closed
-_AFRESH_S = 0.5  # pause between actions after which steps begin anew, s: follower and hand may have moved
+_AFRESH_S = 0.5  # pause between actions after which steps restart, s: follower and leader may have moved
 
 
 class MotorBus:
-    """Motors of one follower arm, by the names and in the units of its features.
+    """Motors of one follower arm, with the names and units of its features.
 
     arms: arms of the follower. send: `send_action` of the follower.
     """
@@ -69,7 +69,7 @@ class MotorBus:
 
     @property
     def motors(self) -> dict[str, int]:
-        """Index of each motor's value in an action. Raises ConfigError: the stack cannot drive this follower."""
+        """Index of each motor's value in an action. Raises ConfigError: the RL stack cannot drive this follower."""
         arms = self._arms
         if len(arms.sides) != 1 or not arms.sides[0].has_gripper:
             raise ConfigError(f"{arms.device}: LeRobot's RL stack drives one arm with a gripper; use yam_follower")
@@ -81,8 +81,8 @@ class MotorBus:
         """Read the register Present_Position of each motor: degrees, the gripper 0 closed … 1 open.
 
         Raises:
-            ActionError: `register` is another one, which these motors do not have.
-            YamError: the arm is silent or has failed.
+            ActionError: `register` is not Present_Position, the only one that can be read.
+            YamError: the arm is silent or in fault.
         """
         self._check(register, "Present_Position", "leave add_current_to_observation off")
         (state,) = self._arms.observe()
@@ -90,14 +90,15 @@ class MotorBus:
         return {key.removesuffix(".pos"): value for key, value in values.items()}
 
     def sync_write(self, register: str, values: Mapping[str, Any]) -> None:
-        """Move the arm to the values of Goal_Position, and wait until its set-point is there or no longer moves.
+        """Move the arm to the values of Goal_Position, and wait until its set-point has arrived or stopped moving.
 
-        LeRobot writes the way to its reset pose in 0.75 s and then nothing for seconds; without the wait a slower arm
-        would hold halfway.
+        LeRobot writes the path to its reset pose within 0.75 s and then nothing for seconds. Without the wait a slower
+        arm
+        would stop and hold halfway.
 
         Raises:
-            ActionError: `register` is another one, or motors or values are wrong; nothing was sent.
-            YamError: the arm is silent or has failed.
+            ActionError: `register` is not Goal_Position, or motors or values are wrong; nothing was sent.
+            YamError: the arm is silent or in fault.
         """
         self._check(register, "Goal_Position", "it is the only one that can be written")
         action = {f"{name}.pos": float(value) for name, value in values.items()}
@@ -117,14 +118,14 @@ class MotorBus:
 
 
 class TeleopEventWatch:
-    """Watch of the handles and gates of a leader device, from the first call on.
+    """Monitor of the handles and gates of a leader device, from the first call on.
 
-    A person intervenes from a press of the button `correct` to its next press, or to a press of `go_on`; and while all
+    A person intervenes between a press of the button `correct` and its next press, or a press of `go_on`; and while all
     leaders with a gate are lifted.
 
     Args:
         meanings: name of a button, such as left_bottom → its meaning.
-        read: returns the newest state of each arm by its prefix.
+        read: callback that returns prefix → newest state of the arm.
     """
 
     def __init__(self, meanings: Mapping[str, Meaning], read: Callable[[], Mapping[str, ArmState]]):
@@ -148,7 +149,7 @@ class TeleopEventWatch:
     def take(self) -> dict[TeleopEvents, bool]:
         """Return the events since the last call, each once, and whether a person drives.
 
-        Events after a pause of half a second between calls belong to an episode that has ended, and are dropped.
+        Events after a pause of half a second between calls belong to an episode that has ended, and are discarded.
 
         Raises:
             YamError: see `intervenes`.
@@ -163,7 +164,7 @@ class TeleopEventWatch:
         return {TeleopEvents.IS_INTERVENTION: intervenes, **{event: event in came for event in _ENDINGS}}
 
     def stop(self) -> None:
-        """Stop watching, and drop all events. Idempotent."""
+        """Stop the monitor, and discard all events. Idempotent."""
         thread, self._thread = self._thread, None
         self._ends.set()
         if thread is not None:
@@ -181,7 +182,7 @@ class TeleopEventWatch:
         while not ends.wait(_PERIOD_S):
             try:
                 pressed = edges.pressed(buttons_of(self._read()))
-            except YamError as error:  # arms off or loop gone, which is reported elsewhere
+            except YamError as error:  # arms off or loop ended, which is reported elsewhere
                 logger.debug("no buttons: %s", error)
                 continue
             for button in pressed:
@@ -201,13 +202,13 @@ class TeleopEventWatch:
 
 
 class ToolSteps:
-    """Keys and actions of one leader, as steps of the tool (see the module's docstring).
+    """Keys and actions of one leader, as steps of the end effector (see the module's docstring).
 
     Args:
         arms: group with the leader's arm.
         models: profiles of the follower's arm.
-        step_m: longest step along an axis, `end_effector_step_sizes` of LeRobot's config.
-        opening: returns the target opening of the follower's gripper, 0 closed … 1 open.
+        step_m: maximum step along an axis, `end_effector_step_sizes` of LeRobot's config.
+        opening: callback that returns the target opening of the follower's gripper, 0 closed … 1 open.
 
     Raises:
         ConfigError: there are two leaders, or the follower has no gripper.
@@ -224,7 +225,8 @@ class ToolSteps:
         from lerobot_robot_yam.arm.kinematics import YamKinematics  # mink takes a second to import
 
         self._kinematics = YamKinematics(*models[0])
-        self._anchor: np.ndarray | None = None  # (3,) m, position of the leader's tool at the start, plus all steps
+        # (3,) m, position of the leader's end effector at the start, plus all steps
+        self._anchor: np.ndarray | None = None
         self._closes = self._squeezed = False
         self._given_s = 0.0
 
@@ -235,11 +237,11 @@ class ToolSteps:
         return {"dtype": "float32", "shape": (len(names),), "names": names}
 
     def begin(self) -> None:
-        """Restart the steps, since nobody moves the follower by this leader."""
+        """Restart the steps: the follower is no longer moved by this leader."""
         self._anchor = None
 
     def action(self, vector: np.ndarray) -> dict[str, float]:
-        """Return the step for a leader at joints and trigger opening `vector` (n + 1,), rad and 0 … 1.
+        """Return the step for a leader whose joints and trigger opening are `vector` (n + 1,), rad and 0 … 1.
 
         After `begin`, or half a second without a call, the step is zero and the gripper keeps its direction.
         """

@@ -1,7 +1,7 @@
-"""Desk that shows a page what the LeRobot command in this process does, and receives the page's requests.
+"""Desk that shows a page the state of the LeRobot command in this process, and receives the page's requests.
 
-A thread of its own does all work of the desk, a few times a second. So the desk neither slows the command nor waits
-while LeRobot saves: a request is not carried out late, in another phase.
+A separate thread does all work of the desk, a few times per second. Therefore the desk neither slows the command nor
+waits while LeRobot saves, and a request is not carried out late, in another phase.
 """
 
 import contextlib
@@ -34,19 +34,19 @@ logger = logging.getLogger(__name__)
 
 _LIVE = (Phase.RECORDING, Phase.AUTONOMOUS, Phase.CORRECTING)  # phases in which a data set may grow
 _LATE = 1.5  # number of periods after which a tick counts as late, as in `EpisodeFigures`
-_RECENT_S = 5.0  # span of time over which the rate is computed, s
-_KEPT = 4096  # largest number of ticks that wait to be counted
-_TOLD_S = 0.5  # period of telling the page what the command does, s
-_WAIT_S = 0.25  # longest wait for requests, s
+_RECENT_S = 5.0  # time over which the rate is computed, s
+_KEPT = 4096  # maximum number of ticks that wait to be counted
+_TOLD_S = 0.5  # interval between status reports to the page, s
+_WAIT_S = 0.25  # maximum wait for requests, s
 _PAUSE_S = 0.05  # pause between two batches of requests, s
-_COMPLAIN_S = 10.0  # least time between two warnings of malformed requests, s
-_END_S = 2.0  # longest wait for the end of the thread, s
+_COMPLAIN_S = 10.0  # minimum time between two warnings about malformed requests, s
+_END_S = 2.0  # timeout of joining the thread, s
 
 
 class TickPace:
-    """Counter of the real rate of a command's loop, which counts each run of the loop anew.
+    """Counter of the real rate of a command's loop. Each run of the loop is counted anew.
 
-    The loop only notes the time, in `tick`; another thread counts.
+    The loop only stores the time, in `tick`; another thread counts.
     """
 
     def __init__(self) -> None:
@@ -56,16 +56,16 @@ class TickPace:
         self._late = 0
 
     def tick(self) -> None:
-        """Note the time of an observation that the loop makes."""
+        """Store the time of an observation by the loop."""
         self._new.append(time.perf_counter())
 
     def count(self, run: float, began_s: float, fps: float) -> tuple[float | None, int]:
-        """Count the ticks per second over the last 5 s, and the late ticks of this run of the loop.
+        """Return the ticks per second over the last 5 s, and the number of late ticks in this run of the loop.
 
         Args:
-            run: number that distinguishes this run of the loop from the run before.
+            run: number that distinguishes this run of the loop from the previous run.
             began_s: start of the run, on `time.perf_counter`.
-            fps: ticks per second that the command asks for.
+            fps: ticks per second that the command requests.
 
         Returns:
             The rate, 1/s, None before the second tick; and the number of late ticks.
@@ -86,7 +86,7 @@ class TickPace:
 
 
 class CommandFacts:
-    """Facts about one command.
+    """Status of one command.
 
     Args:
         name: the command, such as lerobot-record.
@@ -100,7 +100,7 @@ class CommandFacts:
         self._first: int | None = None  # number of episodes in the data set before this session
 
     def look(self) -> dict[str, Any]:
-        """Return all known facts, by name, ready for JSON; unknown facts are left out."""
+        """Return all known facts, by name, ready for JSON. Unknown facts are omitted."""
         if self.name == EVALUATION:
             known = self._evaluation()
         else:
@@ -173,7 +173,7 @@ class CommandFacts:
 
 
 def _queues(writer: Any) -> dict[str, Any]:
-    """Return the frames that wait for LeRobot's encoder, or for the writer of its images."""
+    """Return the number of frames waiting for LeRobot's encoder, or for the writer of its images."""
     found: dict[str, Any] = {}
     encoder = getattr(writer, "_streaming_encoder", None)
     queues: Mapping[str, Any] = getattr(encoder, "_frame_queues", None) or {}
@@ -191,7 +191,7 @@ _one = threading.Lock()  # allows one desk per process: environments of lerobot-
 
 
 class SessionDesk:
-    """Desk of one robot, from connect to disconnect. The desk does nothing under other programs, and never raises."""
+    """Desk of one robot, from connect to disconnect. Does nothing under other programs, and never raises."""
 
     def __init__(self) -> None:
         self._pace = TickPace()

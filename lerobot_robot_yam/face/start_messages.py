@@ -1,10 +1,11 @@
-"""Messages that a LeRobot command shows as soon as it loads our types:
+"""Messages that a LeRobot command shows as soon as it loads this package's types:
 
 - LeRobot is newer than tested.
-- The command's config file is no YAML. LeRobot's reader would end with a traceback that names neither line nor cause.
+- The command's config file is not valid YAML. LeRobot's reader would end with a traceback that names neither line nor
+  cause.
 - FFmpeg is not installed. One line replaces LeRobot's page about this: torchcodec tries FFmpeg 4 to 8, and LeRobot logs
-  all attempts before it reads videos with PyAV, which has an FFmpeg of its own. The page stays if anything but missing
-  libraries was the reason.
+  all attempts before it reads videos with PyAV, which has its own FFmpeg. The page stays if the reason was anything but
+  missing libraries.
 """
 
 import functools
@@ -21,16 +22,16 @@ _BAD_OPTIONS = 2  # exit status of a command that refuses its options, the same 
 
 _BEGIN, _END = "[start of libtorchcodec loading traceback]", "[end of libtorchcodec loading traceback]"
 _ATTEMPT = re.compile(r"^FFmpeg version \d+:\n", re.MULTILINE)
-# Innermost exception of an attempt that failed because the system's loader has not found FFmpeg.
+# Innermost exception of an attempt that failed because the system's loader did not find FFmpeg.
 _MISSING = re.compile(r"^OSError: lib(?:av|sw)\w+\.so\.\d+: cannot open shared object file: No such file", re.MULTILINE)
 _INSTEAD = "FFmpeg's libraries are not installed: LeRobot reads videos with PyAV, which does as well"
 
 logger = logging.getLogger(__name__)
 
 
-@functools.cache  # once in a process
+@functools.cache  # once per process
 def warn_if_newer() -> None:
-    """Warn when the installed LeRobot is newer than the newest tested one."""
+    """Warn if the installed LeRobot is newer than the newest tested one."""
     try:
         installed = importlib.metadata.version("lerobot")
     except importlib.metadata.PackageNotFoundError:  # a source tree has no version
@@ -50,7 +51,7 @@ def _release(version: str) -> tuple[int, ...]:
 
 
 def refuse_unreadable() -> None:
-    """End a LeRobot command whose config file is no YAML; other mistakes in the file are left to LeRobot.
+    """End a LeRobot command whose config file is not valid YAML. Other mistakes in the file are left to LeRobot.
 
     Raises:
         SystemExit: after a message with file, line and cause.
@@ -61,7 +62,7 @@ def refuse_unreadable() -> None:
     path = Path(given.removeprefix(_OPTION))
     if path.suffix not in (".yaml", ".yml"):
         return
-    import yaml  # here, as all our processes load this module
+    import yaml  # late import, because all processes of this package load this module
 
     try:
         yaml.safe_load(path.read_text())
@@ -87,7 +88,7 @@ class _Shorten(logging.Filter):
     told = False
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Return whether to show a record; one about FFmpeg's absence is shortened."""
+        """Return whether to show a record. A record about missing FFmpeg libraries is shortened."""
         if not _is_absence(record.getMessage()):
             return True
         record.msg, record.args = _INSTEAD, ()

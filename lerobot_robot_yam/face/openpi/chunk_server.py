@@ -1,11 +1,11 @@
-"""Server of openpi's protocol, for one request at a time; any other message gets an error.
+"""Server for openpi's protocol. Handles one request at a time; any other message gets an error.
 
-Like openpi's own server (`src/openpi/serving/websocket_policy_server.py`), this one greets with its metadata, sends one
-answer to each message, and after a failure sends a text and closes. A message may have RoboArena's field `endpoint`,
-with the value `infer` or `reset`.
+Like openpi's own server (`src/openpi/serving/websocket_policy_server.py`), this server first sends its metadata as a
+greeting, then one reply to each message. After a failure it sends a text and closes the connection. A message may have
+RoboArena's field `endpoint`, with the value `infer` or `reset`.
 
-Messages are decoded without pickle. Their size, their queue and the number of clients are bounded. A message that the
-policy cannot answer does not reach the policy.
+Messages are decoded without pickle. Their size, their queue and the number of clients are limited. A message that does
+not fit the policy is refused before it reaches the policy.
 """
 
 import contextlib
@@ -43,19 +43,19 @@ logger = logging.getLogger(__name__)
 _wire_logger = logging.getLogger(f"{__name__}.wire")
 _wire_logger.setLevel(logging.CRITICAL)  # at lower levels, websockets logs whole requests and port scans
 
-_MOST_BYTES = 32 * 2**20  # size of the largest message, bytes: five pictures of 1920 x 1080 pixels
-_MOST_WORDS = 2000  # length of the longest error, characters: an error can quote a client's message
-_MOST_CLIENTS = 8  # largest number of clients at the same time
-_CLOSE_TIMEOUT_S = 1.0  # longest wait for the closing handshake of a client, which may be stuck, s
-_SEND_TIMEOUT = struct.pack("ll", 5, 0)  # time (s, µs) after which a send to a client that does not read fails
+_MOST_BYTES = 32 * 2**20  # maximum size of a message, bytes: five pictures of 1920 x 1080 pixels
+_MOST_WORDS = 2000  # maximum length of an error, characters: an error can quote a client's message
+_MOST_CLIENTS = 8  # maximum number of clients at the same time
+_CLOSE_TIMEOUT_S = 1.0  # timeout of the closing handshake with a client, which may hang, s
+_SEND_TIMEOUT = struct.pack("ll", 5, 0)  # (s, µs) timeout of a send to a client that does not read
 
 
 class ChunkServer:
-    """Server of a policy. Clients can connect as soon as the server is made; `serve_forever` accepts them.
+    """Server of a policy. Clients can connect once the server is created; `serve_forever` accepts them.
 
     Args:
-        policy: the policy. Several clients can use it; a client that was not the last to ask begins a new episode.
-        host, port: address to listen at; port 0 chooses a free port.
+        policy: the policy. Several clients can share it; when the client changes, a new episode begins.
+        host, port: address to listen on; port 0 chooses a free port.
         api_key: key that clients have to send, as openpi's clients do (`Authorization: Api-Key …`); None: no key.
 
     Attributes:
@@ -69,7 +69,7 @@ class ChunkServer:
         self._policy, self._api_key = policy, api_key
         self._greeting = encode_message(policy.metadata)
         self._asking = threading.Lock()
-        self._asked_by: Any = None  # connection of the policy's present episode
+        self._asked_by: Any = None  # connection that owns the policy's current episode
         self._guard = threading.Lock()
         self._open: dict[ServerConnection, threading.Thread] = {}
         self._ending = False
@@ -78,7 +78,7 @@ class ChunkServer:
                 self._serve,
                 host,
                 port,
-                origins=[None],  # refuses web pages of a browser on this computer
+                origins=[None],  # refuses web pages in a browser on this computer
                 compression=None,  # as in openpi's server: compressing images takes milliseconds
                 process_request=self._turn_away,
                 max_size=_MOST_BYTES,
@@ -95,7 +95,7 @@ class ChunkServer:
         self._server.serve_forever()
 
     def close(self) -> None:
-        """Disconnect all clients, accept no more, and wait for an answer that is being computed. Idempotent."""
+        """Disconnect all clients, refuse new ones, and wait for a reply that is being computed. Idempotent."""
         with self._guard:
             if self._ending:
                 return
@@ -144,7 +144,7 @@ class ChunkServer:
             logger.info(told, name, answers, time.monotonic() - begun_s, each_ms)
 
     def _answer(self, connection: ServerConnection, name: str, data: bytes | str) -> tuple[bytes | str, bool]:
-        """Return the answer to a client, and whether it is an error."""
+        """Return the reply to a client, and whether it is an error."""
         try:
             return self._answered(connection, data), False
         except ObservationError as error:
@@ -171,7 +171,7 @@ class ChunkServer:
 
     @contextlib.contextmanager
     def _episode_of(self, connection: ServerConnection, anew: bool) -> Iterator[None]:
-        """Run a block in an episode of this connection; an error in the block ends the episode."""
+        """Run a block in an episode of this connection. An error in the block ends the episode."""
         asked_by, self._asked_by = self._asked_by, None
         if anew or asked_by != connection.id:
             self._policy.reset()
@@ -184,7 +184,7 @@ def _message(data: bytes | str) -> dict[Any, Any]:
         raise ObservationError("a message of openpi's protocol is a dictionary, not text")
     try:
         message = decode_message(data)
-    except Exception as error:  # NumPy raises many kinds of errors for impossible types and shapes
+    except Exception as error:  # NumPy raises many kinds of errors for invalid types and shapes
         raise ObservationError(f"this is no message of openpi's protocol: {error}") from error
     if not isinstance(message, dict):
         raise ObservationError(f"a message of openpi's protocol is a dictionary, not {type(message).__name__}")

@@ -18,30 +18,29 @@ ActionSpace = Literal["joint_position", "cartesian_position"]
 @register_as(PreTrainedConfig, "yam_openpi")
 @dataclass
 class YamOpenpiConfig(PreTrainedConfig):
-    """Options of a policy server: its address, what it is sent, and what its answers mean. Nothing is computed here.
+    """Options of a policy server: address, format of requests, meaning of replies. The server computes the actions.
 
     Attributes:
-        host: name or address of the server; or a whole URL (`wss://…`), then `port` is not used.
-        port: its TCP port.
-        api_key_env: environment variable that holds the server's API key, if it wants one. The key itself appears in
-            no config and no log.
-        prompt: text sent to the server; None sends LeRobot's task (`--task`), or nothing where that is empty.
-        image_keys: which cameras are sent, under which of the server's keys: `{top: observation/image}`.
-        image_group: the server expects the images in a dictionary of this name (ALOHA's policies: `images`).
-        image_layout: order of an image's axes; ALOHA's policies want `chw`.
-        image_size: height and width in pixels, as `resize_with_pad` makes them; None sends what the camera gives.
+        host: name or address of the server; or a whole URL (`wss://…`), which makes `port` unused.
+        port: TCP port of the server.
+        api_key_env: environment variable with the server's API key, if the server requires one. The key itself appears
+            in no config and no log.
+        prompt: text sent to the server; None sends LeRobot's task (`--task`), or no prompt if the task is empty.
+        image_keys: camera → key of its image in the server's requests: `{top: observation/image}`.
+        image_group: name of the dictionary in which the server expects the images (ALOHA's policies: `images`).
+        image_layout: order of an image's axes; ALOHA's policies need `chw`.
+        image_size: height and width in pixels, produced by `resize_with_pad`; None sends the camera's size.
         state_key: the server's key for `observation.state`.
-        action_key: the key of the action chunk in its answers.
-        n_action_steps: actions of a chunk that are executed before the server is asked again; None executes all.
-        action_dim: values of one action; None: as many as the environment says or `observation.state` has.
-        angle_unit: what the server's angles are in. The robot has to speak the same: `deg` needs
+        action_key: key of the action chunk in the server's replies.
+        n_action_steps: number of actions executed from each chunk before the next request; None executes all.
+        action_dim: number of values in one action; None: as in the environment or in `observation.state`.
+        angle_unit: unit of the server's angles. The robot has to use the same unit: `deg` needs
             `--robot.use_degrees=true`.
-        action_space: what the actions are, in RoboArena's words; compared with the server's metadata. The robot has to
-            take the same: `cartesian_position` needs `--robot.action_space=ee`.
-        connect_timeout_s: how long to wait for the server to come up, and for its greeting.
-        first_response_timeout_s: how long the first answer after a start of the server may take: JAX compiles the
-            model then.
-        response_timeout_s: how long any other answer may take. The arms hold after 0.5 s without an action.
+        action_space: action space of the server, in RoboArena's words; compared with the server's metadata. The robot
+            has to use the same space: `cartesian_position` needs `--robot.action_space=ee`.
+        connect_timeout_s: timeout for the server to start, and for its greeting.
+        first_response_timeout_s: timeout of the first reply after a start of the server, when JAX compiles the model.
+        response_timeout_s: timeout of any other reply. The arms hold after 0.5 s without an action.
     """
 
     device: str | None = "cpu"  # device of the tensors for LeRobot; the server chooses the model's device
@@ -74,7 +73,7 @@ class YamOpenpiConfig(PreTrainedConfig):
         return f"openpi server {self.url.partition('://')[2].rpartition('@')[2]}"
 
     def api_key(self) -> str | None:
-        """Read the API key from the environment. Raises ConfigError: the variable is not set."""
+        """Return the API key from the environment. Raises ConfigError: the variable is not set."""
         if self.api_key_env is None:
             return None
         key = os.environ.get(self.api_key_env)
@@ -83,10 +82,10 @@ class YamOpenpiConfig(PreTrainedConfig):
         return key
 
     def validate_features(self) -> None:
-        """Check the fields; LeRobot's policies call this when they are made.
+        """Check the fields. LeRobot's policies call this when they are created.
 
         Raises:
-            ConfigError: a value cannot be used.
+            ConfigError: a value is invalid.
         """
         for name in ("connect_timeout_s", "first_response_timeout_s", "response_timeout_s"):
             if not getattr(self, name) > 0:

@@ -1,11 +1,13 @@
-"""Messages of openpi's websocket protocol: their bytes, the observation for the server, and checks of its answers.
+"""Messages of openpi's websocket protocol: encoding, the observation for the server, and checks of its replies.
 
-All metadata and actions of the server are checked before they can reach an arm.
+All metadata and actions from the server are checked before they can reach an arm.
 
 Messages are msgpack, with NumPy arrays and scalars as marked dictionaries: an array is
 `{b"__ndarray__": True, b"data": bytes, b"dtype": "<f4", b"shape": [50, 14]}`, a scalar
 `{b"__npgeneric__": True, b"data": value, b"dtype": "|b1"}`. Source: openpi-client 0.1.2, `msgpack_numpy.py`. The
-package msgpack-numpy has other keys, and falls back to pickle; openpi-client itself needs NumPy 1, LeRobot NumPy 2.
+package msgpack-numpy is no alternative: it uses other keys and falls back to pickle. openpi-client itself needs NumPy
+1,
+LeRobot NumPy 2.
 """
 
 import math
@@ -27,21 +29,21 @@ except ImportError as error:
 
 PROMPT_KEY = "prompt"
 ENDPOINT_KEY, INFER, RESET = "endpoint", "infer", "reset"  # kinds of requests, from RoboArena's `policy_server.py`
-ENDPOINTS_KEY = "endpoints"  # key in a greeting: kinds of requests that the server knows
+ENDPOINTS_KEY = "endpoints"  # key in a greeting: kinds of requests that the server supports
 IMAGE_KEYS = "image_keys"  # key in a greeting: names of the images that the server needs
-STATEFUL_KEY = "stateful"  # key in a greeting: whether answers depend on earlier observations of the connection
-RESET_DONE = "reset successful"  # RoboArena's answer to a reset, as text
-_PREFIX = "observation."  # beginning of LeRobot's names of observed values
-_PLAIN_KINDS = "biufSU"  # NumPy's allowed kinds: truth values, integers, floats, text; no pointers, no code
-# Largest plausible angle, rad. No joint of these arms turns further than 3.2 rad, so larger numbers are degrees.
+STATEFUL_KEY = "stateful"  # key in a greeting: whether replies depend on earlier observations of the connection
+RESET_DONE = "reset successful"  # RoboArena's reply to a reset, as text
+_PREFIX = "observation."  # prefix of LeRobot's names of observed values
+_PLAIN_KINDS = "biufSU"  # NumPy's allowed kinds: booleans, integers, floats, text; no pointers, no code
+# Maximum plausible angle, rad. No joint of these arms turns further than 3.2 rad, so larger numbers are degrees.
 _LARGEST_RAD = 2.0 * math.pi
 
 
 def observation_name(key: str) -> str:
     """Return LeRobot's name of the value under a key of a message.
 
-    `observation.state` is also called `observation/state` (DROID, LIBERO) and `state` (ALOHA), and
-    `observation.images.top` in a dictionary `images` is called `top`: its key is `images/top`.
+    `observation.state` is also called `observation/state` (DROID, LIBERO) and `state` (ALOHA). `observation.images.top`
+    in a dictionary `images` is called `top`, and its key is `images/top`.
     """
     name = key.replace("/", ".")
     return name if name.startswith(_PREFIX) else _PREFIX + name
@@ -53,7 +55,7 @@ def encode_message(message: Any) -> bytes:
 
 
 def decode_message(data: bytes) -> Any:
-    """Decode a message; its arrays are read-only. Raises ValueError: the data are no msgpack, or have a bad array."""
+    """Decode a message, with read-only arrays. Raises ValueError: the data are not msgpack, or an array is invalid."""
     try:
         return msgpack.unpackb(data, object_hook=_unpack)
     except (KeyError, TypeError, msgpack.exceptions.UnpackException) as error:
@@ -92,16 +94,16 @@ def server_observation(config: YamOpenpiConfig, batch: dict[str, Any], row: int)
     """Build the message to the server for one row of a batch.
 
     Args:
-        config: options with the names and forms that the server expects.
+        config: options with the names and formats that the server expects.
         batch: LeRobot's batch from the policy's preprocessor: `observation.state` (B, n), `observation.images.<camera>`
-            (B, 3, H, W) from 0 to 1, `task`: B texts or one.
+            (B, 3, H, W) from 0 to 1, `task`: B texts or one text.
         row: index of the row, 0 … B − 1.
 
     Returns:
-        State float32 (n,), images uint8 (height, width, 3) or (3, height, width), prompt if there is one.
+        State float32 (n,), images uint8 (height, width, 3) or (3, height, width), and the prompt if there is one.
 
     Raises:
-        ConfigError: the robot has no such camera.
+        ConfigError: the robot does not have a configured camera.
     """
     observation: dict[str, Any] = {config.state_key: batch[OBS_STATE][row].cpu().numpy().astype(np.float32)}
     images = {key: _image(config, batch, camera, row) for camera, key in config.image_keys.items()}
@@ -111,7 +113,7 @@ def server_observation(config: YamOpenpiConfig, batch: dict[str, Any], row: int)
         observation[config.image_group] = images
     task = batch.get("task") or ""
     prompt = config.prompt or (task if isinstance(task, str) else task[row])
-    if prompt:  # without one, the server uses its default prompt
+    if prompt:  # without a prompt, the server uses its default
         observation[PROMPT_KEY] = prompt
     return observation
 
@@ -125,7 +127,7 @@ def _image(config: YamOpenpiConfig, batch: dict[str, Any], camera: str, row: int
             f"{', '.join(cameras) or 'no cameras'}"
         )
     tensor = batch[name][row]
-    if tensor.is_floating_point():  # after rounding, the values are exactly the camera's
+    if tensor.is_floating_point():  # rounding restores the camera's exact values
         tensor = (tensor * 255.0).round().clamp(0, 255).to(torch.uint8)
     image = tensor.permute(1, 2, 0).cpu().numpy()
     if config.image_size is not None:
@@ -134,13 +136,14 @@ def _image(config: YamOpenpiConfig, batch: dict[str, Any], camera: str, row: int
 
 
 def resize_with_pad(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Return a black image of this size, with the largest copy of the given image that fits in its middle.
+    """Return a black image of this size, with the largest fitting copy of the given image in its centre.
 
-    Resizing is bilinear, to a size in whole pixels that is rounded down. So the result equals, in each pixel, that of
+    Resizing is bilinear, to a size rounded down to whole pixels. The result therefore equals, in each pixel, that of
     `openpi_client.image_tools.resize_with_pad` (0.1.2), which openpi uses in training, too.
 
     Args:
         image: (H, W, 3), uint8.
+        height, width: size of the result, pixels.
 
     Returns:
         (height, width, 3), uint8.
@@ -157,7 +160,7 @@ def resize_with_pad(image: np.ndarray, height: int, width: int) -> np.ndarray:
 
 
 def check_metadata(config: YamOpenpiConfig, metadata: dict[str, Any]) -> None:
-    """Compare the server's metadata with the config. Keys that the metadata lack are not checked.
+    """Compare the server's metadata with the config. Keys that are missing in the metadata are not checked.
 
     `angle_unit`, `action_dim` and `action_horizon` come from a user's own `policy_metadata` in openpi's TrainConfig,
     `action_space` and `image_resolution` (height, width) from RoboArena, `image_keys` from `yam-policy-server`.
@@ -196,7 +199,7 @@ def check_metadata(config: YamOpenpiConfig, metadata: dict[str, Any]) -> None:
 
 
 def check_state(config: YamOpenpiConfig, state: np.ndarray) -> None:
-    """Refuse positions (n,) that are visibly not in the server's unit.
+    """Check that positions (n,) can be in the server's unit.
 
     Raises:
         ConfigError: the robot uses degrees, the server radians.
@@ -209,15 +212,16 @@ def check_state(config: YamOpenpiConfig, state: np.ndarray) -> None:
 
 
 def action_chunk(config: YamOpenpiConfig, answer: dict[str, Any], width: int) -> np.ndarray:
-    """Return the actions of an answer, float32 (steps, width).
+    """Return the actions of a reply, float32 (steps, width).
 
     Args:
-        config: options with the key of the actions, and the number that is needed.
-        answer: answer of the server.
+        config: options with the key of the actions, and the required number of actions.
+        answer: reply of the server.
         width: number of values in one action.
 
     Raises:
-        ActionError: the actions are missing, of a wrong type or shape, not finite, or no angles in rad.
+        ActionError: the actions are missing, have the wrong type or shape, are not finite, or are not angles in
+            radians.
     """
     actions = answer.get(config.action_key)
     if not isinstance(actions, np.ndarray):
@@ -240,7 +244,7 @@ def action_chunk(config: YamOpenpiConfig, answer: dict[str, Any], width: int) ->
         raise ActionError(
             f"{whose} are {len(actions)} steps, fewer than --policy.n_action_steps={config.n_action_steps}"
         )
-    with np.errstate(over="ignore"):  # an overflow is infinite, and refused below
+    with np.errstate(over="ignore"):  # an overflow becomes infinite, which is refused below
         actions = actions.astype(np.float32)
     if not np.isfinite(actions).all():
         step, value = np.argwhere(~np.isfinite(actions))[0]

@@ -1,4 +1,4 @@
-"""LeRobot policy without weights, which requests chunks of actions from an openpi server and returns them singly."""
+"""LeRobot policy without weights, which requests action chunks from an openpi server and returns single actions."""
 
 import weakref
 from collections import deque
@@ -27,10 +27,10 @@ class YamOpenpiPolicy(PreTrainedPolicy):
     """Policy whose actions come from a server.
 
     The constructor connects, so that a wrong address or a server for another robot is refused before an arm is
-    energised. Any later failure raises an error in place of an action, so the arms hold.
+    energised. Any later failure raises an error instead of returning an action, so the arms hold.
 
     Raises:
-        ConfigError: a field of the config, or the server's metadata, do not fit.
+        ConfigError: a field of the config is invalid, or contradicts the server's metadata.
         PolicyServerError: the server cannot be reached.
     """
 
@@ -42,24 +42,25 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         config.validate_features()
         self._server = ServerConnection(config, lambda metadata: check_metadata(config, metadata))
         self._server.open()
-        self._hang_up = weakref.finalize(self, self._server.close)  # called when the interpreter ends, too
+        self._hang_up = weakref.finalize(self, self._server.close)  # also called when the interpreter ends
         self._queue: deque[torch.Tensor] = deque()
         self._rtc: RTCProcessor | None = None
         self._episode, self._asked = 0, False
-        self._begun = 0  # number of the episode that has begun at the server
-        self._outdated = False  # whether the next observation is old: after a reset, real-time chunking sends one
+        self._begun = 0  # number of the episode that the server has begun
+        # whether the next observation is old: after a reset, real-time chunking sends one old observation
+        self._outdated = False
 
     @classmethod
     def from_pretrained(
         cls, pretrained_name_or_path: str | Path | None, *, config: PreTrainedConfig | None = None, **options: Any
     ) -> Self:
-        """Make the policy of this config, or of the config in that directory. There are no weights to load."""
+        """Create the policy of this config, or of the config in the given directory. There are no weights to load."""
         if config is None:
             config = PreTrainedConfig.from_pretrained(pretrained_name_or_path, **options)
         return cls(config).eval()
 
     def _save_pretrained(self, save_directory: Path, *_: Any, **__: Any) -> None:
-        """Save the config only. LeRobot 0.6.2 would save nothing of a policy without weights."""
+        """Save only the config. LeRobot 0.6.2 would save nothing for a policy without weights."""
         self.config._save_pretrained(save_directory)
 
     def close(self) -> None:
@@ -67,7 +68,7 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         self._hang_up()
 
     def reset(self) -> None:
-        """Drop the rest of the chunk; the next action comes from a new chunk."""
+        """Discard the rest of the chunk; the next action comes from a new chunk."""
         self._queue.clear()
         self._outdated = self._rtc is not None and self._asked
         self._episode += 1
@@ -95,13 +96,13 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         Args:
             batch: see `server_observation`. Each row is a separate request.
             inference_delay: number of steps of the running chunk that are executed before the new chunk can begin.
-            prev_chunk_left_over: actions of the running chunk from now on, (k, n), padded with zeros.
+            prev_chunk_left_over: remaining actions of the running chunk, (k, n), padded with zeros.
 
         Raises:
-            PolicyServerError: the server failed, is gone, or does not answer in time; with real-time chunking also if
-                request or answer belong to the episode before, after which LeRobot requests again.
-            ActionError: the actions cannot be used.
-            ConfigError: the robot does not observe something that the server expects.
+            PolicyServerError: the server failed, disconnected, or timed out; with real-time chunking also if request or
+                reply belong to the previous episode, after which LeRobot sends a new request.
+            ActionError: the actions are not valid.
+            ConfigError: the robot lacks an observation that the server expects.
         """
         if OBS_STATE not in batch:
             raise ConfigError(f"there is no {OBS_STATE} to send; the robot has to observe its positions")
@@ -137,21 +138,22 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         return torch.from_numpy(action_chunk(self.config, self._server.infer(observation), width))
 
     def supports_rtc(self) -> bool:
-        """Return True: `--inference.type=rtc` requests the next chunk while this one runs."""
+        """Return True: `--inference.type=rtc` requests the next chunk while the current one runs."""
         return True
 
     def init_rtc_processor(self) -> None:
-        """Make the processor of real-time chunking; lerobot-rollout calls this once `rtc_config` is in the config."""
+        """Create the processor of real-time chunking. lerobot-rollout calls this once `rtc_config` is in the config."""
         self._rtc = RTCProcessor(self.config.rtc_config)
 
     def _cross_fade(self, chunk: torch.Tensor, delay: int, running: torch.Tensor) -> torch.Tensor:
-        """Return the chunk, mixed with the running chunk as far as that one reaches.
+        """Return the chunk, blended with the remaining part of the running chunk.
 
-        openpi's protocol has no field for the running chunk, so the chunk cannot guide the server as in real-time
-        chunking proper; the weights of that method (`RTCConfig.prefix_attention_schedule`) mix the actions instead.
+        openpi's protocol has no field for the running chunk, so that chunk cannot guide the server as in proper
+        real-time
+        chunking. Instead the actions are blended with that method's weights (`RTCConfig.prefix_attention_schedule`).
         """
         assert self._rtc is not None
-        steps = running.any(dim=1).nonzero()  # without the padding, and without steps of zeros before the padding
+        steps = running.any(dim=1).nonzero()  # excludes the padding, and steps of zeros directly before the padding
         length = min(int(steps.max()) + 1 if len(steps) else 0, chunk.shape[1])
         weights = self._rtc.get_prefix_weights(delay, length, chunk.shape[1])[:length, None]
         mixed = chunk.clone()

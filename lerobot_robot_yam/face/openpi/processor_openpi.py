@@ -1,4 +1,4 @@
-"""LeRobot's processors around a yam_openpi policy, which do not normalise, since the server does."""
+"""LeRobot's processors for a yam_openpi policy. They do not normalise, because the server does."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ def make_yam_openpi_pre_post_processors(
 ) -> tuple[
     PolicyProcessorPipeline[dict[str, Any], dict[str, Any]], PolicyProcessorPipeline[PolicyAction, PolicyAction]
 ]:
-    """Make the pipelines that LeRobot runs before and after the policy. The statistics are not used."""
+    """Create the pipelines that LeRobot runs before and after the policy. The statistics are not used."""
     return make_policy_processor_pipelines(
         input_steps=[
             RenameObservationsProcessorStep(rename_map={}),

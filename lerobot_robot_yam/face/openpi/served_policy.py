@@ -1,9 +1,9 @@
-"""LeRobot checkpoint that answers an observation with a chunk: the actions that `lerobot-rollout` would execute.
+"""LeRobot checkpoint that returns a chunk for an observation: the actions that `lerobot-rollout` would execute.
 
-LeRobot's engine `sync` (`lerobot/rollout/inference/sync.py`) calls `select_action` once per step. A policy that sees
-only the present ignores all observations of a chunk but the first. So this module computes the whole chunk from one
-observation, action by action, each through the postprocessor. A policy that remembers earlier observations, or mixes
-its chunks, needs the observation of each step: such a policy answers with one action at a time.
+LeRobot's engine `sync` (`lerobot/rollout/inference/sync.py`) calls `select_action` once per step. A policy that uses
+only the current observation ignores all observations of a chunk except the first. Therefore this module computes the
+whole chunk from one observation, action by action, each through the postprocessor. A policy that remembers earlier
+observations, or blends its chunks, needs the observation of each step: such a policy returns one action at a time.
 """
 
 import contextlib
@@ -37,7 +37,7 @@ from lerobot_robot_yam.face.openpi.messages import (
 
 logger = logging.getLogger(__name__)
 
-_STAND_IN = f"{OBS_IMAGES}.empty_camera"  # prefix of images that pi0 and SmolVLA make themselves (`empty_cameras`)
+_STAND_IN = f"{OBS_IMAGES}.empty_camera"  # prefix of images that pi0 and SmolVLA create themselves (`empty_cameras`)
 _UNITS = {"radians": "rad", "degrees": "deg"}  # unit of a recording → its word in the metadata
 _SPACES = {"joint": "joint_position", "ee": "cartesian_position"}  # action space → RoboArena's word
 
@@ -47,11 +47,11 @@ class ObservationForm:
 
     Args:
         config: config of the policy.
-        rename_map: LeRobot's mapping of the client's name → the policy's name.
+        rename_map: LeRobot's mapping from the client's name to the policy's name.
         any_image_size: whether images of other heights and widths are accepted.
 
     Attributes:
-        state: name and number of values of the state; None for a policy without one.
+        state: (name, number of values) of the state; None for a policy without a state.
         images: name of an image → (channels, height, width).
     """
 
@@ -67,7 +67,7 @@ class ObservationForm:
         self.any_image_size = any_image_size
 
     def frame(self, message: Mapping[Any, Any]) -> dict[str, np.ndarray]:
-        """Return the part of a message that the policy sees, as `lerobot-rollout` would pass it on.
+        """Return the part of a message that the policy uses, in the format of `lerobot-rollout`.
 
         Args:
             message: key (see `observation_name`) → array, or → dictionary that groups some arrays.
@@ -76,7 +76,7 @@ class ObservationForm:
             State (n,) float32; images (height, width, channels) uint8. All are copies.
 
         Raises:
-            ObservationError: a value is missing, of a wrong type or shape, or not finite.
+            ObservationError: a value is missing, has the wrong type or shape, or is not finite.
         """
         sent: dict[str, Any] = {}
         for key, value in message.items():
@@ -96,7 +96,8 @@ class ObservationForm:
 
     def _image(self, name: str, image: np.ndarray) -> np.ndarray:
         channels, *size = self.images[name]
-        if image.ndim == 3 and image.shape[0] == channels != image.shape[2]:  # the order of openpi's policies for ALOHA
+        # axis order of openpi's policies for ALOHA
+        if image.ndim == 3 and image.shape[0] == channels != image.shape[2]:
             image = image.transpose(1, 2, 0)
         if image.ndim != 3 or image.shape[2] != channels or image.dtype != np.uint8 or image.size == 0:
             raise ObservationError(
@@ -118,7 +119,7 @@ def _state(name: str, count: int, value: Any) -> np.ndarray:
             f"{name} is {state.dtype} of the shape {state.shape}; this policy has to see {count} floating-point "
             "numbers. Is the robot the one that it was trained on?"
         )
-    with np.errstate(over="ignore"):  # an overflow is infinite, and refused below
+    with np.errstate(over="ignore"):  # an overflow becomes infinite, which is refused below
         state = state.astype(np.float32)
     if not np.isfinite(state).all():
         raise ObservationError(f"{name} is not finite: {state.tolist()}")
@@ -132,18 +133,18 @@ def _array(name: str, value: Any) -> np.ndarray:
 
 
 class ServedPolicy:
-    """Policy with its processors, as `lerobot-rollout --policy.path=…` loads them. For one thread at a time.
+    """Policy with its processors, as loaded by `lerobot-rollout --policy.path=…`. For one thread at a time.
 
     Args:
         path: directory of the checkpoint, or its repository on the hub.
         overrides: LeRobot's options for the policy's config, such as `--n_action_steps=10`.
-        rename_map: LeRobot's mapping of the client's name → the policy's name.
+        rename_map: LeRobot's mapping from the client's name to the policy's name.
         task: task for clients that send no prompt.
         any_image_size: whether images of any size are accepted, for policies that resize images themselves.
 
     Attributes:
         metadata: greeting for clients.
-        n_actions: number of actions in an answer.
+        n_actions: number of actions in a reply.
 
     Raises:
         ConfigError: the checkpoint cannot be loaded, or cannot be served.
@@ -175,10 +176,10 @@ class ServedPolicy:
         }
 
     def question(self, message: Mapping[Any, Any]) -> tuple[dict[str, np.ndarray], str]:
-        """Return observation and task of a client's message, without using the policy.
+        """Return observation and task of a client's message, without running the policy.
 
         Raises:
-            ObservationError: the message lacks what the policy needs (`ObservationForm`).
+            ObservationError: the message lacks a value that the policy needs (`ObservationForm`).
         """
         prompt = message.get(PROMPT_KEY)
         return self.form.frame(message), prompt if isinstance(prompt, str) and prompt else self._task
@@ -186,7 +187,7 @@ class ServedPolicy:
     def actions(self, frame: Mapping[str, np.ndarray], task: str) -> np.ndarray:
         """Compute the next actions, (n_actions, n) float32, in the units of the training data.
 
-        frame, task: observation and task as `question` returns them.
+        frame, task: observation and task as returned by `question`.
         """
         autocast = torch.autocast(self._device.type) if self._autocast else contextlib.nullcontext()
         with torch.inference_mode(), autocast:
@@ -229,7 +230,7 @@ def _loaded(path: str, overrides: list[str], rename_map: dict[str, str]) -> tupl
 
 
 def _cause(error: BaseException) -> BaseException:
-    """Return the first cause of an error, since LeRobot's parser hides a config's messages about its values."""
+    """Return the first cause of an error: LeRobot's parser hides a config's messages about its values."""
     return error if error.__cause__ is None else _cause(error.__cause__)
 
 
@@ -239,15 +240,15 @@ def _remembers(config: PreTrainedConfig) -> bool:
 
 
 def _chunk_length(config: PreTrainedConfig) -> int:
-    """Return the number of actions that `select_action` returns before it computes again."""
-    for name in ("n_action_steps", "action_chunk_size"):  # VQ-BeT has the second name
+    """Return the number of actions that `select_action` returns before it runs the model again."""
+    for name in ("n_action_steps", "action_chunk_size"):  # the second is VQ-BeT's name
         if hasattr(config, name):
             return getattr(config, name)
     return 1
 
 
 def _metadata(path: str, revision: str | None, config: PreTrainedConfig, form: ObservationForm) -> dict[str, Any]:
-    """Return what a client can compare with its settings (`check_metadata`), as far as the checkpoint has this."""
+    """Return the metadata that a client can compare with its settings (`check_metadata`), as far as they are known."""
     learnt = of_checkpoint(path, revision)
     n = config.action_feature.shape[0]
     metadata: dict[str, Any] = {
@@ -260,7 +261,7 @@ def _metadata(path: str, revision: str | None, config: PreTrainedConfig, form: O
     sizes = {shape[1:] for shape in form.images.values()}
     if len(sizes) == 1 and not form.any_image_size:
         metadata["image_resolution"] = list(sizes.pop())
-    unit = unit_of(learnt, np.ones(n, dtype=bool))  # includes grippers: their 0 to 1 is too small to decide
+    unit = unit_of(learnt, np.ones(n, dtype=bool))  # includes grippers, whose 0 to 1 is too small to affect the result
     space = space_of(learnt.names)
     if space in _SPACES:
         metadata["action_space"] = _SPACES[space]

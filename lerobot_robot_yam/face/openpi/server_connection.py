@@ -1,8 +1,8 @@
-"""Connection to an openpi server: the server's greeting, then a request and an answer at a time.
+"""Connection to an openpi server: the server's greeting, then one request and reply at a time.
 
-The server (openpi, `src/openpi/serving/websocket_policy_server.py`) greets with its metadata and sends one answer to
-each message; after a failure it sends a traceback as text and closes. A server whose metadata name `reset` among their
-`endpoints` can also reset its policy, as RoboArena's servers do.
+The server (openpi, `src/openpi/serving/websocket_policy_server.py`) sends its metadata as a greeting, then one reply to
+each message. After a failure it sends a traceback as text and closes the connection. A server whose metadata list
+`reset` in `endpoints` can also reset its policy, as RoboArena's servers do.
 """
 
 import contextlib
@@ -38,20 +38,20 @@ except ImportError as error:
 logger = logging.getLogger(__name__)
 
 _RETRY_S = 0.25  # pause between two attempts to connect, s
-_CLOSE_TIMEOUT_S = 1.0  # longest wait for the closing handshake of a server, which may be stuck, s
+_CLOSE_TIMEOUT_S = 1.0  # timeout of the closing handshake with a server, which may hang, s
 _UNAUTHORISED = (401, 403)  # HTTP statuses of a refused API key
-_MOST_BYTES = 16 * 2**20  # size of the largest answer, bytes; a chunk of 1000 actions for two arms has 0.1 MiB
+_MOST_BYTES = 16 * 2**20  # maximum size of a reply, bytes; a chunk of 1000 actions for two arms has 0.1 MiB
 
 
 class ServerConnection:
-    """Connection to a server of actions. Not for use by several threads at once.
+    """Connection to a policy server. Not for use by several threads at once.
 
-    Any failure closes the connection, so that a late answer is never taken for the next one; the next request opens
-    the connection again.
+    Any failure closes the connection, so that a late reply is never taken for the next one. The next request
+    reconnects.
 
     Args:
-        config: address of the server, and time-outs.
-        check: function that is called with the metadata of each greeting, and raises if they do not fit.
+        config: address of the server, and timeouts.
+        check: callback that gets the metadata of each greeting, and raises if they contradict the config.
 
     Attributes:
         metadata: metadata of the last greeting.
@@ -66,16 +66,16 @@ class ServerConnection:
         key = config.api_key()
         self._headers = {"Authorization": f"Api-Key {key}"} if key else None
         self._next_timeout_s = config.first_response_timeout_s
-        self._overdue = False  # whether the running server was too slow once, so that a longer wait would not help
+        self._overdue = False  # whether the running server has timed out before, so that a longer wait would not help
         self._stack = contextlib.ExitStack()
         self._connection: Connection | None = None
 
     def open(self) -> None:
-        """Connect; wait if the server is still starting.
+        """Connect. Wait if the server is still starting.
 
         Raises:
-            PolicyServerError: the server does not come up, greet, or accept the connection.
-            ConfigError: the URL is invalid, or the metadata do not fit.
+            PolicyServerError: the server does not start, send its greeting, or accept the connection.
+            ConfigError: the URL is invalid, or the metadata contradict the config.
         """
         deadline = time.monotonic() + self._config.connect_timeout_s
         logger.info("waiting for the %s", self._name)
@@ -88,10 +88,10 @@ class ServerConnection:
             time.sleep(_RETRY_S)
 
     def infer(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """Return the server's answer to an observation.
+        """Return the server's reply to an observation.
 
         Raises:
-            PolicyServerError: the server failed, is gone, or does not answer in time.
+            PolicyServerError: the server failed, disconnected, or timed out.
         """
         if self._connection is None:
             self._open()
@@ -107,13 +107,14 @@ class ServerConnection:
         return message
 
     def reset(self) -> None:
-        """Begin a new episode at the server, which then ignores what it remembers of the episode before.
+        """Begin a new episode at the server, which then ignores its memory of the previous episode.
 
-        Sends nothing to a server whose greeting lacks this endpoint, and nothing without a connection, since a server's
-        memory belongs to one connection.
+        Nothing is sent to a server whose greeting lacks this endpoint, nor without a connection, because a server's
+        memory
+        belongs to one connection.
 
         Raises:
-            PolicyServerError: the server failed, is gone, or does not answer in time.
+            PolicyServerError: the server failed, disconnected, or timed out.
         """
         if self._connection is None or RESET not in self.metadata.get(ENDPOINTS_KEY, []):
             return
@@ -136,10 +137,10 @@ class ServerConnection:
                     max_size=_MOST_BYTES,
                     open_timeout=self._config.connect_timeout_s,
                     close_timeout=_CLOSE_TIMEOUT_S,
-                    ping_interval=None,  # the server cannot answer pings while it computes; `_exchange` has a time-out
+                    ping_interval=None,  # the server cannot reply to pings while it computes; `_exchange` has a timeout
                 )
             )
-        except (InvalidURI, ValueError) as error:  # ValueError: urllib's for an invalid host
+        except (InvalidURI, ValueError) as error:  # ValueError: raised by urllib for an invalid host
             raise ConfigError(f"--policy.host and --policy.port make no websocket URL: {error}") from error
         except InvalidStatus as error:
             status = error.response.status_code
@@ -167,7 +168,7 @@ class ServerConnection:
             self._next_timeout_s = self._config.first_response_timeout_s
 
     def _exchange(self, message: bytes, timeout_s: float) -> bytes | str:
-        """Send a message and receive the answer within a time; the timer also ends a send that is not read."""
+        """Send a message and return the reply. The timeout also ends a send that the server does not read."""
         connection = self._connection
         assert connection is not None
         expired = threading.Event()

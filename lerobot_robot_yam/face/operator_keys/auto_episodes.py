@@ -1,12 +1,12 @@
 """Episodes that begin when the leaders are lifted, and end when the leaders are home. Pure: no clock, no keyboard.
 
-`lerobot-record` records from its start on, and again as soon as an episode is saved. So an episode that has not begun
-with a lift gets the re-record key at once: LeRobot then waits in its reset phase, and drops that beginning. The lift
-ends the reset, and no save delays the recording. When the leaders are home, the episode ends, and the reset after it
-ends at once, so that the episode is saved. An episode that an emergency stop cuts off is dropped: after the stop the
-leaders go home, but not because the person has finished.
+`lerobot-record` records from its start on, and again as soon as an episode is saved. Therefore an episode that did not
+begin with a lift gets the re-record key at once: LeRobot discards it and waits in its reset phase. The lift ends the
+reset, and no save delays the recording. When the leaders are home, the episode ends, and the reset after it ends at
+once, so that the episode is saved. An episode that an emergency stop interrupts is discarded: the leaders go home after
+the stop, but not because the person has finished.
 
-In lerobot-rollout, episodes belong to the policy: leaders neither begin nor end an episode there.
+In lerobot-rollout, episodes belong to the policy: leaders neither begin nor end an episode.
 """
 
 from collections.abc import Sequence
@@ -16,34 +16,35 @@ from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import ArmState
 
 LIFTED = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
-_LEAST_FRAMES = 5  # least number of frames of an episode: a late key has ended a shorter one
+_LEAST_FRAMES = 5  # minimum number of frames of an episode: a shorter episode was ended by a late key
 _HOME = (Gate.HOMING, Gate.IDLE)
 
 
 def all_lifted(gates: Sequence[Gate]) -> bool | None:
-    """Return True if all leaders are lifted, False if all are home, else None."""
+    """Return True if all leaders are lifted, False if all are home, otherwise None."""
     if all(gate in LIFTED for gate in gates):
         return True
     return False if all(gate in _HOME for gate in gates) else None
 
 
 def led_by_hand(leaders: Sequence[ArmState]) -> bool:
-    """Return whether a person moves all leaders: none is stopped, or has failed."""
+    """Return whether a person can move all leaders: all float, none is stopped or in fault."""
     return all(leader.mode is Mode.FLOAT for leader in leaders)
 
 
 class AutoEpisodes:
-    """State machine that finds the next key from the state of leaders and command."""
+    """State machine that derives the next key from the state of leaders and command."""
 
     def __init__(self) -> None:
         self._turn = 0.0
         self._armed = False  # whether the leaders were home since the last episode began
-        self._starts = self._begun = False  # whether a lift ends this turn; and ended the turn before
+        # whether a lift ends this turn (_starts), and ended the previous turn (_begun)
+        self._starts = self._begun = False
         self._was_lifted = False  # whether leaders were lifted in this turn, a run of the loop
         self._cut_off = False  # whether an arm stopped or failed in this turn
 
     def key(self, lifted: bool | None, by_hand: bool, now: Situation) -> Meaning | None:
-        """Return the key to press now, if any; the same key again until the command has reacted.
+        """Return the key to press now, if any. The same key is returned until the command has reacted.
 
         Args:
             lifted: state of all leaders, see `all_lifted`.
@@ -67,9 +68,9 @@ class AutoEpisodes:
                 return Meaning.RERECORD
             return Meaning.NEXT if home and not now.ends_by_itself else None
         if not now.drops and now.frames < _LEAST_FRAMES:
-            self._starts = lifted is True  # the lift goes on
+            self._starts = lifted is True  # the same lift continues
             return Meaning.RERECORD
         self._starts = now.drops and self._armed and lifted is True
         if now.ends_by_itself or not (self._starts or not now.drops):
             return None
-        return Meaning.NEXT  # saves the episode now, not only before the next one
+        return Meaning.NEXT  # saves the episode now instead of before the next one

@@ -1,4 +1,4 @@
-"""Buttons of teaching handles: their meanings in the option `buttons`, and their presses."""
+"""Buttons of teaching handles: their meanings in the option `buttons`, and detection of presses."""
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,7 +8,7 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
 from lerobot_robot_yam.state.records import ArmState
 
-BUTTONS = ("top", "bottom")  # names of a handle's buttons, in the order of its report
+BUTTONS = ("top", "bottom")  # names of a handle's buttons, in the order of the handle's report
 
 
 _SETS: dict[str, dict[int, dict[Meaning, str]]] = {  # name of a set → number of arms → meaning → button
@@ -40,7 +40,7 @@ def button_meanings(given: Any, prefixes: Sequence[str], taken: Mapping[str, str
     Args:
         given: the option `buttons`: one of `SETS`, or a mapping meaning → button or list of buttons.
         prefixes: prefix of each arm with a handle: "" for a single arm, "left_", "right_".
-        taken: button → name of the option that uses it.
+        taken: button → name of the option that uses the button.
 
     Raises:
         ConfigError: a meaning or button does not exist, or a button has two meanings.
@@ -86,7 +86,7 @@ def _known(word: Any, what: str, known: Iterable[str]) -> str:
 
 
 class RisingEdges:
-    """Detector of buttons that were up and are down now. The control loop has removed bounces already.
+    """Detector of button presses. The control loop has already debounced the buttons.
 
     A button that is down at first, or after its handle was silent, has to be up before it counts as pressed.
     """
@@ -95,14 +95,14 @@ class RisingEdges:
         self._up: set[str] = set()  # buttons that were up at the last call
 
     def pressed(self, buttons: Mapping[str, bool | None]) -> list[str]:
-        """Return the buttons pressed since the last call. buttons: name → whether down; None: its handle is silent."""
+        """Return the buttons pressed since the last call. buttons: name → whether down; None: the handle is silent."""
         edges = [name for name, down in buttons.items() if down and name in self._up]
         self._up = {name for name, down in buttons.items() if down is False}
         return edges
 
 
 def buttons_of(states: Mapping[str, ArmState]) -> dict[str, bool | None]:
-    """Return whether each button, such as left_bottom, is down, from states by prefix; None if its handle is silent."""
+    """Return button name, such as left_bottom, → whether down, from prefix → state; None: the handle is silent."""
     return {
         f"{prefix}{name}": None if state.trigger is None else down
         for prefix, state in states.items()

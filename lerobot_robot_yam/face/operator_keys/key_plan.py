@@ -1,6 +1,6 @@
 """Effect of a button on a LeRobot command, and its description in words. Pure: no clock, no keyboard.
 
-Each press of a key of LeRobot brings the command closer to what the button means; only a stop sets flags
+Each press of a LeRobot key brings the command closer to the phase that the button means; only a stop sets flags
 (`StopRequest`).
 """
 
@@ -14,7 +14,7 @@ from lerobot_robot_yam.face.lerobot_command.running_command import (
     Situation,
 )
 
-_STEPS = {  # (present phase, wanted phase) → meaning of the first key on the way
+_STEPS = {  # (current phase, wanted phase) → meaning of the first key on the path
     (Phase.AUTONOMOUS, Phase.PAUSED): Meaning.PAUSE,
     (Phase.AUTONOMOUS, Phase.CORRECTING): Meaning.PAUSE,
     (Phase.PAUSED, Phase.AUTONOMOUS): Meaning.PAUSE,
@@ -25,7 +25,7 @@ _STEPS = {  # (present phase, wanted phase) → meaning of the first key on the 
 
 
 def wanted(meaning: Meaning, now: Situation) -> Phase | None:
-    """Return the phase to which a button leads by keys from phase to phase; None if a single key does what it means."""
+    """Return the phase that a button reaches by several keys, one per phase; None if a single key has its effect."""
     if Meaning.CORRECT not in now.keys:
         return None
     if meaning is Meaning.PAUSE:
@@ -40,16 +40,16 @@ def wanted(meaning: Meaning, now: Situation) -> Phase | None:
 
 
 def step(goal: Phase, now: Situation) -> Meaning | None:
-    """Return the key of one step towards a phase; None if the phase is reached, or no key leads there from here."""
+    """Return the key of one step towards a phase; None if the phase is reached, or no key leads to it."""
     key = _STEPS.get((now.phase, goal))
     return key if key in now.keys else None
 
 
 def single_key(meaning: Meaning, now: Situation) -> Meaning | None:
-    """Return the key of a button that leads to no phase; None if the command has no such key, or not now.
+    """Return the key of a button that leads to no phase; None if the command has no such key, or refuses it now.
 
-    Some keys are refused although LeRobot accepts them: between two phases a key would end an episode without a frame,
-    and LeRobot would end the whole recording with an error. So would a key that ends a phase but comes after its end.
+    Some keys are refused although LeRobot accepts them: a key between two phases would end an episode without a frame,
+    and LeRobot would end the whole recording with an error. So would a key that ends a phase but arrives after its end.
     """
     key = Meaning.NEXT if meaning in LABELS else meaning
     if key not in now.keys:
@@ -64,12 +64,12 @@ def single_key(meaning: Meaning, now: Situation) -> Meaning | None:
 
 
 def frames_to_label(now: Situation, automatic: bool) -> int | None:
-    """Return the frames of the episode to label, 0 if it is saved already; None if the wrong episode would be labelled.
+    """Return the number of frames of the episode to label, 0 if it is already saved; None: no label.
 
     Args:
         now: the command's situation.
-        automatic: whether episodes end by themselves. If so, a dropped recording was never an episode, and the label is
-            for the episode before. Otherwise a person means the episode that was just dropped.
+        automatic: whether episodes end by themselves. If so, a discarded recording was never an episode, and the label
+            is for the previous episode. Otherwise a person means the episode that was just discarded.
     """
     if now.drops:
         return 0 if automatic else None
@@ -77,21 +77,21 @@ def frames_to_label(now: Situation, automatic: bool) -> int | None:
 
 
 def rescue(now: Situation) -> Meaning | None:
-    """Return the key that is needed, whatever was pressed, so that an episode without a frame is not saved."""
+    """Return the key, independent of buttons, that prevents saving an episode without a frame; None if not needed."""
     empty = now.phase is Phase.RESETTING and now.dataset is not None and not now.frames and not now.drops
     return Meaning.RERECORD if empty and Meaning.RERECORD in now.keys else None
 
 
 class StopRequest:
-    """Press of a button that stops a command which records episode by episode, by setting LeRobot's flags.
+    """Button press that stops a command which records episode by episode, by setting LeRobot's flags.
 
     LeRobot's stop key sets two flags at once: stop, and leave the loop. A key takes a moment. If the next episode has
-    begun by then, the key ends that episode before its first frame; LeRobot then saves it, and fails. So the button
-    sets the same flags itself, one after the other:
+    begun by then, the key ends that episode before its first frame; LeRobot then saves it, and fails. Therefore the
+    button sets the same flags itself, one after the other:
 
-        stop       at once: no further episode begins, unless it has begun already
-        re-record  if an episode has begun since, or the episode to be saved has no frame: it is dropped
-        leave      once a loop is seen to run with the flags above set: no episode follows that loop
+        stop       at once: no further episode begins, unless it has already begun
+        re-record  if an episode has begun since, or the episode to be saved has no frame: the episode is discarded
+        leave      once a loop runs with the flags above set: no episode follows that loop
 
     now: situation in which the button is pressed.
     """
@@ -101,7 +101,7 @@ class StopRequest:
         now.flags[STOP] = True
 
     def advance(self, now: Situation) -> bool:
-        """Set the flags that are due; return whether nothing is left to do."""
+        """Set the flags that are due. Return whether all flags are set."""
         if now.phase not in (Phase.RECORDING, Phase.RESETTING):
             return not now.command
         if now.turn != self._turn if now.phase is Phase.RECORDING else not now.frames:
@@ -111,7 +111,7 @@ class StopRequest:
 
 
 def refusal(meaning: Meaning, button: str, now: Situation) -> str:
-    """Explain why a button that is no label does nothing now."""
+    """Return the reason why a button that is not a label has no effect now."""
     what = f"button {button} ({meaning})"
     if not now.command:
         return f"{what}: LeRobot does not listen to keys now"
@@ -145,7 +145,7 @@ _DROPPED = {
 
 
 def offers(now: Situation, first: int, automatic: bool) -> dict[str, str]:
-    """Describe in words what each meaning would do now; a meaning without an effect is left out.
+    """Return meaning → description of its current effect. Meanings without an effect are omitted.
 
     Args:
         now: the command's situation.

@@ -1,4 +1,4 @@
-"""Thread that acts as LeRobot's keys do, when a handle's button is pressed or a page requests the same."""
+"""Thread with the effect of LeRobot's keys when a handle's button is pressed or a page sends the same request."""
 
 import contextlib
 import logging
@@ -20,22 +20,22 @@ from lerobot_robot_yam.state.records import ArmState
 
 logger = logging.getLogger(__name__)
 
-_PERIOD_S = 0.005  # period of reading the handles, s
-_ASKED_PERIOD_S = 0.05  # period of reading requests, without handles, s
-_LOOK_S = 0.02  # period of checking the command while a key may be due, s
-_SELDOM_S = 0.5  # period of checking the command at other times, for a new data set, s
+_PERIOD_S = 0.005  # polling interval of the handles, s
+_ASKED_PERIOD_S = 0.05  # polling interval of requests, without handles, s
+_LOOK_S = 0.02  # interval between checks of the command while a key may be due, s
+_SELDOM_S = 0.5  # interval between checks of the command at other times, for a new data set, s
 _AGAIN_S = 2.0  # wait for the effect of an automatic key before it is pressed again, s
-_END_S = 1.0  # longest wait for the end of the thread, s
-_GOAL_S = 60.0  # longest way to a phase, s: LeRobot aligns leaders for 2 s, and may save for long
+_END_S = 1.0  # timeout of joining the thread, s
+_GOAL_S = 60.0  # timeout of reaching a phase, s: LeRobot aligns leaders for 2 s, and saving may take long
 
 
 class OperatorKeys:
-    """Keys that a leader device presses, from connect to disconnect; for a follower, only requests press keys.
+    """Keys that a leader device presses, from connect to disconnect. For a follower, only requests press keys.
 
     Args:
         meanings: name of a button, such as left_bottom → its meaning.
         auto: whether episodes begin when all leaders are lifted, and end when all are home.
-        by_request: whether there are no handles, only requests.
+        by_request: whether there are only requests and no handles.
     """
 
     def __init__(self, meanings: Mapping[str, Meaning], auto: bool, by_request: bool = False):
@@ -53,9 +53,9 @@ class OperatorKeys:
         self._last: tuple[Meaning, Phase, float] | None = None
 
     def start(self, read: Callable[[], Mapping[str, ArmState]]) -> None:
-        """Start the thread. Does nothing without buttons, or under a command that hears no keys.
+        """Start the thread. Does nothing without buttons, or under a command that does not listen to keys.
 
-        read: returns the newest state of each arm by its prefix.
+        read: callback that returns prefix → newest state of the arm.
         """
         if not (self._meanings or self._automatic or self._by_request):
             return
@@ -86,10 +86,10 @@ class OperatorKeys:
         while not ends.wait(_ASKED_PERIOD_S if self._by_request else _PERIOD_S):
             try:
                 self._tick(time.monotonic(), read())
-            except YamError as error:  # arms off or loop gone, which is reported elsewhere
+            except YamError as error:  # arms off or loop ended, which is reported elsewhere
                 logger.debug("no buttons: %s", error)
             except Exception:
-                if ends.is_set():  # the arms were released meanwhile
+                if ends.is_set():  # the arms were released in the meantime
                     return
                 logger.exception("the buttons of the handles do nothing from now on")
                 return
@@ -154,7 +154,7 @@ class OperatorKeys:
         logger.info("button %s: %s", button, meaning)
 
     def _approach(self, goal: Phase, now: Situation, now_s: float) -> None:
-        """Press the next key towards the goal, once for each phase on the way."""
+        """Press the next key towards the goal, once for each phase on the path."""
         key = key_plan.step(goal, now)
         if key is not None and now_s < self._goal_until_s:
             self._press(key, now, now_s, again=False)
@@ -164,7 +164,7 @@ class OperatorKeys:
         self._goal = None
 
     def _press(self, key: Meaning, now: Situation, now_s: float, again: bool | None = None) -> None:
-        """Press a key. The same key is pressed again at once (`again` None), after `_AGAIN_S` (True), never (False)."""
+        """Press a key. again: when to repeat the same key: None: at once; True: after `_AGAIN_S`; False: never."""
         this = key, now.phase, now.turn
         if again is not None and this == self._last and (not again or now_s - self._pressed_s < _AGAIN_S):
             return

@@ -1,4 +1,4 @@
-"""Requests of a page to the LeRobot command in this process, and the objects that carry them out."""
+"""Requests from a page to the LeRobot command in this process, and the objects that carry them out."""
 
 from typing import NamedTuple, Protocol
 
@@ -6,12 +6,12 @@ from lerobot_robot_yam.face.lerobot_command.running_command import Meaning, Situ
 
 
 class Press(NamedTuple):
-    """Press of a button, or request of a page in place of a press.
+    """Button press, or equivalent request from a page.
 
     Attributes:
         by: name of the button or page.
-        meaning: what the command is to do.
-        turn: run of the command's loop for which the press is; None for any run.
+        meaning: requested action of the command.
+        turn: run of the command's loop for which the press is valid; None: any run.
     """
 
     by: str
@@ -26,14 +26,14 @@ class Doer(Protocol):
         """Carry out a press. Any thread may call this method."""
 
     def offers(self, now: Situation, first: int) -> dict[str, str]:
-        """Describe in words what each meaning would do now; first: number of episodes before this session."""
+        """Return meaning → description of its current effect. first: number of episodes before this session."""
 
 
 _doers: list[Doer] = []
 
 
 def join(doer: Doer, first: bool) -> None:
-    """Register a doer; first: whether it comes before all others."""
+    """Register a doer. first: whether it has priority over all others."""
     _doers.insert(0 if first else len(_doers), doer)
 
 
@@ -44,7 +44,7 @@ def leave(doer: Doer) -> None:
 
 
 def ask(press: Press) -> bool:
-    """Pass a press to the first doer; return False without a doer."""
+    """Pass a press to the first doer. Return False without a doer."""
     for doer in _doers:
         doer.ask(press)
         return True

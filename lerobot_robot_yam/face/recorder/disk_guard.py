@@ -1,4 +1,4 @@
-"""Room on the disk for a recording: a full disk loses even an episode that is finished."""
+"""Disk space for a recording: a full disk loses even a finished episode."""
 
 import contextlib
 import logging
@@ -12,20 +12,20 @@ from lerobot_robot_yam.errors import ConfigError
 logger = logging.getLogger(__name__)
 
 _ROW = 1_000  # size of a frame's numbers, uncompressed, bytes
-_VIDEO_PIXEL = 0.03  # size per pixel of a video by LeRobot's default, bytes: 0.01 to 0.03 with moving arms
+_VIDEO_PIXEL = 0.03  # size per pixel of a video with LeRobot's default settings, bytes: 0.01 to 0.03 with moving arms
 _IMAGE_PIXEL = 1.5  # size per pixel of a PNG, bytes; frames are PNGs until their video is encoded
-LEFT_FREE = 100_000_000  # space that is kept free for other programs and for closing the data set, bytes
-_SPARE = 1.5  # factor on the size of the largest episode, as episodes differ
-_LONG_S = 120.0  # longest episode for which room is planned, s: with a longer limit, a key ends episodes
+LEFT_FREE = 100_000_000  # space kept free for other programs and for closing the data set, bytes
+_SPARE = 1.5  # safety factor on the size of the largest episode, because episodes differ
+_LONG_S = 120.0  # maximum episode length for which space is planned, s: with a longer limit, a key ends episodes
 _AT_LEAST_S = 10.0  # duration of a recording that has to fit at the start, s
 _STILLS = "images"  # LeRobot's folder of images that are not encoded yet
-_WINDOW_S = 300.0  # span of recording over which the rate is computed, s
-_LEAST_S = 5.0  # least span of recording from which a rate is computed, s
-_WARNED_S = 600.0  # recording time left at which a person is warned, s
+_WINDOW_S = 300.0  # recorded time over which the rate is computed, s
+_LEAST_S = 5.0  # minimum recorded time for computing a rate, s
+_WARNED_S = 600.0  # remaining recording time at which a person is warned, s
 
 
 class DiskGuard:
-    """Watch of the room on the disk for one recording.
+    """Monitor of the disk space for one recording.
 
     Args:
         root: folder of the data set.
@@ -47,19 +47,19 @@ class DiskGuard:
         """Return the size of the data set in bytes, without images that an encoder is about to remove."""
         used = 0
         for path in self._root.rglob("*"):
-            with contextlib.suppress(OSError):  # removed meanwhile
+            with contextlib.suppress(OSError):  # removed in the meantime
                 used += path.stat().st_size if _STILLS not in path.parts and path.is_file() else 0
         return used
 
     def free_bytes(self) -> int:
-        """Return the bytes that this user may still write on the data set's disk."""
+        """Return the number of bytes that this user may still write on the data set's disk."""
         return shutil.disk_usage(self._root).free
 
     def check(self, episodes: int) -> None:
-        """Compare the need of so many `episodes` with the free space, at the start, and warn if they do not fit.
+        """Compare the space for `episodes` episodes with the free space at the start, and warn if it is too small.
 
         Raises:
-            ConfigError: there is no room for 10 s of recording.
+            ConfigError: there is no space for 10 s of recording.
         """
         free = self.free_bytes() - LEFT_FREE
         if free < _AT_LEAST_S * self._fps * (self._kept + self._stills):
@@ -78,14 +78,14 @@ class DiskGuard:
             )
 
     def saved(self, frames: int) -> None:
-        """Note a saved episode of so many frames; the size of the episode replaces the estimate."""
+        """Record a saved episode of `frames` frames; the episode's size replaces the estimate."""
         used = self._used()
         self._largest, self._before = max(self._largest, used - self._before), used
         self._frames = max(self._frames if self._frames < _LONG_S * self._fps else 0, frames)
 
     @property
     def room_for_another(self) -> bool:
-        """Whether another episode as large as the largest fits."""
+        """Whether another episode as large as the largest one fits."""
         kept = self._largest or self._frames * self._kept
         return self.free_bytes() - LEFT_FREE > _SPARE * (kept + self._frames * self._stills)
 
@@ -95,13 +95,13 @@ def _text(count: float) -> str:
 
 
 class DiskLeft:
-    """Recording time until the disk is full, at the rate at which the disk fills.
+    """Remaining recording time until the disk is full, at the rate at which the disk currently fills.
 
-    Free bytes are compared at the beginnings of recordings, as LeRobot encodes and removes images in between.
+    Free bytes are compared at the start of recordings, because LeRobot encodes and removes images in between.
     """
 
     def __init__(self) -> None:
-        self._begun = deque[tuple[float, int]]()  # for each recording: seconds recorded before it, free bytes
+        self._begun = deque[tuple[float, int]]()  # for each recording: (seconds recorded before it, free bytes)
         self._recorded_s = self._looked_s = 0.0
         self._records = False
 
@@ -111,7 +111,7 @@ class DiskLeft:
         Args:
             now_s: monotonic time, s.
             free: free bytes on the disk.
-            recording: whether the command records at the moment.
+            recording: whether the command is currently recording.
         """
         if recording and self._records:
             self._recorded_s += now_s - self._looked_s
@@ -127,7 +127,7 @@ class DiskLeft:
 
 
 def disk_warning(left_s: float | None, free: int) -> str:
-    """Return the warning to a person, empty while there is room; arguments as in `DiskLeft.left_s`."""
+    """Return the warning for a person, empty while there is space. Arguments as in `DiskLeft.left_s`."""
     if free < LEFT_FREE:
         return "the disk is full: the recording ends"
     if left_s is not None and left_s < _WARNED_S:

@@ -1,6 +1,6 @@
-"""Log of a `lerobot-record` by its robot: a line and a row of figures for each episode, and a watch of the disk.
+"""Log of a `lerobot-record` by its robot: a log line and a row of figures for each episode, and a disk monitor.
 
-No error in this module ends a recording.
+An error in this module never ends a recording.
 """
 
 import json
@@ -23,27 +23,27 @@ from lerobot_robot_yam.state.records import ArmState, Limited
 
 logger = logging.getLogger(__name__)
 
-_LOOK_S = 0.5  # period of checking the disk, and of status lines, s
+_LOOK_S = 0.5  # interval between checks of the disk, and between status lines, s
 _LATE = 1.5  # number of periods after which a frame counts as late
-_SAMPLE = 16  # step of the rows and columns that are compared first, pixels
-_SLOW = 0.95  # share of the data set's frames per second below which an episode is slow
+_SAMPLE = 16  # step between rows and columns that are compared first, pixels
+_SLOW = 0.95  # fraction of the data set's frames per second below which an episode is slow
 _CLEAR = "\r\x1b[K"  # control characters that clear a terminal's line
 
 
 @dataclass
 class EpisodeFigures:
-    """Figures of one episode that its frames do not show to a training, filled in while the episode is recorded.
+    """Figures of one episode that a training cannot see in the frames, collected while the episode is recorded.
 
     Attributes:
         index: number of the episode.
         fps: the data set's frames per second.
-        begun: date and time, ISO 8601 with the time zone.
+        begun: date and time of the start, ISO 8601 with the time zone.
         times_s: monotonic time of each frame.
         images: newest image of each camera.
-        repeated: camera → number of frames with the same image as the frame before.
-        lost: number of replies of all arms' motors that were lost in the episode.
+        repeated: camera → number of frames with the same image as the previous frame.
+        lost: number of motor replies lost in the episode, all arms together.
         held_back: number of frames in which the speed limit kept an arm behind its target.
-        changed: number of actions that limits have changed before they were sent.
+        changed: number of actions that limits changed before they were sent.
     """
 
     index: int
@@ -68,7 +68,7 @@ class EpisodeFigures:
 
     @property
     def achieved_fps(self) -> float:
-        """Real frames per second; with less than two frames the data set's number."""
+        """Real frames per second; with fewer than two frames the data set's number."""
         return (self.frames - 1) / (self.times_s[-1] - self.times_s[0]) if self.frames > 1 else float(self.fps)
 
     @property
@@ -78,11 +78,11 @@ class EpisodeFigures:
 
     @property
     def slow(self) -> bool:
-        """Whether the recording was slower than its stamps say, so that a training sees a world that hurries."""
+        """Whether the recording was slower than its timestamps, so that a training sees the motion too fast."""
         return self.achieved_fps < _SLOW * self.fps
 
     def summary(self) -> str:
-        """Return a summary in one line for a person."""
+        """Return a one-line summary for a person."""
         rate = f" at {self.achieved_fps:.1f} of {self.fps} fps" if self.frames > 1 else ""
         found = [f"{self.frames} frame{'s' * (self.frames != 1)}{rate}"]
         if self.late_frames:
@@ -97,7 +97,7 @@ class EpisodeFigures:
         return f"episode {self.index}: {', '.join(found)}"
 
     def row(self) -> dict[str, Any]:
-        """Return the row for the side-car, with times in s since the first frame."""
+        """Return the row for the side-car file, with times in s since the first frame."""
         times = np.array(self.times_s) - (self.times_s[0] if self.times_s else 0.0)
         return {
             "episode_index": self.index,
@@ -115,16 +115,18 @@ class EpisodeFigures:
 
 
 def _same(before: Any, image: Any) -> bool:
-    """Return whether two images are equal; a sample of pixels finds most differences, in microseconds."""
+    """Return whether two images are equal. A sample of pixels detects most differences within microseconds."""
     if before is None or before.shape != image.shape:
         return False
     return np.array_equal(before[::_SAMPLE, ::_SAMPLE], image[::_SAMPLE, ::_SAMPLE]) and np.array_equal(before, image)
 
 
 class StatusLine(logging.Filter):
-    """Line at the bottom of a terminal with the progress of the recording, below the lines of the log.
+    """Status line at the bottom of a terminal with the progress of the recording, below the log.
 
-    The line is shown only on a terminal. As a filter of the log it clears the line, and passes all records.
+    The line is shown only on a terminal. It is a log filter, so that it can be cleared before each record; it passes
+    all
+    records.
 
     stream: stream of the log; by default standard error.
     """
@@ -140,13 +142,13 @@ class StatusLine(logging.Filter):
             handler.addFilter(self)
 
     def show(self, text: str) -> None:
-        """Replace the line. The cursor returns to its start, so that other output replaces the line, too."""
+        """Replace the line. The cursor returns to the start of the line, so that other output replaces it, too."""
         if self._on:
             self._write(f"{_CLEAR}{text}\r")
             self._shown = self._on
 
     def _write(self, text: str) -> None:
-        """Write without ever failing: a terminal may be gone while arms have to land, and a signal may interrupt."""
+        """Write without ever failing: the terminal may be closed while arms must land, and a signal may interrupt."""
         try:
             self._stream.write(text)
             self._stream.flush()
@@ -154,7 +156,7 @@ class StatusLine(logging.Filter):
             self._on = False
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Clear the line for a record of the log."""
+        """Clear the line before a log record."""
         self.clear()
         return True
 
@@ -171,16 +173,16 @@ class StatusLine(logging.Filter):
 
 
 class EpisodeLog:
-    """Log of the episodes of one robot, from connect to disconnect. The log does nothing under other commands."""
+    """Log of the episodes of one robot, from connect to disconnect. Does nothing under other commands."""
 
     def __init__(self) -> None:
         self._command: Situation | None = None
         self._status = StatusLine()
 
     def begin(self) -> None:
-        """Begin the log, before the arms are energised. Raises ConfigError: the disk is full."""
+        """Start the log, before the arms are energised. Raises ConfigError: the disk is full."""
         self._figures: EpisodeFigures | None = None
-        self._told = False  # whether the present episode's line is logged
+        self._told = False  # whether the current episode's line is logged
         self._first = self._lost_before = 0
         self._looked_s = self._loop_began_s = 0.0
         tell_what_is_kept()
@@ -199,12 +201,12 @@ class EpisodeLog:
             self._carefully(lambda: self._observed(recording(), states, images))
 
     def sent(self, changed: bool) -> None:
-        """Count a sent action; changed: whether limits have changed the action."""
+        """Count a sent action. changed: whether limits have changed the action."""
         if self._figures is not None and self._command is not None and self._command.phase is Phase.RECORDING:
             self._figures.changed += changed
 
     def end(self) -> None:
-        """Finish the log when the data set is closed, or was never filled. Idempotent."""
+        """Finish the log when the data set is closed, or stayed empty. Idempotent."""
         if self._command is not None:
             self._carefully(self._finish)
         self._command = None
@@ -271,7 +273,7 @@ class EpisodeLog:
             logger.log(logging.WARNING if figures.slow else logging.INFO, "%s", figures.summary())
 
     def _keep(self) -> None:
-        """Write the figures of the episode before, if LeRobot has saved it."""
+        """Write the figures of the previous episode, if LeRobot has saved the episode."""
         figures, self._figures = self._figures, None
         if figures is None or self._command is None:
             return

@@ -1,6 +1,6 @@
-"""Saving of the finished episodes of a recording, whatever ends the command, and a report in its last lines.
+"""Saving of a recording's finished episodes, for whatever reason the command ends, and a report in its last lines.
 
-LeRobot saves an episode only after the reset that follows. A signal or an error before that would lose the episode.
+LeRobot saves an episode only after the following reset. A signal or an error before that would lose the episode.
 """
 
 import atexit
@@ -19,30 +19,31 @@ from lerobot_robot_yam.face.datasets.layout import is_empty
 from lerobot_robot_yam.face.lerobot_command.running_command import LEAVE_LOOP, STOP, Phase, Situation, recording
 from lerobot_robot_yam.face.recorder.outcomes import DISCARD
 
-if TYPE_CHECKING:  # loaded by the command, and not needed by others
+if TYPE_CHECKING:  # loaded by lerobot-record, and not needed by other commands
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 logger = logging.getLogger(__name__)
 
 SIDE_CAR = Path("meta", "yam_episodes.jsonl")
-_MOST = 3  # largest number of episodes that the last lines name, since a terminal shows few lines
+_MOST = 3  # maximum number of episodes named in the last lines, because a terminal shows few lines
 _told_of: "LeRobotDataset | None" = None
 
 
 def tell_what_is_kept() -> None:
     """Report the kept episodes in the last lines of a recording. Idempotent.
 
-    An empty data set that this command has made is removed, since LeRobot would refuse to begin it again.
+    An empty data set that this command has created is removed, because LeRobot would refuse to create it again.
     """
     global _told_of
     command = recording()
     if command is not None and command.dataset is not _told_of:
-        # Imported here, not at exit: after an import at exit, Python forgets that an interrupt ends the process, and
-        # the exit status would be 1 (see `system.signals`).
+        # Imported now, not at exit: an import at exit makes Python forget that an interrupt ends the process, and the
+        # exit
+        # status would be 1 (see `system.signals`).
         import lerobot_robot_yam.face.datasets.check.row_checks  # noqa: F401
 
         _told_of = command.dataset
-        root = Path(command.dataset.root).resolve()  # the working directory may change
+        root = Path(command.dataset.root).resolve()  # absolute, because the working directory may change
         atexit.register(_say_kept, command.dataset, root, command.dataset.num_episodes, command.config.resume)
 
 
@@ -64,7 +65,7 @@ def _say_kept(dataset: "LeRobotDataset", root: Path, before: int, resumes: bool)
 
 
 def _wrong(root: Path, first: int) -> Iterator[tuple[int, str]]:
-    """Yield number and message of each episode, from `first` on, whose figures show that it would harm a training."""
+    """Yield (number, message) for each episode, from `first` on, whose figures show that it would harm a training."""
     from lerobot_robot_yam.face.datasets.check.row_checks import real_times
 
     for number, figures in sorted(read_figures(root).items()):
@@ -80,14 +81,14 @@ def drop_command(quoted_path: str, episodes: Iterable[int]) -> str:
 
 
 def read_figures(root: Path) -> dict[int, dict[str, Any]]:
-    """Read a data set's side-car; returns number of an episode → its newest row."""
+    """Return episode number → newest row, from a data set's side-car file."""
     found: dict[int, dict[str, Any]] = {}
     path = root / SIDE_CAR
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []:
         try:
             row = json.loads(line)
             found[row["episode_index"]] = row
-        except (ValueError, TypeError, KeyError):  # half a line after a power cut
+        except (ValueError, TypeError, KeyError):  # an incomplete line after a power cut
             continue
     return found
 
@@ -99,7 +100,7 @@ class _SaveThenStop:
         self._now, self._why = now, why
 
     def __bool__(self) -> bool:
-        """Return True while a finished episode is to be saved.
+        """Return True while a finished episode has to be saved.
 
         Raises:
             KeyboardInterrupt: the episode is saved, so the command ends now, as by Ctrl-C.
@@ -117,10 +118,10 @@ def stop_after_saving(frame: FrameType | None, why: str) -> bool:
         why: text of the KeyboardInterrupt that follows.
 
     Returns:
-        Whether an episode waits for its save, or is being saved. If not, nothing was done.
+        Whether a finished episode is still to be saved, or is being saved. If not, nothing was done.
     """
     now = recording(frame)
-    ends_already = sys.exception() is not None  # LeRobot closes the data set, and saves no more
+    ends_already = sys.exception() is not None  # LeRobot closes the data set, and saves no more episodes
     if now is None or now.phase is Phase.RECORDING or ends_already or not now.frames:
         return False
     now.flags[STOP], now.flags[LEAVE_LOOP] = _SaveThenStop(now, why), True
@@ -130,7 +131,7 @@ def stop_after_saving(frame: FrameType | None, why: str) -> bool:
 
 
 def saves_finished_episode[**P, R](method: Callable[P, R]) -> Callable[P, R]:
-    """Decorate a method that LeRobot's loop calls: if it raises during a reset, the episode before is saved first."""
+    """Decorate a method that LeRobot's loop calls: if it raises during a reset, the finished episode is saved first."""
 
     @functools.wraps(method)
     def careful(*arguments: P.args, **options: P.kwargs) -> R:

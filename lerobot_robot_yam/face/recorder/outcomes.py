@@ -1,7 +1,7 @@
 """Outcomes of episodes: `meta/yam_outcomes.jsonl` beside a data set, one JSON object per line.
 
-The newest line of an episode counts. A line is appended in one write, once LeRobot has saved the episode: until then
-`OutcomeBook` keeps the label, and drops it with the episode.
+The newest line of an episode counts. A line is appended in one write, once LeRobot has saved the episode. Until then
+`OutcomeBook` keeps the label, and discards it together with a discarded episode.
 """
 
 import json
@@ -41,7 +41,7 @@ class Outcome:
 
 
 def now(episode: int, outcome: str | None, by: str) -> Outcome:
-    """Return an outcome with the present time."""
+    """Return an outcome with the current time."""
     return Outcome(episode, outcome, by, datetime.now().astimezone().isoformat(timespec="milliseconds"))
 
 
@@ -50,7 +50,7 @@ def append(root: Path, outcomes: Sequence[Outcome]) -> None:
     path = root / OUTCOMES
     text = "".join(f"{json.dumps(asdict(outcome))}\n" for outcome in outcomes)
     if path.exists() and not path.read_bytes().endswith(b"\n") and path.stat().st_size:
-        text = "\n" + text  # the file ends with half a line, which a power cut has left
+        text = "\n" + text  # the file ends with an incomplete line after a power cut
     descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
     try:
         os.write(descriptor, text.encode())
@@ -59,7 +59,7 @@ def append(root: Path, outcomes: Sequence[Outcome]) -> None:
 
 
 def read(root: Path) -> dict[int, Outcome]:
-    """Read the outcomes: number of a labelled episode → its outcome. Raises ConfigError: a line is no outcome."""
+    """Return episode number → outcome, for labelled episodes. Raises ConfigError: a line is not a valid outcome."""
     path = root / OUTCOMES
     found: dict[int, Outcome] = {}
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []
@@ -101,13 +101,13 @@ class OutcomeBook:
         return self._pending is not None
 
     def open(self, dataset: Any) -> None:
-        """Label episodes of this data set from now on. Episodes that it has already are those of an earlier session."""
+        """Label episodes of this data set from now on. Episodes that it already has belong to an earlier session."""
         if dataset is not None and dataset is not self._dataset:
             self._dataset, self._first, self._pending = dataset, dataset.num_episodes, None
             self._take_back_lost()
 
     def _take_back_lost(self) -> None:
-        """Cancel labels of episodes that were lost afterwards, since the next episodes would inherit these labels."""
+        """Cancel labels of episodes that were lost afterwards; otherwise the next episodes would inherit them."""
         root = Path(self._dataset.root)
         try:
             lost = [episode for episode in read(root) if episode >= self._first]
@@ -117,7 +117,7 @@ class OutcomeBook:
             logger.warning("labels of episodes that were lost may remain: %s", error)
 
     def label(self, outcome: str, frames: int, by: str) -> bool:
-        """Label the episode that is not saved yet, or else the newest one of this session.
+        """Label the episode that is not saved yet; without one, label the newest episode of this session.
 
         Args:
             outcome: one of `KINDS`.
@@ -131,7 +131,8 @@ class OutcomeBook:
             return False
         buffer, count = _buffer(self._dataset), self._dataset.num_episodes
         if frames and buffer is not None:
-            # The buffer's number, not the count: LeRobot counts an episode before it encodes and changes the buffer.
+            # Use the buffer's number, not the count: LeRobot counts an episode before it encodes and replaces the
+            # buffer.
             index = int(np.ravel(buffer["episode_index"])[0])
             self._buffer, self._pending = buffer, now(index, outcome, by)
         elif count > self._first:
@@ -141,11 +142,11 @@ class OutcomeBook:
         return True
 
     def look(self) -> None:
-        """Write the pending label if LeRobot has saved its episode; drop it if LeRobot has dropped the episode."""
+        """Write the pending label if LeRobot has saved its episode; discard it if LeRobot has discarded the episode."""
         pending = self._pending
         if pending is None:
             return
-        buffer = _buffer(self._dataset)  # read before the count: LeRobot counts first, then changes the buffer
+        buffer = _buffer(self._dataset)  # read before the count: LeRobot counts first, then replaces the buffer
         if self._dataset.num_episodes > pending.episode_index:
             self._pending = self._buffer = None
             self._write(pending)
@@ -153,7 +154,7 @@ class OutcomeBook:
             self._drop()
 
     def close(self) -> None:
-        """Write or drop the pending label when the data set is closed."""
+        """Write or discard the pending label when the data set is closed."""
         self.look()
         if self._pending is not None:
             self._drop()

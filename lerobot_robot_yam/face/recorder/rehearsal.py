@@ -1,4 +1,4 @@
-"""Rehearsal of some frames before the first episode, so that cameras, encoders and arms already work at its beginning.
+"""Rehearsal of some frames before the first episode, so that cameras, encoders and arms are warmed up at its start.
 
 The first frames of a recording take longest: encoders open and load modules, and all processes have to warm up.
 """
@@ -14,20 +14,20 @@ from lerobot.utils.constants import OBS_IMAGES
 
 from lerobot_robot_yam.face.lerobot_command.running_command import Situation, recording
 
-if TYPE_CHECKING:  # loaded by the command, and not needed by others
+if TYPE_CHECKING:  # loaded by lerobot-record, and not needed by other commands
     from lerobot.datasets.video_utils import StreamingVideoEncoder
 
 logger = logging.getLogger(__name__)
 
-_PUNCTUAL = 10  # number of frames in a row in time that ends the rehearsal
+_PUNCTUAL = 10  # number of consecutive punctual frames that ends the rehearsal
 _LATE = 1.5  # number of periods after which a frame counts as late
-_LONGEST_S = 3.0  # longest rehearsal, s: a machine that is still too slow then stays too slow
+_LONGEST_S = 3.0  # maximum duration of the rehearsal, s: a machine that is still too slow then stays too slow
 
 
 def rehearse(step: Callable[[], Mapping[str, Any]]) -> None:
-    """Do what a recording does until frames come in time. Does nothing under other commands.
+    """Run the steps of a recording until frames come in time. Does nothing under other commands.
 
-    step: function that observes and moves the robot once, and returns the images by name. Errors are passed on.
+    step: function that observes and moves the robot once, and returns name → image. Its errors are passed on.
     """
     command = recording()
     if command is None:
@@ -47,7 +47,7 @@ def rehearse(step: Callable[[], Mapping[str, Any]]) -> None:
 
 
 def _run(period_s: float, step: Callable[[], Mapping[str, Any]], encoder: Any, videos: Collection[str]) -> bool:
-    """Run until enough frames came in time, or for `_LONGEST_S`; returns whether they came in time."""
+    """Run until enough frames came in time, or for `_LONGEST_S`. Return whether they came in time."""
     begin_s = before_s = time.perf_counter()
     punctual = 0
     while before_s - begin_s < _LONGEST_S:
