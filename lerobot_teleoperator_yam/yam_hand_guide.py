@@ -24,8 +24,7 @@ _HALF = 0.5
 def listen(pressed: Callable[[str], None]) -> Callable[[], None]:
     """Listen to keys through LeRobot's key listener, in the listener's thread.
 
-    A terminal has only one reader: if LeRobot's own listener reads the terminal, its keys are forwarded to `pressed`,
-    too.
+    A terminal has only one reader: if LeRobot's own listener reads the terminal, `pressed` gets its keys, too.
 
     Args:
         pressed: callback with LeRobot's name of the key: a character, or a word such as "left".

@@ -164,11 +164,9 @@ class LeaderBase(ArmDevice, Teleoperator):
         With `action_space: ee` the action is the end-effector pose of the follower at the leader's joints.
 
         The gripper is open (1) while the trigger is released, and closed (0) while it is squeezed. While a handle is
-        silent,
-        its last opening stays (open before the first report). No motor moves a trigger, so an opening from feedback
-        stays
-        until the trigger has reached that opening: a person who takes over does not drop the object in the follower's
-        gripper. During an emergency stop the last action stays, because the followers hold.
+        silent, its last opening stays (open before the first report). No motor moves a trigger, so an opening from
+        feedback stays until the trigger has reached that opening: a person who takes over does not drop the object in
+        the follower's gripper. During an emergency stop the last action stays, because the followers hold.
 
         Raises:
             MotorError: a motor has failed.

@@ -97,8 +97,7 @@ class PassiveLeaderBase(LeaderBase):
         """Measure zeros and ranges, store them, and use them from now on.
 
         For the first 3 s all leaders must stay at `home_rad` with the trigger released. During the next 20 s a person
-        moves
-        each joint through its range and squeezes the trigger.
+        moves each joint through its range and squeezes the trigger.
 
         Raises:
             ConfigError: a leader was not at rest at home, or a joint was not moved; nothing was stored.

@@ -4,8 +4,7 @@
 import this module too. Therefore each config module is imported right after the LeRobot module with its registry: at
 once if that LeRobot module is already loaded, otherwise as soon as a LeRobot command loads it.
 
-Other plugins use some of the same type names. Therefore each device has a spare name, and stays usable if its name is
-taken.
+Other plugins use some of the same type names. A device whose name is taken stays usable under its spare name.
 
 The messages of `start_messages` are shown at the same time.
 """

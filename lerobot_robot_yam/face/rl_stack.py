@@ -93,8 +93,7 @@ class MotorBus:
         """Move the arm to the values of Goal_Position, and wait until its set-point has arrived or stopped moving.
 
         LeRobot writes the path to its reset pose within 0.75 s and then nothing for seconds. Without the wait a slower
-        arm
-        would stop and hold halfway.
+        arm would stop and hold halfway.
 
         Raises:
             ActionError: `register` is not Goal_Position, or motors or values are wrong; nothing was sent.

@@ -1,8 +1,7 @@
 """Messages that a LeRobot command shows as soon as it loads this package's types:
 
 - LeRobot is newer than tested.
-- The command's config file is not valid YAML. LeRobot's reader would end with a traceback that names neither line nor
-  cause.
+- The command's config file is not valid YAML. LeRobot's reader would end with a traceback without line or cause.
 - FFmpeg is not installed. One line replaces LeRobot's page about this: torchcodec tries FFmpeg 4 to 8, and LeRobot logs
   all attempts before it reads videos with PyAV, which has its own FFmpeg. The page stays if the reason was anything but
   missing libraries.

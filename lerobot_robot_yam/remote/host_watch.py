@@ -1,8 +1,7 @@
 """Watching a host: programs on this computer see the host's arms like local arms, but cannot command them.
 
 A watched arm has its own key, lock and state. Therefore a program that drives the same arm over a link finds its
-channel
-free. While this computer drives the arm, the watched copy is hidden.
+channel free. While this computer drives the arm, the watched copy is hidden.
 """
 
 import contextlib

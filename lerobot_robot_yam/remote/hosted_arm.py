@@ -60,8 +60,7 @@ class HostedArm:
         """Forward what is new in a client's command record. Return False if any part was too old or refused.
 
         A request is forwarded before a target, because the client waits for the reply before it sends a target. The
-        request
-        keeps its number, by which the client finds the reply in the arm's states.
+        request keeps its number, by which the client finds the reply in the arm's states.
 
         Args:
             record: bytes of COMMAND_DTYPE, with times in the host's clock.

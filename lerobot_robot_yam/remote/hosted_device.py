@@ -23,14 +23,14 @@ class HostedDevice:
     Attributes:
         host: the host.
         group: "robot" or "teleop".
-            options: prefix → arm options, as for LeRobot's local device, with this computer's names of the channels.
-            numbers: number of each of these arms on the host.
-            all_keys: for every arm of the host: channel key on the host → channel key on this computer.
-            calibrated: whether the host knows the stops of all grippers.
+        options: prefix → arm options, as for LeRobot's local device, with this computer's names of the channels.
+        numbers: number of each of these arms on the host.
+        all_keys: for every arm of the host: channel key on the host → channel key on this computer.
+        calibrated: whether the host knows the stops of all grippers.
 
     Raises:
-            LinkError: the host does not reply.
-            ConfigError: the host has no such group, or the group has a different number of arms.
+        LinkError: the host does not reply.
+        ConfigError: the host has no such group, or the group has a different number of arms.
     """
 
     def __init__(self, host: Host, group: str, prefixes: tuple[str, ...]):

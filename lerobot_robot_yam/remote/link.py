@@ -46,9 +46,8 @@ class ClockOffset:
 
         offset = ((t1 - t0) + (t2 - t3)) / 2        wrong by at most half of (t3 - t0) - (t2 - t1)
 
-    (RFC 5905, section 8). The echo with the shortest round trip in the window counts, until another echo contradicts
-    its
-    offset: a monotonic clock stops while its computer sleeps.
+    (RFC 5905, section 8). The echo with the shortest round trip in the window counts, until another echo
+    contradicts its offset: a monotonic clock stops while its computer sleeps.
 
     Attributes:
         offset_s: host's clock minus the local clock; NaN before the first echo.

@@ -1,8 +1,7 @@
 """Messages between a host (the computer with the arms) and its clients.
 
 A message is one frame: 8 bytes with the version, then a record of one of these types in msgpack. msgspec decodes only
-these types; nothing is ever unpickled. Times are in s, of the monotonic clock of the computer that the field's comment
-names.
+these types; nothing is ever unpickled. Times are in s, of the monotonic clock named in the field's comment.
 """
 
 import struct

@@ -113,14 +113,12 @@ class ArmClient:
             dq: (n,) velocity of the target, rad/s; see `YamArm.command`.
             kp, kd: (n,) gains for this target instead of the default gains, Nm/rad and Nm s/rad.
             coupled: (channel key of the leader that produced the target, time in s during which the control loop may
-                read
-                later targets directly from that leader).
+                read later targets directly from that leader).
             given_s: timestamp of a target that another computer sent, in this clock's time, s; None: now.
 
         Returns:
             Joint and gripper target after the limits. While the arm ignores targets (emergency stop, fault of a peer):
-            the
-            joint and gripper set-points that the arm holds.
+            the joint and gripper set-points that the arm holds.
 
         Raises:
             ActionError: a value has the wrong shape, is not finite, or is outside a motor's range; nothing was sent.

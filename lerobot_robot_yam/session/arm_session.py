@@ -41,15 +41,13 @@ class ArmSession(Uncopied):
         session.stop()
 
     Args:
-            configs: the arms; names and channels must differ, rates must be equal.
-            isolation: "process" (the caller's interpreter cannot disturb the loop), "thread" (for debugging),
-                "lockstep"
-                (the loop ticks while the caller sleeps on `clock`; only for a rig in lock-step), or a function that
-                creates
-                another `Runner`.
+        configs: the arms; names and channels must differ, rates must be equal.
+        isolation: "process" (the caller's interpreter cannot disturb the loop), "thread" (for debugging),
+            "lockstep" (the loop ticks while the caller sleeps on `clock`; only for a rig in lock-step), or a
+            function that creates another `Runner`.
 
     Raises:
-            ConfigError: the configurations contradict each other.
+        ConfigError: the configurations contradict each other.
     """
 
     def __init__(self, configs: Sequence[ArmConfig], isolation: Isolation = "process"):
@@ -62,8 +60,7 @@ class ArmSession(Uncopied):
         for config in configs:
             rig = config.can_options.get("rig")
             if config.interface == VIRTUAL:
-                # Resolve the name in this process, so that the loop's process uses the same rig and starts no rig of
-                # its own.
+                # Resolve the name in this process, so that the loop's process uses the same rig.
                 rig, _ = rig_name(rig)
                 config = dataclasses.replace(config, can_options={**config.can_options, "rig": rig})
             self._arms[config.name] = ResolvedArm(config)
@@ -196,8 +193,7 @@ class ArmSession(Uncopied):
         Wait for the search for a gripper's stops: a motor that lost power has lost its count of turns.
 
         Raises:
-            LifeCycleError: an arm is still in fault or has to be connected again; arms that hold because of it keep
-                holding.
+            LifeCycleError: an arm is still in fault or has to be connected again; its peers keep holding.
             MotorError: a gripper's stops are not found.
         """
         in_trouble = [client for client in self._clients.values() if client.mode() in _IN_TROUBLE]

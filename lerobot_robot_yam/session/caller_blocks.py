@@ -187,8 +187,7 @@ class CommandWriter:
             target: joints in rad, then the gripper, 0 closed … 1 open, if the arm has one.
             options: optional dq (rad/s), kp (Nm/rad) and kd (Nm s/rad) of the joints.
             coupled: (channel key of the leader that produced the target, time until which the loop may read later
-                targets
-                directly from that leader, s).
+                targets directly from that leader, s).
 
         Raises:
             LifeCycleError: the arm belongs to another process.

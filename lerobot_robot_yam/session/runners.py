@@ -51,10 +51,10 @@ class Runner(Protocol):
         """Bring the arms up.
 
         Args:
-                blocks: file descriptors of the blocks, one entry per arm.
+            blocks: file descriptors of the blocks, one entry per arm.
 
         Raises:
-                YamError: bring-up failed; no arm is energised.
+            YamError: bring-up failed; no arm is energised.
         """
 
     def land(self) -> None:

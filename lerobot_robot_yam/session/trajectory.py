@@ -90,8 +90,7 @@ class Trajectory:
         """Check that these arms can follow the trajectory, with a tolerance for measured poses.
 
         Raises:
-            ActionError: the columns differ from the arms' joints, or a position exceeds a limit; the message names the
-                column.
+            ActionError: the columns differ from the arms' joints, or exceed a limit; the message names the column.
         """
         names = columns_of(arms)
         have, want = self.positions.shape[1], len(names)

@@ -1,10 +1,9 @@
 """Copies of a data set. A copy appears under its name only when complete, with renumbered side-car files.
 
 `apply_labels` makes a copy without the episodes that are labelled as discarded, and adds two columns for the outcomes
-of
-the other episodes. LeRobot's own functions drop the episodes and write `next.success`, which lerobot-dataset-viz shows,
-in lerobot-eval's format: true in the last frame of a success. The column `success` of the episodes' metadata is for
-`LeRobotDataset(…, episode_filter=lambda episode: episode["success"])`: true, false, or null without a label.
+of the other episodes. LeRobot's own functions drop the episodes and write `next.success`, which lerobot-dataset-viz
+shows, in lerobot-eval's format: true in the last frame of a success. The column `success` of the episodes' metadata is
+for `LeRobotDataset(…, episode_filter=lambda episode: episode["success"])`: true, false, or null without a label.
 """
 
 import json

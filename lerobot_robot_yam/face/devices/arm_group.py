@@ -131,8 +131,7 @@ class ArmGroup:
 
         Args:
             calibrate: False before a calibration (lerobot-calibrate): stops of grippers are not searched for, and known
-                stops
-                that do not fit are ignored.
+                stops that do not fit are ignored.
             action_keys: keys of the device's actions; a leader and a follower in one process need the same keys.
             models: profiles that the actions refer to; a leader and a follower in one process need matching profiles.
             give_action, recognise: functions of a leader, see `ArmGroup`.
@@ -239,14 +238,12 @@ class ArmGroup:
         """Find the leaders of this process that produced an action, so that followers can follow them at loop rate.
 
         Args:
-            action: action of all arms; the values of one arm may come from a leader, and those of the other from
-                elsewhere.
+            action: action of all arms; the values of one arm may come from a leader, those of the other from elsewhere.
             joints_of: function that computes the joints (n,) of an action from another source.
 
         Returns:
             (joints (n,) of the action, for each arm the channel key of its leader or None if that leader has no
-            follower or
-            has not produced the action); None if no leader has produced the action.
+            follower or has not produced the action); None if no leader has produced the action.
         """
         for other in _running:
             if other.recognise is None or not any(side.follower_key for side in other.sides):

@@ -134,8 +134,7 @@ class YamEEToJoints(_ArmStep):
     """Inverse kinematics, from an action in LeRobot's `ee.*` to joints.
 
     The first solution starts from the joints in the transition's observation, each later one from the previous
-    solution,
-    until `reset`.
+    solution, until `reset`.
     """
 
     reads, writes = "ee", "joints"

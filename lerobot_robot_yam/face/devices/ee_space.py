@@ -106,10 +106,8 @@ class Tool:
         """Return joints (n,) rad for a pose (4, 4), or for the nearest reachable pose.
 
         The search for a path's first solution starts from the arm's set-point (n,) rad, each later search from the
-        previous
-        solution. This keeps the kinematic branch even if the arm lags behind. Only for a first pose far from the
-        set-point
-        may the solution be on any branch.
+        previous solution. This keeps the kinematic branch even if the arm lags behind. Only for a first pose far from
+        the set-point may the solution be on any branch.
 
         Raises:
             ActionError: `pose` is not a valid pose.

@@ -126,8 +126,7 @@ class ImageReader:
 
     Cameras and control loop have the same rate, but drift. At times one image arrives just before a read and the next
     just after the following read, so an image would be read twice. Therefore a read waits up to a third of a frame for
-    an
-    image that is due.
+    an image that is due.
     """
 
     def __init__(self, cameras: Mapping[str, Camera], configs: Mapping[str, CameraConfig]):

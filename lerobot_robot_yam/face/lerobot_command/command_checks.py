@@ -3,14 +3,12 @@
 - Existence: the data set, the episode, the cameras of a policy, and a separate channel for each arm.
 - Meaning: the numbers of a recording or policy must have the same meaning as the robot's. No LeRobot loop tells the
   robot what it is about to replay, resume or roll out, so the checks read the command's options. LeRobot decodes the
-  options while it creates the robot's config; its parser has the options, from command line and file, in a local
-  variable.
+  options while it creates the robot's config; its parser has them, from command line and file, in a local variable.
 
 Joints or end-effector poses: both are six numbers for an arm with six joints, so no other check would detect a mix-up.
 
 - Names of the values decide, if they are stored anywhere.
-- Otherwise statistics can show joints: no end effector of these arms gets 1.5 m away from its base, while joints exceed
-  1.5 rad.
+- Otherwise statistics can show joints: no end effector of these arms gets 1.5 m away from its base; joints exceed 1.5 rad.
 
 Degrees or radians:
 
@@ -95,9 +93,8 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
 
     Raises:
         ConfigError: two arms share a channel; the data set or episode does not exist, or a new data set would replace
-            an
-            old one; the policy needs cameras that the robot lacks; the values have other names, are end-effector poses
-            instead of joints (or the reverse), or are in the other unit.
+            an old one; the policy needs cameras that the robot lacks; the values have other names, are end-effector
+            poses instead of joints (or the reverse), or are in the other unit.
     """
     space, options = space_of(keys), given_options()
     command = Path(*sys.argv[:1]).stem.replace("_", "-")

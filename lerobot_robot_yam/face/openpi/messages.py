@@ -6,8 +6,7 @@ Messages are msgpack, with NumPy arrays and scalars as marked dictionaries: an a
 `{b"__ndarray__": True, b"data": bytes, b"dtype": "<f4", b"shape": [50, 14]}`, a scalar
 `{b"__npgeneric__": True, b"data": value, b"dtype": "|b1"}`. Source: openpi-client 0.1.2, `msgpack_numpy.py`. The
 package msgpack-numpy is no alternative: it uses other keys and falls back to pickle. openpi-client itself needs NumPy
-1,
-LeRobot NumPy 2.
+1, LeRobot NumPy 2.
 """
 
 import math
@@ -220,8 +219,7 @@ def action_chunk(config: YamOpenpiConfig, answer: dict[str, Any], width: int) ->
         width: number of values in one action.
 
     Raises:
-        ActionError: the actions are missing, have the wrong type or shape, are not finite, or are not angles in
-            radians.
+        ActionError: the actions are missing, have the wrong type or shape, are not finite, or not angles in radians.
     """
     actions = answer.get(config.action_key)
     if not isinstance(actions, np.ndarray):

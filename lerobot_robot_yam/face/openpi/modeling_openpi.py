@@ -149,8 +149,8 @@ class YamOpenpiPolicy(PreTrainedPolicy):
         """Return the chunk, blended with the remaining part of the running chunk.
 
         openpi's protocol has no field for the running chunk, so that chunk cannot guide the server as in proper
-        real-time
-        chunking. Instead the actions are blended with that method's weights (`RTCConfig.prefix_attention_schedule`).
+        real-time chunking. Instead the actions are blended with that method's weights
+        (`RTCConfig.prefix_attention_schedule`).
         """
         assert self._rtc is not None
         steps = running.any(dim=1).nonzero()  # excludes the padding, and steps of zeros directly before the padding

@@ -46,8 +46,7 @@ _MOST_BYTES = 16 * 2**20  # maximum size of a reply, bytes; a chunk of 1000 acti
 class ServerConnection:
     """Connection to a policy server. Not for use by several threads at once.
 
-    Any failure closes the connection, so that a late reply is never taken for the next one. The next request
-    reconnects.
+    Any failure closes the connection, so that a late reply is never taken for the next one. A new request reconnects.
 
     Args:
         config: address of the server, and timeouts.
@@ -110,8 +109,7 @@ class ServerConnection:
         """Begin a new episode at the server, which then ignores its memory of the previous episode.
 
         Nothing is sent to a server whose greeting lacks this endpoint, nor without a connection, because a server's
-        memory
-        belongs to one connection.
+        memory belongs to one connection.
 
         Raises:
             PolicyServerError: the server failed, disconnected, or timed out.

@@ -124,9 +124,7 @@ def _same(before: Any, image: Any) -> bool:
 class StatusLine(logging.Filter):
     """Status line at the bottom of a terminal with the progress of the recording, below the log.
 
-    The line is shown only on a terminal. It is a log filter, so that it can be cleared before each record; it passes
-    all
-    records.
+    The line is shown only on a terminal. As a log filter it is cleared before each record, and passes all records.
 
     stream: stream of the log; by default standard error.
     """

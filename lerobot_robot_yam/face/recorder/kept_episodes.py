@@ -38,8 +38,7 @@ def tell_what_is_kept() -> None:
     command = recording()
     if command is not None and command.dataset is not _told_of:
         # Imported now, not at exit: an import at exit makes Python forget that an interrupt ends the process, and the
-        # exit
-        # status would be 1 (see `system.signals`).
+        # exit status would be 1 (see `system.signals`).
         import lerobot_robot_yam.face.datasets.check.row_checks  # noqa: F401
 
         _told_of = command.dataset

@@ -131,8 +131,7 @@ class OutcomeBook:
             return False
         buffer, count = _buffer(self._dataset), self._dataset.num_episodes
         if frames and buffer is not None:
-            # Use the buffer's number, not the count: LeRobot counts an episode before it encodes and replaces the
-            # buffer.
+            # Use the buffer's number, not the count: LeRobot counts an episode before it replaces the buffer.
             index = int(np.ravel(buffer["episode_index"])[0])
             self._buffer, self._pending = buffer, now(index, outcome, by)
         elif count > self._first:

@@ -100,10 +100,9 @@ class Flag:
     """Defect of a data set or an episode.
 
     Attributes:
-            kind: kind of the defect.
-            text: description of the finding, with numbers.
-            frames: first and last frame of the episode that show the defect; None if it does not belong to certain
-                frames.
+        kind: kind of the defect.
+        text: description of the finding, with numbers.
+        frames: first and last frame of the episode that show the defect; None if no single frames do.
     """
 
     kind: Kind

@@ -2,9 +2,8 @@
 
 LeRobot's writer keeps one data file and one file of episode metadata open for a whole session and writes their footers
 at the session's end; the metadata of up to ten episodes are only in memory. After a kill -9 therefore nothing loads,
-not
-even the saved episodes. But their rows and videos are on disk: rows are read page by page (`parquet_salvage`), and the
-episodes' locations in the cameras' videos follow from the episodes' lengths, because videos are appended in order.
+not even the saved episodes. But their rows and videos are on disk: rows are read page by page (`parquet_salvage`), and
+the episodes' locations in the cameras' videos follow from the episodes' lengths, because videos are appended in order.
 """
 
 from collections.abc import Iterator
