@@ -217,8 +217,7 @@ class LeaderBase(ArmDevice, Teleoperator):
         """Return the joints of the last action, and per arm whether `action` repeats its part; None if no part.
 
         Each action is recognised once: a caller that repeats an action later wants the old pose, not the leader's
-            current
-        pose. One arm's part may come from the leader and the other arm's part from a policy.
+        current pose. One arm's part may come from the leader and the other arm's part from a policy.
         """
         given = self._action
         if given is None or not self._given or given.keys() != action.keys():

@@ -8,7 +8,7 @@
 Joints or end-effector poses: both are six numbers for an arm with six joints, so no other check would detect a mix-up.
 
 - Names of the values decide, if they are stored anywhere.
-- Otherwise statistics can show joints: no end effector of these arms gets 1.5 m away from its base; joints exceed 1.5 rad.
+- Otherwise statistics can show joints: no end effector gets 1.5 m away from its base, while joints exceed 1.5 rad.
 
 Degrees or radians:
 
