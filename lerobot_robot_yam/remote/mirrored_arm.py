@@ -74,7 +74,7 @@ class MirroredArm:
         self._last = state
 
     def note(self, mode: Mode, message: str = "") -> None:
-        """Write a mode and its reason, unless the arm is off. Used when the host's states are lost or another's."""
+        """Write mode and reason, unless the arm is off. Used when the host's states are lost or another client's."""
         if self._last is not None and self._last["mode"] != Mode.OFF:
             self._last["mode"], self._last["message"] = mode, message.encode() or self._last["message"]
             self._states.write(self._last)

@@ -64,7 +64,7 @@ class StateReader:
     def await_fresh(self) -> None:
         """Wait for a state that is due within 1.3 ms; if its tick lost a motor's reply, wait for the next state.
 
-        The wait lasts at most two ticks and a few milliseconds; it does not cover a motor that missed more replies. To
+        The wait lasts at most two ticks and a few milliseconds; it ends early if a motor missed more replies. To
         observe several arms, first call `await_fresh` for each: a state ages during the wait for another arm.
 
         Raises:

@@ -1,4 +1,4 @@
-"""LeRobot processor steps between joints, our end-effector keys and LeRobot's `ee.*` keys, for one arm each.
+"""LeRobot processor steps between joints, this package's end-effector keys and LeRobot's `ee.*` keys, for one arm each.
 
     yam_joints_to_ee    joint_1.pos …, gripper.pos         →  ee.x, ee.y, ee.z, ee.wx, ee.wy, ee.wz, ee.gripper_pos
     yam_ee_to_joints    the same keys                      ←  by inverse kinematics
@@ -6,7 +6,7 @@
     yam_ee_to_tool                                         ←
 
     w = log R           LeRobot's rotation vector, from the axes of the arm's base
-    r = log(R R_downᵀ)  ours, see `arm.tool_pose`
+    r = log(R R_downᵀ)  this package's, see `arm.tool_pose`
 
 Positions are the same numbers, m, of `site` in the frame of the arm's base; the gripper stays 0 closed … 1 open.
 `prefix` ("left_") precedes all keys of the arm; two arms take two steps. Importing this module registers the steps, so

@@ -18,7 +18,7 @@ LIMIT_SLACK_RAD = 0.1  # distance outside the joint limits that is tolerated, ra
 OPENING = (-0.05, 1.05)  # range of plausible gripper openings
 STILL_S = 0.5  # minimum duration of a flagged standstill, s
 LAG_S = 0.25  # delay of a healthy arm behind its action, s
-# motion, rad, from which a standstill is flagged: of the action (for the state), of the state (for the action)
+# ACTION_MOVES_RAD: motion of the action that flags a frozen state, rad; STATE_LEAVES_RAD: the reverse
 ACTION_MOVES_RAD, STATE_LEAVES_RAD = 0.1, 0.2
 FAR_RAD = 0.35  # median distance between joint and action from which they are flagged as far apart, rad
 # distance from the action, rad, at which an approach begins (AWAY_RAD) and ends (THERE_RAD)

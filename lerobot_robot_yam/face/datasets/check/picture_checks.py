@@ -13,12 +13,12 @@ SAME_LEVELS = 4  # maximum pixel difference of a repeated picture, levels, cause
 REPEATED_LEVELS = 2  # the same between neighbouring frames, levels
 MOVES_RAD = 0.2  # joint motion that a camera has to show, rad
 MOVES_IN_A_FRAME_RAD = 0.03  # joint motion between two frames that a camera has to show, rad
-# a camera is slow from this fraction of repeated pictures; minimum number of moving frames to judge
+# REPEATED_SHARE: fraction of repeated pictures from which a camera is slow; FEWEST_MOVING: minimum of moving frames
 REPEATED_SHARE, FEWEST_MOVING = 0.3, 10
 BLACK_LEVEL = 16  # level below which 99 % of the pixels of a black picture are
-# minimum level of a white pixel; a picture counts as white from this fraction of white pixels
+# WHITE_LEVEL: minimum level of a white pixel; WHITE_SHARE: fraction of white pixels from which a picture is white
 WHITE_LEVEL, WHITE_SHARE = 250, 0.6
-# maximum mean difference between two cameras that show the same; minimum contrast to judge
+# ALIKE_LEVELS: maximum mean difference between equal views; CONTRAST_LEVELS: minimum contrast for this check
 ALIKE_LEVELS, CONTRAST_LEVELS = 2.0, 4.0
 SWAPPED_LEVELS = 8.0  # minimum mean difference between a swapped picture and a camera's usual view, levels
 FEWEST_EPISODES = 3  # minimum number of episodes from which a camera's usual view is known

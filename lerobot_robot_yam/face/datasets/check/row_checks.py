@@ -10,7 +10,7 @@ from lerobot_robot_yam.face.datasets.check.opened_dataset import ACTION, STATE, 
 
 SHORT_S = 0.5  # duration below which an episode is short, s
 PAUSE_S = 0.5  # maximum delay of a frame, s
-# a frame is late after this many periods; flagged from this fraction of late frames
+# LATE_PERIODS: periods after which a frame is late; LATE_SHARE: fraction of late frames from which they are flagged
 LATE_PERIODS, LATE_SHARE = 1.5, 0.05
 RATE_TOLERANCE = 0.05  # maximum relative difference between the real rate and the stamped rate
 REPEATED_SHARE = 0.3  # fraction of repeated images from which a camera is slow
