@@ -85,9 +85,9 @@ def rescue(now: Situation) -> Meaning | None:
 class StopRequest:
     """Button press that stops a command which records episode by episode, by setting LeRobot's flags.
 
-    LeRobot's stop key sets two flags at once: stop, and leave the loop. A key takes effect with a delay. If the next episode has
-    begun by then, the key ends that episode before its first frame; LeRobot then saves it, and fails. Therefore the
-    button sets the same flags itself, one after the other:
+    LeRobot's stop key sets two flags at once: stop, and leave the loop. A key takes effect with a delay. If the next
+    episode has begun by then, the key ends that episode before its first frame; LeRobot then saves it, and fails.
+    Therefore the button sets the same flags itself, one after the other:
 
         stop       at once: no further episode begins, unless it has already begun
         re-record  if an episode has begun since, or the episode to be saved has no frame: the episode is discarded
