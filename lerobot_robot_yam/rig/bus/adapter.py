@@ -1,6 +1,6 @@
-"""The CAN adapter between a channel's clients and its wire: it delays frames, and can keep received frames back.
+"""CAN adapter between the clients of a channel and its wire: delays frames and can hold back received frames.
 
-The adapter keeps the order in both directions: no frame reaches a client with an earlier time than the frame before.
+The adapter preserves the order in both directions: each frame is delivered no earlier than the frame before.
 """
 
 import math
@@ -11,20 +11,20 @@ from typing import Protocol
 
 from lerobot_robot_yam.rig.devices.packets import Frame
 
-# Latency, s, from which on commands wait in a queue. Below it, motors obey at once and their positions are extrapolated
-# to the time of the answer, which is exact enough over so short a time and saves the rig a wake-up.
+# Latency, s, from which commands are queued. Below this latency motors obey immediately, and their positions are
+# extrapolated to the time of the reply. The extrapolation is accurate enough and saves the rig a wake-up.
 _WAITS_FROM_S = 0.001
 
 
 class Listener(Protocol):
-    """A client of a channel: a socket, or an object with a socket's `send`."""
+    """Client of a channel: a socket, or an object with a socket's `send`."""
 
     def send(self, data: bytes, flags: int = 0, /) -> int: ...
 
 
 @dataclass(frozen=True)
 class HoldBack:
-    """A span of `seconds` from `begin_s` on, repeated each `every_s`, in which received frames are kept back."""
+    """Interval of `seconds` starting at `begin_s`, repeated every `every_s`, in which received frames are held back."""
 
     begin_s: float
     seconds: float
@@ -40,9 +40,9 @@ class HoldBack:
 
 
 class Adapter:
-    """Delays of one channel: `latency_s` each way, and `hold`.
+    """Delays of one channel: `latency_s` in each direction, and `hold`.
 
-    due_s: time at which the next delayed command reaches the wire, s; infinity if none waits.
+    due_s: time at which the next delayed command reaches the wire, s; infinity if no command is queued.
     """
 
     def __init__(self, latency_s: float):
@@ -50,11 +50,11 @@ class Adapter:
         self.hold: HoldBack | None = None
         self.due_s = math.inf
         self._given_s = -math.inf  # time of the last frame delivered to clients
-        self._sent: deque[tuple[float, Listener, Frame]] = deque()  # commands, each with its time on the wire
+        self._sent: deque[tuple[float, Listener, Frame]] = deque()  # commands, with their times on the wire
 
     @property
     def waits(self) -> bool:
-        """Whether commands wait before they reach the wire."""
+        """Whether commands are queued before they reach the wire."""
         return self.latency_s >= _WAITS_FROM_S or bool(self._sent)
 
     def put(self, sender: Listener, timed: Sequence[tuple[float, Frame]]) -> None:
@@ -64,7 +64,7 @@ class Adapter:
         self._look_ahead()
 
     def take(self, until_s: float) -> Iterator[tuple[Listener, list[tuple[float, Frame]]]]:
-        """Yield the frames that reach the wire until `until_s`, in order, grouped by client and time."""
+        """Yield the frames that reach the wire up to `until_s`, in order, grouped by client and time."""
         while self._sent and self._sent[0][0] <= until_s:
             due_s, sender, _ = self._sent[0]
             group = []
@@ -74,7 +74,7 @@ class Adapter:
             yield sender, group
 
     def arrival_s(self, through_s: float) -> float:
-        """Return the time at which the host receives a frame that the wire has delivered at `through_s`, s."""
+        """Return the time at which the host receives a frame that the wire delivered at `through_s`, s."""
         at_s = max(through_s + self.latency_s, self._given_s)
         if self.hold is not None:
             at_s = self.hold.release_s(at_s)
@@ -82,7 +82,7 @@ class Adapter:
         return at_s
 
     def arrivals_s(self, through_s: list[float]) -> list[float]:
-        """Return `arrival_s` of several frames, in order."""
+        """Return `arrival_s` for several frames, in order."""
         if self.hold is not None or through_s[0] + self.latency_s < self._given_s:
             return [self.arrival_s(at_s) for at_s in through_s]
         arrived_s = [at_s + self.latency_s for at_s in through_s]

@@ -1,8 +1,8 @@
-"""One simulated CAN channel: its wire, the devices on it and the clients that listen.
+"""One simulated CAN channel: its wire, the devices on it and the listening clients.
 
-As on a real bus a client hears the others, not itself, and nothing from before it opened the channel. The frames of a
-packet take the wire one after the other, and then the replies do, which return as one packet. A client that does not
-read loses packets once its socket is full; the channel counts lost packets, and waits for no client.
+As on a real bus, a client receives the frames of the others but not its own, and none sent before it opened the
+channel. The frames of a packet pass the wire one after the other, followed by the replies, which return as one packet.
+A client that does not read loses packets once its socket is full. The channel counts lost packets and never blocks.
 """
 
 import contextlib
@@ -23,18 +23,18 @@ from lerobot_robot_yam.rig.devices.packets import Frame, Wire
 from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 
-_BACKLOG_S = 0.05  # backlog of the wire above which packets are lost, s: about a real adapter's full queue
+_BACKLOG_S = 0.05  # backlog of the wire above which packets are dropped, s: about the full queue of a real adapter
 _FOREIGN_KP, _FOREIGN_KD = 10.0, 1.0  # gains, Nm/rad and Nm s/rad, of a foreign driver that holds a motor
-_FOREIGN_AT_ONCE = 50  # most frames of a foreign driver in one go; after a pause of the rig the rest is skipped
+_FOREIGN_AT_ONCE = 50  # maximum frames of a foreign driver per poll; after a pause of the rig the excess is skipped
 PAYLOADS = ("hold", "zero")
 
 
 @dataclass
 class ForeignDriver:
-    """Another computer on the wire, which a lock on ours cannot keep out; it sends frames to one identifier.
+    """Another computer on the wire, which a lock on this computer cannot exclude; it sends frames to one identifier.
 
     payload: "hold", an MIT command to stay at the motor's position; or "zero", eight zero bytes, which a motor decodes
-    as the negative end of each range. An identifier without a motor gets zeros. since_s: start, on the rig's clock.
+    as the lower end of each range. An identifier without a motor always gets zeros. since_s: start, on the rig's clock.
     """
 
     ident: int
@@ -44,7 +44,7 @@ class ForeignDriver:
     sent: int = 0
 
     def due(self, now_s: float) -> int:
-        """Count the frames to send now, and mark them as sent."""
+        """Return the number of frames to send now, and count them as sent."""
         behind = max(0, int((now_s - self.since_s) * self.rate_hz) - self.sent)
         self.sent += behind
         return min(behind, _FOREIGN_AT_ONCE)
@@ -53,7 +53,7 @@ class ForeignDriver:
 class Channel:
     """Motors, clients and (on leaders) a handle on one wire.
 
-    latency_s: delay of the adapter each way, s. seed: seed of the choice of lost and garbled frames.
+    latency_s: delay of the adapter in each direction, s. seed: seed for the choice of lost and garbled frames.
     """
 
     def __init__(self, name: str, motors: Sequence[SimMotor], handle: SimHandle | None, latency_s: float, seed: int):
@@ -64,15 +64,15 @@ class Channel:
         self.foreign: ForeignDriver | None = None
         self.clients: list[Listener] = []
         self.wire = Wire()
-        self.overflows = 0  # packets lost in a full queue, in either direction
-        self.trace: deque[tuple[float, float, int, int]] | None = None  # sent, arrived, identifier, first byte
+        self.overflows = 0  # packets lost because a queue was full, in either direction
+        self.trace: deque[tuple[float, float, int, int]] | None = None  # time sent, received; identifier; first byte
         self._random = random.Random(seed)
         self._by_id: dict[int, tuple[SimMotor, int]] = {}
         self._tick = WholeTick(self.motors, handle) if self.motors else None
         self.identifiers_changed()
 
     def identifiers_changed(self) -> None:
-        """Rebuild the table of command identifiers; call this after a change of ESC_ID."""
+        """Rebuild the table of command identifiers; must be called after each change of an ESC_ID."""
         self._by_id = {
             motor.can_id + offset: (motor, offset)
             for motor in self.motors
@@ -81,14 +81,14 @@ class Channel:
 
     @property
     def tick_size(self) -> int:
-        """Size in bytes of a packet that holds a whole tick; 0 without motors."""
+        """Size of a packet that holds a whole tick, bytes; 0 without motors."""
         return 0 if self._tick is None else self._tick.size
 
     def receive_packet(self, sender: Listener, packet: bytes, now_s: float) -> None:
-        """Receive a client's frames in the format of `packets`.
+        """Process a packet of frames from a client, in the format of `packets`.
 
         Raises:
-            BusError: the packet is not a whole number of records.
+            BusError: the packet size is not a multiple of the record size.
         """
         if self._tick is not None and self._is_plain(sender, now_s):
             answer = self._tick.answer(packet, now_s, self.wire, self.adapter)
@@ -98,7 +98,7 @@ class Channel:
         self.receive(sender, packets.unpack(packet), now_s)
 
     def _is_plain(self, sender: Listener, now_s: float) -> bool:
-        """Return whether `WholeTick` may answer: one client, no fault or delay, no trace, and a free wire."""
+        """Return whether `WholeTick` may reply: one client, no fault or delay, no trace, and a free wire."""
         adapter, handle = self.adapter, self.handle
         return (
             len(self.clients) == 1
@@ -110,7 +110,7 @@ class Channel:
         )
 
     def receive(self, sender: Listener, frames: Sequence[Frame], now_s: float) -> None:
-        """Receive a client's frames; they reach the wire at once, or when the adapter's latency has passed."""
+        """Process frames from a client; they reach the wire at once, or after the adapter's latency."""
         if self.cable_out or self.link.state or sender not in self.clients:
             return
         if self.trace is not None:
@@ -129,7 +129,7 @@ class Channel:
                 self._transmit(sender, timed, timed[0][0])
 
     def _transmit(self, sender: Listener, timed: Sequence[tuple[float, Frame]], now_s: float) -> None:
-        """Put frames on the wire, each with the time at which it is ready, and answer them."""
+        """Transmit frames, each with the time at which it is ready, and the replies to them."""
         if self.wire.free_at_s - now_s > _BACKLOG_S:
             self.overflows += 1
             return
@@ -149,9 +149,9 @@ class Channel:
             self._deliver(self.clients, [(self.wire.transmit(now_s), frame)])
 
     def set_link(self, now_s: float, **change: bool) -> None:
-        """Change the interface: down=, gone= or bus_off=; clients meet the errors of `ClientLink`.
+        """Change the interface state: down=, gone= or bus_off=; clients get the errors of `ClientLink`.
 
-        gone=True also closes the clients' sockets for good, as an unplugged adapter does.
+        gone=True also closes the clients' sockets permanently, as unplugging an adapter does.
         """
         before = self.link.state
         self.link.change(**change)
@@ -161,13 +161,13 @@ class Channel:
             for client in self.clients:
                 self._hand_over(client, [Frame(now_s, BUS_OFF_FRAME_ID, bytes(8), packets.FLAG_ERROR)])
         for client in self.clients:
-            with contextlib.suppress(OSError):  # full or gone: such a client waits for no packet
+            with contextlib.suppress(OSError):  # full or closed: such a client is not blocked in a read
                 client.send(packets.WAKE, socket.MSG_DONTWAIT)
         if self.link.state == LinkState.GONE:
             self.clients.clear()
 
     def poll(self, now_s: float) -> None:
-        """Send due frames: the handle's own reports, a foreign driver's frames."""
+        """Send the frames that are due: the handle's unsolicited reports and those of a foreign driver."""
         if self.handle is not None:
             for report in self.handle.due_reports(now_s):
                 self.emit(report, now_s)
@@ -176,7 +176,7 @@ class Channel:
                 self._hear_foreign(self.foreign, now_s)
 
     def _hear_foreign(self, driver: ForeignDriver, now_s: float) -> None:
-        """Let the motors obey and answer a foreign driver's frame, whatever the state of our own link."""
+        """Let the motors obey and reply to a foreign driver's frame, whatever the state of the rig's own link."""
         data = bytes(8)
         motor, offset = self._by_id.get(driver.ident, (None, 0))
         if driver.payload == "hold" and motor is not None and offset == 0:
@@ -188,7 +188,7 @@ class Channel:
             self.emit(answer, now_s)
 
     def _answers(self, frame: Frame, at_s: float) -> Sequence[Frame]:
-        if frame.flags:  # no device listens to extended and remote frames
+        if frame.flags:  # devices ignore extended and remote frames
             return ()
         entry = self._by_id.get(frame.id)
         offset: int | None
@@ -207,7 +207,7 @@ class Channel:
         return answers if twin is None else (*answers, *self._answers_of(twin, offset, frame.data, at_s))
 
     def _answers_of(self, motor: SimMotor, offset: int | None, data: bytes, at_s: float) -> Sequence[Frame]:
-        """Return one motor's answers to a command, or to a register request if `offset` is None."""
+        """Return one motor's replies to a command, or to a register request if `offset` is None."""
         if motor.faults.unheard(self._random):
             return ()
         if offset is not None:
@@ -222,7 +222,7 @@ class Channel:
         return motor.faults.spoil(answer, self._random) if motor.faults.any() else (answer,)
 
     def _deliver(self, clients: Sequence[Listener], timed: Sequence[tuple[float, Frame]]) -> None:
-        """Send clients frames, each with the time at which the wire delivers it."""
+        """Send frames to clients, each with the time at which the wire delivers it."""
         adapter = self.adapter
         frames = [Frame(adapter.arrival_s(at_s), frame.id, frame.data, frame.flags) for at_s, frame in timed]
         for client in clients:
@@ -237,4 +237,4 @@ class Channel:
         except BlockingIOError:
             self.overflows += 1
         except OSError:
-            pass  # the client has gone; the server drops it
+            pass  # the client has disconnected; the server drops it

@@ -1,7 +1,7 @@
-"""State of a channel's network interface, and the SocketCAN errors that its clients get unless the interface is up.
+"""State of a channel's network interface, and the SocketCAN errors that its clients get while the interface is not up.
 
-One 64-bit word per channel in sealed memory: the rig writes it, each client reads it before it sends or receives.
-Reading costs next to nothing, and the word also reaches a client that never reads its socket.
+The state is one 64-bit word per channel in sealed memory: the rig writes the word, and each client reads it before each
+send or receive. Reading is nearly free, and the word also reaches a client that never reads its socket.
 """
 
 import errno
@@ -14,28 +14,28 @@ import can
 
 from lerobot_robot_yam.system import sealed_memory
 
-BUS_OFF_FRAME_ID = 0x40  # identifier of the error frame for bus-off, CAN_ERR_BUSOFF of linux/can/error.h
+BUS_OFF_FRAME_ID = 0x40  # identifier of the error frame for bus-off: CAN_ERR_BUSOFF in linux/can/error.h
 TX_QUEUE_FRAMES = 10  # length of the kernel's default queue of a CAN interface
 _WORD = 8
-_STATE_BITS, _UNPLUG_BITS = 8, 24  # sizes of the word's lowest fields; the other bits count changes
+_STATE_BITS, _UNPLUG_BITS = 8, 24  # sizes of the two lowest fields of the word; the other bits count changes
 
 
 class LinkState(IntEnum):
-    """State of the interface, as the system reports it."""
+    """State of the interface as the operating system reports it."""
 
     UP = 0
     DOWN = 1  # `ip link set canX down`
     GONE = 2  # the adapter is unplugged
-    BUS_OFF = 3  # the controller has left the bus after too many errors
+    BUS_OFF = 3  # the controller left the bus after too many errors
 
 
 class Link:
-    """One channel's interface on the rig's side.
+    """Interface of one channel, on the rig's side.
 
     Attributes:
-        word: list of one element, the interface's word, as `watch_link` shows it to other processes.
-        publish: function that is called with the word after each change.
-        unplugs: how often the adapter was unplugged.
+        word: list of one element, the interface's word, which `watch_link` maps into other processes.
+        publish: callback that receives the word after each change.
+        unplugs: number of times that the adapter was unplugged.
     """
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class Link:
         self.word = [int(self.state)]
 
     def change(self, down: bool | None = None, gone: bool | None = None, bus_off: bool | None = None) -> None:
-        """Take the interface down, its adapter away or its controller off the bus, or undo this; None changes nothing.
+        """Set the interface down, its adapter gone or its controller bus-off, or undo this; None changes nothing.
 
         Down and gone also end a bus-off, as on a real controller.
         """
@@ -66,22 +66,22 @@ class Link:
 
 
 class LinkTable:
-    """Words of all channels of a rig, which the rig publishes at `path`."""
+    """Table of the words of all channels of a rig, published at `path`."""
 
     def __init__(self, path: Path, count: int):
         self._path = path
         self._descriptor = sealed_memory.allocate(path.name, count * _WORD)
         self._map = sealed_memory.map_to_write(self._descriptor)
         self._link = sealed_memory.publish(self._descriptor, path)
-        # A view stores eight bytes at once; struct would clear them first, which a reader could see.
+        # A view stores eight bytes at once; struct would clear them first, and a reader could see the zeros.
         self._words = memoryview(self._map).cast("Q")
 
     def write(self, index: int, word: int) -> None:
-        """Publish the word of channel number `index`."""
+        """Publish the word of the channel with number `index`."""
         self._words[index] = word
 
     def close(self) -> None:
-        """Show all links as up, so that clients meet the end of the rig instead, and remove the link."""
+        """Show all links as up, so that clients see the end of the rig instead of a link error, and remove the file."""
         for index in range(len(self._words)):
             self._words[index] &= ~((1 << _STATE_BITS) - 1)  # state UP
         self._words.release()
@@ -91,7 +91,7 @@ class LinkTable:
 
 
 def watch_link(path: Path, index: int) -> memoryview:
-    """Map the word of channel number `index` while the result lives, which has the word as `[0]`.
+    """Map the word of the channel with number `index`; the result's element 0 is the word.
 
     Raises:
         OSError: the rig has ended.
@@ -105,29 +105,29 @@ def watch_link(path: Path, index: int) -> memoryview:
 
 
 class ClientLink:
-    """One client's view of its interface, for calls from any thread.
+    """View of the interface by one client; usable from any thread.
 
-    Unlike in the kernel, each receive on an interface that is down raises, not only the first.
+    Unlike in the kernel, every receive on an interface that is down raises, not only the first.
 
     Args:
         word: word of the channel, a sequence of one element, see `Link.word` and `watch_link`.
-        unplugs: how often the adapter had been unplugged when the client connected.
+        unplugs: number of times that the adapter had been unplugged when the client connected.
     """
 
     def __init__(self, word: Sequence[int], unplugs: int):
         self._word = word
         self._unplugs = unplugs
-        self._fine = -1  # the last word that was read with the interface up
+        self._fine = -1  # last word read while the interface was up
         self._queued_word = -1
         self._queued = 0  # frames in the queue of an interface in bus-off
 
     def check_receive(self) -> None:
-        """Raise can.CanOperationError if the interface is down or its adapter gone."""
+        """Raise can.CanOperationError if the interface is down or its adapter is gone."""
         if self._word[0] != self._fine:
             self._state("Error receiving")
 
     def check_send(self, frames: int) -> bool:
-        """Return whether `frames` frames reach the wire; False: in bus-off they enter a queue that never empties.
+        """Return whether the frames reach the wire; in bus-off they enter a queue that never empties (False).
 
         Raises:
             can.CanOperationError: the interface is down, its adapter is gone, or its queue is full.
@@ -146,7 +146,7 @@ class ClientLink:
         word = self._word[0]
         state = LinkState(word & (1 << _STATE_BITS) - 1)
         unplugs = word >> _STATE_BITS & (1 << _UNPLUG_BITS) - 1
-        if unplugs != self._unplugs or state == LinkState.GONE:  # the socket of an unplugged adapter stays dead
+        if unplugs != self._unplugs or state == LinkState.GONE:  # the socket of an unplugged adapter stays unusable
             raise _error(what, errno.ENODEV)
         if state == LinkState.DOWN:
             raise _error(what, errno.ENETDOWN)

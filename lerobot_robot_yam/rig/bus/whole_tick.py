@@ -1,12 +1,12 @@
-"""Answers to a whole tick in one pass: a packet with one MIT command to each motor, answered by one packet.
+"""Replies to a whole tick in one pass: a packet with one MIT command per motor, answered with one packet.
 
-A running control loop sends nothing else. `Channel.receive` does the same frame by frame, for any frames and with any
-fault. Bytes and times are identical, because the operations and their order are those of `SimMotor`, `Drive` and
-`codec`, written in one loop:
+A running control loop sends only such packets. `Channel.receive` does the same frame by frame, for any frames and with
+any fault. Bytes and times are identical, because this loop executes the operations of `SimMotor`, `Drive` and `codec`
+in the same order:
 
     control = kp (u* − base) + kd u̇* + tau,    reported position = direction (u + u̇ · ahead) + zero
 
-This loop does a third of the work. numpy is slower: arrays of seven numbers leave the caches while the physics runs.
+The loop takes a third of the time. numpy is slower: the physics evicts arrays of seven numbers from the caches.
 """
 
 import struct
@@ -21,14 +21,14 @@ from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import AHEAD_S, SimMotor
 from lerobot_robot_yam.rig.devices.thermometer import PERIOD_S
 
-_LONG, _SHORT = 0xFFFF, 0xFFF  # steps of a frame's fields, see `codec`
-_SPECIAL = b"\xff" * 7  # first bytes of each special command
+_LONG, _SHORT = 0xFFFF, 0xFFF  # number of steps of a frame's fields, see `codec`
+_SPECIAL = b"\xff" * 7  # first bytes of every special command
 _REQUEST = encode_report_request()
 _DATA_SIZE = 8  # size of the data at the end of a record, bytes
 
 
 class WholeTick:
-    """Motors of a channel, each on a `Drive`, and the channel's handle. size: size of a packet, bytes."""
+    """Motors of a channel, each on a `Drive`, and the channel's handle. size: packet size, bytes."""
 
     def __init__(self, motors: Sequence[SimMotor], handle: SimHandle | None):
         self._motors, self._handle = motors, handle
@@ -42,10 +42,10 @@ class WholeTick:
         self._settings: list[tuple[float, int, int] | None] = []
 
     def answer(self, packet: bytes, now_s: float, wire: Wire, adapter: Adapter) -> bytes | None:
-        """Answer a packet if all motors are plain (`SimMotor.plain_settings`) and the handle is not silent.
+        """Reply to a packet if all motors are plain (`SimMotor.plain_settings`) and the handle is not silent.
 
         Returns:
-            The answer; None if a motor is not plain or the packet has another form; nothing has changed then.
+            The reply; None, without any change of state, if a motor is not plain or the packet has another format.
         """
         if len(packet) != self.size or _SPECIAL in packet:
             return None
@@ -69,7 +69,7 @@ class WholeTick:
         return self._records.pack(*reply)
 
     def _serve(self, quarters: tuple[int, ...], at_s: Sequence[float]) -> list[bytes]:
-        """Obey MIT commands, each four 16-bit words that the wire delivers at `at_s`; return the answers' data."""
+        """Execute MIT commands of four 16-bit words each, delivered at `at_s`; return the data of the replies."""
         world = self._world
         sim_s, stamp_s, qpos, qvel, force = world.sim_s, world.stamp_s, world.qpos, world.qvel, world.force
         ctrl, answers = world.ctrl, []
@@ -120,9 +120,9 @@ class WholeTick:
         return answers
 
     def _lay_out(self, settings: list[tuple[float, int, int] | None]) -> bool:
-        """Store what stays the same from tick to tick; return whether all motors are plain.
+        """Cache values that are constant between ticks; return whether all motors are plain.
 
-        `answer` calls this again when zeros or identifiers have changed.
+        `answer` calls this method again when zeros or identifiers have changed.
         """
         plain = [setting for setting in settings if setting is not None]
         if len(plain) < len(settings):
@@ -140,7 +140,7 @@ class WholeTick:
 
 
 def _head(ident: int, length: int) -> int:
-    """Return the second word of a record: a plain frame's identifier and length."""
+    """Return the second word of a record: identifier and length of a plain frame."""
     return ident | length << 32
 
 

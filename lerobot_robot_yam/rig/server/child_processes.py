@@ -1,6 +1,6 @@
-"""The rig server's child processes: the renderer of its cameras, and the scripted operator.
+"""Child processes of the rig server: the renderer of the cameras, and the scripted operator.
 
-The server never waits for a child. It passes hellos of kind "camera" on, and sends the answers of `poll` to clients.
+The server never blocks on a child. It forwards hellos of kind "camera", and sends the results of `poll` to clients.
 """
 
 import contextlib
@@ -24,15 +24,15 @@ from lerobot_robot_yam.rig.simulation.operation import number
 logger = logging.getLogger(__name__)
 
 NO_OPERATOR = "none"
-_SETTLE_S = 0.5  # delay of the operator's start after the leaders are energised, s
+_SETTLE_S = 0.5  # delay between energising the leaders and starting the operator, s
 _END_TIMEOUT_S = 2.0
 _DEAD = "camera {camera} has died: it delivers no more frames; check its cable, then connect again"
 
 
 class CameraService:
-    """All rendered cameras of one rig, drawn by one child process, which the first camera starts.
+    """All rendered cameras of one rig, rendered by one child process, which starts when the first camera is opened.
 
-    cameras: names of the cameras in the scene. on_demand: whether the renderer draws only when `draw` is called.
+    cameras: names of the cameras in the scene. on_demand: whether the renderer renders only when `draw` is called.
     """
 
     def __init__(self, rig: str, cameras: Collection[str], on_demand: bool = False):
@@ -40,20 +40,20 @@ class CameraService:
         self._cameras = tuple(cameras)
         self._on_demand = on_demand
         self._process: subprocess.Popen[bytes] | None = None
-        self._socket: socket.socket | None = None  # socket to that process
-        self._users: dict[Settings, set[Hashable]] = {}  # settings → clients, which wait until `_ready` has them
-        self._opened: set[Settings] = set()  # all settings so far: a crashed renderer leaves their blocks
+        self._socket: socket.socket | None = None  # socket to the renderer process
+        self._users: dict[Settings, set[Hashable]] = {}  # settings → clients; ready if in `_ready`
+        self._opened: set[Settings] = set()  # all settings ever opened: their frame files outlive a crashed renderer
         self._ready: set[Settings] = set()
         self._answers: list[tuple[Hashable, dict[str, Any]]] = []
-        self._stalls: dict[str, float] = {}  # camera → monotonic time of its next frame
+        self._stalls: dict[str, float] = {}  # camera → monotonic time of its next frame, s
         self._dead: set[str] = set()
         self.drawn = True
 
     def open(self, client: Hashable, hello: Mapping[str, Any]) -> dict[str, Any]:
-        """Open a camera for a client; the first one starts the renderer.
+        """Open a camera for a client; the first call starts the renderer.
 
         Returns:
-            The answer to send now. A second answer ({"ready": true} or an error) comes from `poll`.
+            The reply to send immediately. A second reply ({"ready": true} or an error) comes from `poll`.
 
         Raises:
             ConfigError: the camera is unknown, or its settings are impossible.
@@ -80,7 +80,7 @@ class CameraService:
         return {"block": str(frame_path(self._rig, *settings))}
 
     def drop(self, client: Hashable) -> None:
-        """Remove a client; a camera without clients is not drawn. Unknown clients are ignored."""
+        """Remove a client, and close cameras without clients. Unknown clients are ignored."""
         for settings in [settings for settings, users in self._users.items() if client in users]:
             self._users[settings].discard(client)
             if not self._users[settings]:
@@ -92,7 +92,7 @@ class CameraService:
         """Make a camera fail, see `RigOperations.camera_fault`.
 
         Raises:
-            ConfigError: the camera or kind is unknown, or the time does not fit.
+            ConfigError: the camera or kind is unknown, or `seconds` is invalid or given for a kind other than "stall".
         """
         name = self._known(camera)
         if kind not in (None, "stall", "dead") or (seconds is not None and kind != "stall"):
@@ -111,9 +111,9 @@ class CameraService:
                 self.drop(client)
 
     def draw(self, anew: bool) -> None:
-        """Request one picture of each open camera from a renderer on demand; `drawn` is True once all are drawn.
+        """Request one image of each open camera from an on-demand renderer; `drawn` becomes True once all are rendered.
 
-        anew: the world was restarted since the last picture.
+        anew: whether the world was restarted since the last image.
         """
         self.drawn = False
         self._tell("draw", anew=anew)
@@ -124,11 +124,11 @@ class CameraService:
         return str(name)
 
     def fileno(self) -> int | None:
-        """Return the descriptor to watch for reading, which changes with the renderer; None while none runs."""
+        """Return the descriptor to watch for reading; None while no renderer runs. Each new renderer changes it."""
         return None if self._socket is None else self._socket.fileno()
 
     def poll(self) -> list[tuple[Hashable, dict[str, Any]]]:
-        """Return new answers for clients: the renderer's, or the error of its end. Never blocks."""
+        """Return new replies for clients: those of the renderer, or the error of its exit. Never blocks."""
         if self._socket is not None:
             with contextlib.suppress(BlockingIOError):
                 while packet := _received(self._socket):
@@ -140,7 +140,7 @@ class CameraService:
     def close(self) -> None:
         process, self._process = self._process, None
         if self._socket is not None:
-            self._socket.close()  # the renderer ends when its socket is closed
+            self._socket.close()  # the renderer exits when its socket is closed
             self._socket = None
         if process is not None:
             _end(process)
@@ -151,14 +151,14 @@ class CameraService:
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         command = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.render.renderer", "--rig", self._rig]
         command += ["--requests-fd", str(theirs.fileno()), *["--on-demand"] * self._on_demand]
-        with theirs:  # `give_way` needs a session of its own
+        with theirs:  # `give_way` needs a separate session
             self._process = subprocess.Popen(command, start_new_session=True, pass_fds=(theirs.fileno(),))
         for name, until_s in self._stalls.items():
             self._tell("stall", camera=name, until_s=until_s)
 
     def _tell(self, verb: str, **details: Any) -> None:
         if self._socket is not None:
-            with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # poll() reports the end
+            with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # poll() reports the exit
                 self._socket.send(to_json({"do": verb, **details}))
 
     def _heard(self, message: dict[str, Any]) -> None:
@@ -183,7 +183,7 @@ class CameraService:
         self.close()
 
     def _fail_all(self, error: str) -> None:
-        """Answer all clients with an error, and remove them."""
+        """Send an error to all clients, and remove them."""
         failed = {"error": error, "kind": "RigError"}
         self._answers += [(client, failed) for client in set().union(*self._users.values())]
         self._users.clear()
@@ -191,7 +191,7 @@ class CameraService:
 
 
 class OperatorService:
-    """Operator process of a rig's scene, which runs while all leader motors are enabled."""
+    """Operator process of a rig's scene; runs while all leader motors are enabled."""
 
     def __init__(self, rig: str, device: RigDevice):
         self._rig, self._device = rig, device
@@ -199,12 +199,12 @@ class OperatorService:
         self._now_s, self._steps = 0.0, self._run(device.scene.options.operator)
 
     def keep(self, now_s: float) -> None:
-        """Start or end the operator; call this several times a second."""
+        """Start or end the operator as required; must be called several times per second."""
         self._now_s = now_s
         next(self._steps)
 
     def _run(self, task: str) -> Iterator[None]:
-        """Yield instead of waiting: a server that pauses for 0.1 s would look like lost motors."""
+        """Yield instead of blocking: a server pause of 0.1 s would look like lost motors."""
         energised, events = self._device.leaders_energised, self._device.events
         while True:
             since_s = self._now_s
@@ -237,15 +237,15 @@ class OperatorService:
 
 
 def _received(renderer: socket.socket) -> bytes:
-    """Return the next packet, empty at the end. Raises BlockingIOError: no packet has come."""
+    """Return the next packet, empty at end of stream. Raises BlockingIOError: no packet has arrived."""
     try:
         return renderer.recv(MAX_PACKET, socket.MSG_DONTWAIT)
-    except ConnectionResetError:  # raised once when the renderer ended before it read all; then come its packets
+    except ConnectionResetError:  # raised once if the renderer exited with unread packets; its own packets follow
         return renderer.recv(MAX_PACKET, socket.MSG_DONTWAIT)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """Wait for a process that was told to end, and kill it if it does not."""
+    """Wait for a terminated process, and kill it if it does not exit in time."""
     try:
         process.wait(_END_TIMEOUT_S)
     except subprocess.TimeoutExpired:

@@ -1,4 +1,4 @@
-"""Life time of a rig: it ends a while after its last client, at once on request, and some time after its owner."""
+"""Rig lifetime: a rig ends shortly after its last client leaves, some time after its owner dies, or on request."""
 
 import os
 import select
@@ -8,20 +8,20 @@ from lerobot_robot_yam.errors import ChannelInUseError
 from lerobot_robot_yam.rig.client.launch import rig_path
 from lerobot_robot_yam.system.runtime_files import FileLock
 
-LINGER_S = 1.0  # time that a rig runs on after its last client, s
+LINGER_S = 1.0  # time from the last client's disconnect to the end of the rig, s
 FIRST_CLIENT_S = 10.0  # time that a rig waits for its first client, s
-ORPHAN_S = 30.0  # time that a rig runs on after its owner's death, s, so that clients can land their arms
+ORPHAN_S = 30.0  # time from the owner's death to the end of the rig, s: lets clients land their arms
 
 
 class Lifetime:
-    """Decision when to end, made under the lock that starters of this rig take.
+    """Decides when the rig ends, under the lock that starters of this rig acquire.
 
-    owner: process of an unnamed rig, None for a named rig. Times are monotonic, s.
+    owner: process id of an unnamed rig's owner, None for a named rig. Times are monotonic, s.
     """
 
     def __init__(self, name: str, owner: int | None, now_s: float):
         self._lock = FileLock(rig_path(name, "lock"), f"the end of rig {name}")
-        self._held_s = now_s  # last time with a client that keeps the rig alive
+        self._held_s = now_s  # last time at which a client kept the rig alive
         self._orphaned_s: float | None = None
         self._met = False
         self._told = False
@@ -33,18 +33,18 @@ class Lifetime:
                 self._orphaned_s = now_s
 
     def met_a_client(self) -> None:
-        """Note the first client: from now on the rig lingers `LINGER_S` instead of `FIRST_CLIENT_S`."""
+        """Record the first client: from now on the rig lingers for `LINGER_S` instead of `FIRST_CLIENT_S`."""
         self._met = True
 
     def end(self) -> None:
-        """End the rig, with or without clients, as soon as nobody is starting it."""
+        """End the rig, with or without clients, as soon as no process is starting it."""
         self._told = True
 
     def is_over(self, held: bool, now_s: float, somebody_waits: Callable[[], bool]) -> bool:
-        """Return whether to end now; if True, the lock is held, and nobody can start this rig until `close`.
+        """Return whether to end now. If True, the lock is held, and no process can start this rig until `close`.
 
-        held: a client keeps the rig alive. somebody_waits: function that is called under the lock; a connection not
-        yet accepted keeps the rig alive too.
+        held: whether a client keeps the rig alive. somebody_waits: callback, called under the lock, that returns
+        whether a connection is pending, which keeps the rig alive too.
         """
         if self._orphaned_s is None and self._owner_fd >= 0 and select.select([self._owner_fd], [], [], 0)[0]:
             self._orphaned_s = now_s
@@ -65,7 +65,7 @@ class Lifetime:
         return True
 
     def close(self) -> None:
-        """Release the lock for starters; call this when the rig's files are removed."""
+        """Release the lock for starters; must be called after the rig's files are removed."""
         if self._owner_fd >= 0:
             os.close(self._owner_fd)
         self._lock.release()

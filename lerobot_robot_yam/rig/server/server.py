@@ -1,12 +1,12 @@
-"""The virtual rig's process: sockets outside, physics inside, one thread.
+"""Process of the virtual rig: sockets and physics in one thread.
 
     python -m lerobot_robot_yam.rig.server.server --name NAME [--scene SCENE] [--options JSON]
 
-`launch` starts it. The server wakes for packets and for physics, steps the world up to now and answers each packet at
-once as one packet. A rig ends about a second after its last client has left.
+`launch` starts this process. The server wakes up for packets and for physics, steps the world up to the present and
+answers each packet immediately with one packet. A rig ends about a second after its last client has disconnected.
 
-A client's first packet is its hello: {"kind": "bus", "channel": ...}, {"kind": "control"} or {"kind": "camera", ...}.
-With `"hold": false` the client does not keep the rig alive.
+The first packet of a client is its hello: {"kind": "bus", "channel": ...}, {"kind": "control"} or
+{"kind": "camera", ...}. A client whose hello has `"hold": false` does not keep the rig alive.
 """
 
 import argparse
@@ -40,15 +40,15 @@ from lerobot_robot_yam.system.realtime import request_realtime
 
 logger = logging.getLogger(__name__)
 
-PRIORITY = 10  # real-time priority, below the control loops'
-_BATCH_S = 0.004  # longest wait of the physics between two packets
+PRIORITY = 10  # real-time priority, below that of the control loops
+_BATCH_S = 0.004  # maximum delay of a physics step without packets, s
 _PUBLISH_S = 1 / 60
 _HOUSE_S = 0.05
-_MALFORMED = (ValueError, KeyError, TypeError, AttributeError, YamError)  # errors of requests and hellos
+_MALFORMED = (ValueError, KeyError, TypeError, AttributeError, YamError)  # raised by malformed requests and hellos
 
 
 class Client:
-    """A connection; the hello of a bus client sets its `channel`."""
+    """A connection; `channel` is set by the hello of a bus client."""
 
     def __init__(self, sock: socket.socket):
         self.socket = sock
@@ -58,9 +58,9 @@ class Client:
 
 
 class RigServer:
-    """Sockets, life time and child processes of one rig.
+    """Sockets, lifetime and child processes of one rig.
 
-    owner: process with which the rig ends, None for a named rig.
+    owner: id of the process with which the rig ends, None for a named rig.
     """
 
     def __init__(self, name: str, device: RigDevice, owner: int | None):
@@ -113,7 +113,7 @@ class RigServer:
                 self._keep_house(now)
 
     def close(self) -> None:
-        """Remove the rig's files, drop the clients, end the children; after a crash a successor may start meanwhile."""
+        """Remove the rig's files, drop the clients, end the children; after a crash a new rig may start meanwhile."""
         self._path.unlink(missing_ok=True)
         self._links.close()
         for suffix in ("scene", "log"):
@@ -128,7 +128,7 @@ class RigServer:
         self._lifetime.close()
 
     def stop(self) -> None:
-        """Leave `run` at the next opportunity."""
+        """Make `run` return at the next opportunity."""
         self._lifetime.end()
 
     # clients
@@ -142,7 +142,7 @@ class RigServer:
                 self._poll.register(sock.fileno(), select.EPOLLIN)
 
     def _hear(self, client: Client) -> None:
-        """Read all that a client has sent; queued packets of frames are handled as one packet."""
+        """Read all packets of a client; queued packets of frames are handled as one packet."""
         frames, gone = b"", False
         try:
             while packet := client.socket.recv(launch.MAX_PACKET):
@@ -191,7 +191,7 @@ class RigServer:
             client.holds = False
             self._answer(client, launch.error_reply(error))
             return
-        self._answer(client, reply)  # sent before the client joins the channel, whose frames come after the answer
+        self._answer(client, reply)  # sent before the client joins the channel, whose frames must follow the reply
         if client.channel is not None:
             client.channel.clients.append(client.socket)
             self.device.events.add("bus_opened", channel=client.channel.name)
@@ -224,7 +224,7 @@ class RigServer:
         except BlockingIOError:
             logger.warning("a client does not read its answers")
         except OSError:
-            pass  # the client has gone, which epoll reports
+            pass  # the client has disconnected, which epoll reports
 
     def _drop(self, client: Client) -> None:
         fd = client.socket.fileno()
@@ -276,7 +276,7 @@ def main() -> None:
     args = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     mujoco.set_mju_user_warning(lambda text: logger.warning("MuJoCo: %s", text))  # by default MuJoCo writes a file
-    gc.disable()  # until everything is built and frozen by request_realtime
+    gc.disable()  # while the objects are built that `request_realtime` freezes
     try:
         device = RigDevice(load_scene(args.scene, args.options))
         server = RigServer(args.name, device, args.owner)
