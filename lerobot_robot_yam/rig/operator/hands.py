@@ -1,4 +1,4 @@
-"""A scripted operator's eyes, hands and clock: those of a live rig, or of a faster simulation."""
+"""Interface of a scripted operator to a live rig or to a faster simulation: sight, hands and clock."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Pose:
-    """Pose of a thing: origin (3,) and orientation (4,), w x y z, of its frame in the world."""
+    """Pose of a thing: origin (3,) and orientation (4,), w x y z, of the thing's frame in the world."""
 
     position_m: np.ndarray
     quat_wxyz: np.ndarray
@@ -23,18 +23,18 @@ class Pose:
         return matrix.reshape(3, 3)
 
     def point(self, local_m: np.ndarray) -> np.ndarray:
-        """Return a point (3,) of the thing's frame in the world."""
+        """Transform a point (3,) from the thing's frame to the world frame."""
         return self.position_m + self.rotation @ local_m
 
     @property
     def yaw_rad(self) -> float:
-        """Direction of the thing's x axis, seen from above."""
+        """Direction of the thing's x axis, seen from above, rad."""
         rotation = self.rotation
         return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
 
     @property
     def edge_yaw_rad(self) -> float:
-        """Direction of the most level axis: a cube's edge, whichever face it lies on."""
+        """Direction of the axis nearest to horizontal, rad: an edge of a cube, whichever face it lies on."""
         axes = self.rotation
         level = axes[:, np.argmin(np.abs(axes[2]))]
         return float(np.arctan2(level[1], level[0]))
@@ -42,12 +42,12 @@ class Pose:
 
 @dataclass(frozen=True)
 class Sight:
-    """State of the rig at one look.
+    """State of the rig at one instant.
 
     Attributes:
-        things: prop or piece of furniture → its pose.
+        things: prop or piece of furniture → pose.
         joints: jointed furniture → position, m or rad.
-        leader_rad, follower_rad: side → joints (n,); without leaders both are the follower's.
+        leader_rad, follower_rad: side → joints (n,); without leaders both hold the follower's joints.
         opening: side → opening of the follower's gripper, 0 … 1.
         willing: whether all arms are energised, and no arm has worked against the hand.
     """
@@ -61,7 +61,7 @@ class Sight:
 
 
 def sight_of(state: Mapping[str, Any], sides: Iterable[str]) -> Sight:
-    """Build the sight from a state of `RigOperations.state`; sides: sides with a follower."""
+    """Build the sight from a state as returned by `RigOperations.state`. sides: sides that have a follower."""
     arms, sides = state["arms"], tuple(sides)
     things = {**state["furniture"], **state["props"]}
     followers = {side: arms[f"follower_{side}"] for side in sides}
@@ -81,7 +81,7 @@ def _willing(arm: Mapping[str, Any]) -> bool:
 
 
 class Hands(Protocol):
-    """Interface between scripts and rigs; implemented for the live rig, in lock-step, and in tests."""
+    """Interface between scripts and rigs, implemented for the live rig, for lock-step and in tests."""
 
     def now(self) -> float: ...
 
@@ -90,7 +90,7 @@ class Hands(Protocol):
     def look(self) -> Sight: ...
 
     def pull(self, side: str, times_s: np.ndarray, q_rad: np.ndarray, trigger: np.ndarray) -> None:
-        """Pull the leader of a side along (k, n) joints at times from now (k,), with trigger 0 … 1 (squeezed) (k,)."""
+        """Pull a side's leader along joints (k, n) at times from now (k,), with trigger (k,), 0 … 1 (squeezed)."""
 
     def let_go(self) -> None: ...
 
@@ -102,10 +102,10 @@ class Interrupted(Exception):  # noqa: N818 - not an error: the session ended
 
 
 def see(hands: Hands) -> Sight:
-    """Return the present sight.
+    """Return the current sight.
 
     Raises:
-        Interrupted: an arm is switched off or resists the hand; the hands have let go.
+        Interrupted: an arm is switched off or resists the hand; the hands have released the leaders.
     """
     sight = hands.look()
     if not sight.willing:
@@ -115,6 +115,6 @@ def see(hands: Hands) -> Sight:
 
 
 def pause(hands: Hands, seconds: float) -> Sight:
-    """Wait, then return the sight as `see` does."""
+    """Wait, then return the sight; raises as `see` does."""
     hands.wait(max(0.0, seconds))
     return see(hands)

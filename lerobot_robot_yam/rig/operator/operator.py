@@ -1,11 +1,10 @@
-"""The scripted operator: a person in front of the rig who moves the leader arms. The rig starts it.
+"""Scripted operator: simulates a person in front of the rig who moves the leader arms. The rig starts this process.
 
     python -m lerobot_robot_yam.rig.operator.operator --rig NAME --task pick_and_place
 
-The operator moves the leaders by hand only: with limited force, against and with their own gravity compensation. The
-operator begins when all arms are energised, stops when one is not, and begins again; it ends with the rig.
-`pick_and_place` goes on without end. A task of the scene is attempted again and again, each time laid out by the next
-seed.
+The operator moves the leaders only by hand: with limited force, added to the leaders' own gravity compensation. The
+operator begins when all arms are energised, stops when an arm is not, and begins again; it ends with the rig.
+`pick_and_place` runs endlessly. A task of the scene is attempted repeatedly, each time laid out with the next seed.
 """
 
 import argparse
@@ -26,9 +25,9 @@ from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 
 logger = logging.getLogger(__name__)
 
-_READY_S = 1.0  # a person's wait before taking hold
+_READY_S = 1.0  # time that a person would wait before gripping the leaders
 _POLL_S = 0.1
-_VERDICT_S = 2.0  # longest wait for the verdict, s: a prop must rest for a while first
+_VERDICT_S = 2.0  # maximum wait for the verdict, s: a prop must first rest for a while
 
 
 class RigHands:
@@ -63,7 +62,7 @@ class RigHands:
 
 
 def _work(rig: RigControl, script: Script, seed: int) -> int:
-    """Do the script's task once; return the seed for the next time."""
+    """Perform the script's task once; return the seed for the next attempt."""
     if script.endless:
         script.work()
         return seed
@@ -79,7 +78,7 @@ def _work(rig: RigControl, script: Script, seed: int) -> int:
 
 
 def operate(rig: RigControl, task: str) -> None:
-    """Do the task whenever all arms are energised, until the rig ends.
+    """Perform the task whenever all arms are energised, until the rig ends.
 
     Raises:
         ConfigError: the task is unknown, or the scene lacks something that the task needs.

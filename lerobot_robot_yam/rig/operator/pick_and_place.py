@@ -1,8 +1,8 @@
-"""Carry one prop from place A to B and back, handing it over at M in the middle, without end.
+"""Carry one prop from place A to B and back, endlessly, with a handover at M in the middle.
 
-Each carry starts from the present state: the arm that reaches the prop carries it one step towards its goal. So a
-missed grasp, a slip or a displaced prop needs no special case. The prop's place and turn when put down are random, so
-that no two carries are alike. The other arm moves on while fingers close and open.
+Each carry starts from the current state: an arm that reaches the prop carries it one step towards its goal. Missed
+grasps, slips and displaced props therefore need no special case. The prop is put down at a random position and yaw, so
+that no two carries are alike. The other arm keeps moving while fingers close and open.
 """
 
 import logging
@@ -16,20 +16,20 @@ from lerobot_robot_yam.rig.operator.worker import Worker
 
 logger = logging.getLogger(__name__)
 
-_GRIP_M = np.array([0.0, 0.0, 0.005])  # offset of the grasp from the prop's centre: a leaning tool's tips go deeper
-_BESIDE_M = 0.07  # distance from a place below which a prop counts as being at the place
-_ABOUT_M = np.array([0.045, 0.035, 0.0])  # largest random offset of the prop from its place
-_QUARTER_RAD = np.pi / 4  # largest random turn; covers all turns of a cube
-_WAIT_M = np.array([0.05, 0.08, 0.07])  # free arm's largest offset from home: in x both ways, in y outward, in z up
-_WAIT_RAD = 0.5  # largest turn of a waiting tool
-_STROLL_S = 1.1  # least duration of a free arm's way to another waiting place
-_AHEAD_S = 0.25  # lead of a free arm's start before the other arm arrives, and closes or opens its fingers
-_GIVE_UP = 5  # failures in a row until the prop is put back
-_PAST_MIDDLE_M = 0.10  # how far beyond the middle an arm fetches a prop that it carries to its own end
+_GRIP_M = np.array([0.0, 0.0, 0.005])  # grasp offset from the prop's centre: tips of a tilted tool reach deeper
+_BESIDE_M = 0.07  # distance to a place below which a prop counts as being there
+_ABOUT_M = np.array([0.045, 0.035, 0.0])  # maximum random offset of the prop from its place
+_QUARTER_RAD = np.pi / 4  # maximum random turn; covers all orientations of a cube
+_WAIT_M = np.array([0.05, 0.08, 0.07])  # free arm's maximum offset from home: in x both ways, in y outward, in z up
+_WAIT_RAD = 0.5  # maximum turn of a waiting tool
+_STROLL_S = 1.1  # minimum duration of a free arm's move to another waiting position
+_AHEAD_S = 0.25  # the free arm starts this long before the other arm arrives and closes or opens its fingers
+_GIVE_UP = 5  # consecutive failures after which the prop is put back
+_PAST_MIDDLE_M = 0.10  # how far beyond the middle an arm may fetch a prop that it carries to its own end
 
 
 class PickAndPlace(Script):
-    """Script for two arms; `work` carries the scene's first prop one step towards its goal."""
+    """Script for two arms; each `work` carries the scene's first prop one step towards its goal."""
 
     endless = True
 
@@ -48,7 +48,7 @@ class PickAndPlace(Script):
         self._random = np.random.default_rng(setup.seed)
 
     def work(self) -> bool:
-        """Carry the prop one step towards its goal; return True when the prop got there."""
+        """Carry the prop one step towards its goal; return True if the prop arrived."""
         prop = self.look_at(self._prop.name)
         if self._is_at(prop, self._goal):
             self._goal = "A" if self._goal == "B" else "B"
@@ -64,7 +64,7 @@ class PickAndPlace(Script):
         (free,) = [other for other in self.workers.values() if other is not worker]
         try:
             done = self._carry(worker, free, prop, place)
-        except RigError as error:  # out of reach: start again from the waiting pose
+        except RigError as error:  # out of reach: restart from the waiting pose
             logger.warning("%s", error)
             if worker.holds:
                 worker.open()
@@ -74,7 +74,7 @@ class PickAndPlace(Script):
         return done
 
     def _choose(self, prop: Pose) -> tuple[str | None, str]:
-        """Return side and place: the goal's own arm carries straight to the goal, the other one to the middle."""
+        """Return side and place: the goal's own arm carries to the goal, the other arm only to the middle."""
         finisher, helper = ("right", "left") if self._goal == "B" else ("left", "right")
         if prop.position_m[2] > -self._half_m:
             towards = prop.position_m[1] if finisher == "left" else -prop.position_m[1]
@@ -112,7 +112,7 @@ class PickAndPlace(Script):
         return self._is_at(self.look_at(self._prop.name), place)
 
     def _stroll(self, free: Worker, worker: Worker) -> None:
-        """Start the free arm to another waiting place when the other one is about to arrive."""
+        """Start moving the free arm to another waiting position when the other arm is about to arrive."""
         worker.wait(_AHEAD_S)
         if not free.moves:
             home = self.setup.homes_m[free.side]

@@ -1,8 +1,8 @@
-"""Joint paths for a top-down pick-and-place, from tool poses, for one arm.
+"""Joint paths from tool poses, for one arm that picks and places from above.
 
-Positions are in the world frame, angles in radians. A tool pose is the position of `grasp_site` and a yaw about
-the vertical. At yaw 0 the fingers open along the world's y axis. The tool points straight down, or leans back about
-the axis along which its fingers open, by the same angle everywhere.
+Positions are in the world frame, angles in radians. A tool pose is the position of `grasp_site` and a yaw about the
+vertical. At yaw 0 the fingers open along the world's y axis. The tool points straight down, or is tilted back by a
+constant angle about the axis along which its fingers open.
 """
 
 from collections.abc import Callable
@@ -16,23 +16,23 @@ from lerobot_robot_yam.errors import RigError
 
 _POSITION_TOLERANCE_M = 1e-4
 _ANGLE_TOLERANCE_RAD = 1e-3
-_SPEED_RAD_S, _ACCELERATION_RAD_S2 = 1.2, 7.0  # limits of the speed and acceleration of each joint
+_SPEED_RAD_S, _ACCELERATION_RAD_S2 = 1.2, 7.0  # limits for each joint
 _SAMPLES = 33
 _EASE_S = 0.4
-_TRANSFER_S = 0.4  # least duration of a transfer
-# Spans in which the tool rises, travels and sinks, as fractions of a transfer: their overlaps round the corners.
+_TRANSFER_S = 0.4  # minimum duration of a transfer
+# Phases in which the tool rises, travels and sinks, as fractions of a transfer. Their overlaps round the corners.
 _RISE, _TRAVEL, _SINK = (0.0, 0.42), (0.16, 0.84), (0.58, 1.0)
 
 
 def minimum_jerk(s: np.ndarray | float) -> np.ndarray:
-    """Return Flash and Hogan's 10 s³ − 15 s⁴ + 6 s⁵, clamped to 0 … 1."""
+    """Return Flash and Hogan's polynomial 10 s³ − 15 s⁴ + 6 s⁵, with s clamped to 0 … 1."""
     s = np.clip(s, 0.0, 1.0)
     return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
 
 @dataclass(frozen=True)
 class Path:
-    """A sampled joint path. times_s: (k,) seconds from the start, increasing, first 0. q_rad: (k, n)."""
+    """A sampled joint path. times_s: (k,) seconds from the start, increasing from 0. q_rad: (k, n)."""
 
     times_s: np.ndarray
     q_rad: np.ndarray
@@ -46,31 +46,31 @@ class Path:
         return self.q_rad[-1]
 
     def at(self, t_s: float) -> np.ndarray:
-        """Return the joints (n,) at t_s, linear between samples."""
+        """Return the joints (n,) at t_s, interpolated linearly between samples."""
         return np.array([np.interp(t_s, self.times_s, column) for column in self.q_rad.T])
 
     def rest(self, t_s: float) -> "Path":
-        """Return the path after t_s, from a standstill: the first `_EASE_S` of it take twice as long."""
+        """Return the path after t_s, starting from rest: its first `_EASE_S` take twice as long."""
         left = self.times_s[-1] - t_s
         if left <= 0.0:
             return Path(np.array([0.0, 0.1]), np.stack([self.end_rad, self.end_rad]))
         ease = min(_EASE_S, left)
         travelled = np.linspace(0.0, left, max(3, int(left / 0.03)))
-        # Progress x(t) = t²/(4 e) until full speed at t = 2 e, x = e.
+        # Progress x(t) = t²/(4 e) until full speed at t = 2 e, where x = e.
         times = np.where(travelled < ease, 2.0 * np.sqrt(ease * travelled), travelled + ease)
         return Path(times, np.array([self.at(t_s + x) for x in travelled]))
 
 
 class ArmPlanner:
-    """Planner for one arm that stands on the table. A pose or path with a point out of reach raises RigError.
+    """Planner for one arm that stands on the table. Raises RigError if a pose or path has a point out of reach.
 
     Args:
-        model: the arm with its gripper, base at the origin, as `arm.model.build_model` returns it.
+        model: the arm with its gripper, base at the origin, as returned by `arm.model.build_model`.
         base_m: position of the base in the world, (3,); also an attribute.
         yaw_rad: heading of the base.
         seed_rad: (n,) bent pose from which the inverse kinematics starts; None for the middle of the joint ranges.
-        leads: joints that go ahead when the arm unfolds: from the elbow on.
-        tilt_rad: lean of the tool back from straight down.
+        leads: joints that move first when the arm unfolds: those from the elbow on.
+        tilt_rad: backward tilt of the tool from straight down.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class ArmPlanner:
         return np.array([c * x + s * y, -s * x + c * y, z])
 
     def tool(self, q_rad: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return world position (3,) and yaw of `grasp_site` at q_rad (n,)."""
+        """Return the world position (3,) and yaw of `grasp_site` at q_rad (n,)."""
         pose = self._kinematics.fk(q_rad)
         rotation, (x, y, z) = pose[:3, :3], pose[:3, 3]
         c, s = np.cos(self._yaw), np.sin(self._yaw)
@@ -103,21 +103,21 @@ class ArmPlanner:
         return position, float(np.arctan2(-rotation[0, 1], rotation[1, 1])) + self._yaw
 
     def natural_yaw(self, position_m: np.ndarray) -> float:
-        """Return the yaw at which the last joint is near zero: the direction from the base to the point."""
+        """Return the yaw at which the last joint is near zero, which is the direction from the base to the point."""
         x, y, _ = self._to_base(position_m)
         return float(np.arctan2(y, x)) + self._yaw
 
     def grasp_yaw(self, position_m: np.ndarray, prop_yaw_rad: float, turns: int = 4) -> float:
-        """Return the yaw that puts the fingers on two faces of the prop with the least turn of the last joint.
+        """Return the yaw that aligns the fingers with two faces of the prop at the least turn of the last joint.
 
-        turns: number of ways to grasp the prop in a whole turn: 4 for a cube, 2 for a bar.
+        turns: number of equivalent grasps in a full turn: 4 for a cube, 2 for a bar.
         """
         natural = self.natural_yaw(position_m)
         part = 2 * np.pi / turns
         return float(prop_yaw_rad + part * np.round((natural - prop_yaw_rad) / part))
 
     def solve(self, position_m: np.ndarray, yaw_rad: float, q_near_rad: np.ndarray) -> np.ndarray | None:
-        """Return the joints (n,) that put `grasp_site` at a tool pose, close to q_near_rad; None when out of reach."""
+        """Return the joints (n,), near q_near_rad, that put `grasp_site` at a tool pose; None when out of reach."""
         yaw = yaw_rad - self._yaw
         c, s = np.cos(yaw), np.sin(yaw)
         down, ahead = np.cos(self._tilt), np.sin(self._tilt)
@@ -138,7 +138,7 @@ class ArmPlanner:
         return np.clip(seed, self._kinematics.lower, self._kinematics.upper)
 
     def pose(self, position_m: np.ndarray, yaw_rad: float | None = None) -> np.ndarray:
-        """Return the joints (n,) for a tool pose; without a yaw, for the natural one."""
+        """Return the joints (n,) for a tool pose; without a yaw, for the natural yaw."""
         yaw = self.natural_yaw(position_m) if yaw_rad is None else yaw_rad
         return self._solved(position_m, yaw, self._facing(position_m))
 
@@ -149,13 +149,13 @@ class ArmPlanner:
         return q
 
     def straight(self, start_rad: np.ndarray, position_m: np.ndarray, yaw_rad: float, least_s: float = 0.2) -> Path:
-        """Plan the tool's straight line to a tool pose, with minimum jerk."""
+        """Plan a straight line of the tool to a tool pose, with minimum jerk."""
         origin, _ = self.tool(start_rad)
         way = np.asarray(position_m, float) - origin
         return self._tool_path(start_rad, yaw_rad, lambda s: origin + way * _span(s), _span, least_s)
 
     def unfold(self, start_rad: np.ndarray, end_rad: np.ndarray, least_s: float = 0.2) -> Path:
-        """Plan from joints to joints with minimum jerk; the elbow goes ahead, so a folded arm lifts its tool first."""
+        """Plan a joint path with minimum jerk; the elbow leads, so that a folded arm lifts its tool first."""
         start, end = np.asarray(start_rad, float), np.asarray(end_rad, float)
         first, last = np.full(len(start), 0.3), np.ones(len(start))
         first[self._leads], last[self._leads] = 0.0, 0.7
@@ -166,7 +166,7 @@ class ArmPlanner:
         return self._timed(joints, least_s)
 
     def transfer(self, start_rad: np.ndarray, position_m: np.ndarray, yaw_rad: float, height_m: float) -> Path:
-        """Plan one smooth motion that rises to height_m, travels and sinks to a tool pose."""
+        """Plan one smooth motion that rises to height_m, travels, and sinks to a tool pose."""
         origin, _ = self.tool(start_rad)
         target = np.asarray(position_m, float)
         top = max(height_m, origin[2], target[2])
@@ -186,7 +186,7 @@ class ArmPlanner:
         turned: Callable[[float], float],
         least_s: float,
     ) -> Path:
-        """Plan a path with the tool at point(s), turned by the share turned(s) of the way to a yaw, s = 0 … 1."""
+        """Plan a path with the tool at point(s) and the fraction turned(s) of its turn to yaw_rad done, s = 0 … 1."""
         _, yaw = self.tool(start_rad)
         turn = (yaw_rad - yaw + np.pi) % (2 * np.pi) - np.pi
         near = np.asarray(start_rad, float)
@@ -199,7 +199,7 @@ class ArmPlanner:
         return self._timed(joints, least_s)
 
     def _timed(self, joints: Callable[[float], np.ndarray], least_s: float) -> Path:
-        """Sample joints(0 … 1) and stretch the time until speed and acceleration are within limits."""
+        """Sample joints(0 … 1), and stretch the time until speed and acceleration are within their limits."""
         s = np.linspace(0.0, 1.0, _SAMPLES)
         q = np.array([joints(x) for x in s])
         speed = np.abs(np.diff(q, axis=0)).max() * (_SAMPLES - 1)

@@ -1,4 +1,4 @@
-"""A scripted operator of one task: its setup, and attempts that begin and end with the arms at their waiting poses."""
+"""Scripted operator of one task: setup, and attempts that begin and end with the arms in their waiting poses."""
 
 import logging
 from abc import ABC, abstractmethod
@@ -20,20 +20,20 @@ from lerobot_robot_yam.system.strict_yaml import parse
 
 logger = logging.getLogger(__name__)
 
-PUT_DOWN_M = 0.002  # height above its place at which a prop is released
-_LIFTED_M = 0.03  # least rise of a held prop; a prop that rose less has slipped
+PUT_DOWN_M = 0.002  # height above its goal at which a prop is released
+_LIFTED_M = 0.03  # minimum rise of a held prop; a prop that rose less has slipped
 _TRIES = 4
 SIDES = ("left", "right")
 
 
 @dataclass(frozen=True)
 class Setup:
-    """A task, and the things and arms for it.
+    """A task with the things and arms that it needs.
 
     Attributes:
         things: name → prop or piece of furniture.
-        planners: side → planner of its follower.
-        homes_m: side → waiting place of its tool, (3,).
+        planners: side → planner of the side's follower.
+        homes_m: side → waiting position of the side's tool, (3,).
         places_m: name → point, (3,).
         seed: seed of the operator's random choices.
     """
@@ -73,7 +73,7 @@ def _planner(row: Mapping[str, Any], tilt_rad: float) -> ArmPlanner:
 
 
 def make_setup(scene: Mapping[str, Any], task: str) -> Setup:
-    """Build the setup for a task. Raises ConfigError: the scene lacks the task, a follower, or its waiting place."""
+    """Build the setup for a task. Raises ConfigError: the scene lacks the task, a follower, or a waiting position."""
     where = f"scene {scene['name']}"
     tasks = {row["name"]: row for row in scene["tasks"]}
     if task not in tasks and task != PICK_AND_PLACE.name:
@@ -96,15 +96,15 @@ def make_setup(scene: Mapping[str, Any], task: str) -> Setup:
 
 
 class Script(ABC):
-    """Script of one task, which may be repeated. Each method may raise Interrupted: the arms are switched off.
+    """Script of one task, which may be repeated. Each method raises Interrupted if the arms are switched off.
 
     Args:
-        hands: the operator's eyes, hands and clock.
+        hands: interface to the rig: sight, hands and clock.
         setup: the task, its things and the arms.
 
     Attributes:
-        height_m: height of the tool on its way over the table.
-        endless: whether each `work` continues where the last one ended, without placing things and without a verdict.
+        height_m: height at which the tool travels over the table.
+        endless: whether each `work` continues where the previous one ended, without placing things and without verdict.
         workers: side → worker of that side.
     """
 
@@ -127,19 +127,19 @@ class Script(ABC):
             worker.settle()
 
     def attempt(self) -> None:
-        """Do the task once, with a few tries in case something slips."""
+        """Perform the task once, with a few retries in case an object slips."""
         for _ in range(_TRIES):
             try:
                 if self.work():
                     break
-            except RigError as error:  # out of reach on the way
+            except RigError as error:  # a point of the path is out of reach
                 logger.warning("%s", error)
                 self._retreat()
         self._retreat()
 
     @abstractmethod
     def work(self) -> bool:
-        """Try the task once, and return whether the task looks done. Raises RigError: a point is out of reach."""
+        """Try the task once; return whether it appears to be done. Raises RigError: a point is out of reach."""
 
     def _retreat(self) -> None:
         for worker in self.workers.values():
@@ -151,7 +151,7 @@ class Script(ABC):
             worker.wait()
 
     def take(self, worker: Worker, thing: Pose, grip: Grip) -> float:
-        """Reach a thing at a grip and close the fingers on it; return the yaw of the tool."""
+        """Reach for a grip of a thing and close the fingers on it; return the yaw of the tool."""
         point = thing.point(grip.point_m)
         thing_yaw = thing.edge_yaw_rad if grip.turns == 4 else thing.yaw_rad
         yaw = worker.planner.grasp_yaw(point, grip.yaw_rad + thing_yaw, grip.turns)
@@ -160,24 +160,24 @@ class Script(ABC):
         return yaw
 
     def look_at(self, thing: str) -> Pose:
-        """Return the present pose of a thing."""
+        """Return the current pose of a thing."""
         return see(self.hands).things[thing]
 
     def grip_of(self, thing: str, number: int = 0) -> Grip:
-        """Return a grip of a thing. Raises ConfigError: the scene has no such grip."""
+        """Return the grip of a thing with index `number`. Raises ConfigError: the thing has too few grips."""
         grips = self.setup.things[thing].grips
         if number >= len(grips):
             raise ConfigError(f"task {self.setup.task.name}: {thing} needs {number + 1} grips; it has {len(grips)}")
         return grips[number]
 
     def lies_at_goal(self) -> bool:
-        """Return whether the prop of the last stage is in its region, seen from above."""
+        """Return whether the last stage's prop is in its region, seen from above."""
         goal, region = self.goal(), self.setup.last.inside
         off = self.look_at(self.setup.last.prop).position_m - goal.position_m
         return region is not None and bool(np.linalg.norm(off[:2]) < region.radius_m)
 
     def goal(self) -> Pose:
-        """Return the pose where the last stage's prop shall end: middle of its region, turned as the region's frame."""
+        """Return the goal pose of the last stage's prop: the middle of its region, with the region frame's rotation."""
         region = self.setup.last.inside
         if region is None:
             raise ConfigError(f"task {self.setup.task.name}: its last stage needs a region inside which the prop ends")
@@ -188,5 +188,5 @@ class Script(ABC):
 
 
 def lifted(prop: str, from_m: float, by_m: float = _LIFTED_M) -> Callable[[Sight], bool]:
-    """Make a test for `Worker.carry`: whether a prop is `by_m` above the height `from_m` of its place."""
+    """Return a test for `Worker.carry`: whether a prop is more than `by_m` above its initial height `from_m`."""
     return lambda sight: bool(sight.things[prop].position_m[2] - from_m > by_m)

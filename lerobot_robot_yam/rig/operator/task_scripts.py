@@ -1,4 +1,4 @@
-"""Scripts of the scenes' tasks, and the choice of a task's script; for the live rig's operator and in lock-step.
+"""Scripts for the scenes' tasks, for the live rig's operator and for lock-step, and the choice of a task's script.
 
 script = make_script(hands, rig.scene(), "lift_and_place")
 script.begin()
@@ -20,24 +20,24 @@ from lerobot_robot_yam.rig.operator.worker import Worker
 from lerobot_robot_yam.rig.scene.props import Grip
 from lerobot_robot_yam.rig.scene.tasks import SCRIPTS
 
-_DRAWER_AWAY_M = 0.04  # rise of the fingers from the handle of an open drawer
-_PULL_S = 1.2  # duration of opening a drawer
+_DRAWER_AWAY_M = 0.04  # rise of the fingers above the handle of the opened drawer
+_PULL_S = 1.2  # duration of the pull
 _MIDDLE = "middle"
 _HAND_AWAY_M = 0.04
-_CLEAR_S = 0.5  # time for the giver to move away before the bar is moved, s
+_CLEAR_S = 0.5  # time for the giver to move clear before the bar is moved, s
 _PEG_LIFTED_M = 0.02
 _HOVER_M = 0.008  # height of the peg's foot above the rim before the peg enters
 _AIM_M, _AIM_RAD, _AIMS = 0.0005, 0.02, 6
 _ABOVE_M = 0.010
 _ENTRIES = 3
-_ENTERED_M = 0.008  # depth of the peg's foot from which the peg is in the hole, not on its rim
+_ENTERED_M = 0.008  # depth of the peg's foot from which the peg is in the hole, not on the rim
 _PEG_AWAY_M = 0.05
 
 
 class LiftAndPlace(Script):
     """Script that lifts a prop with the nearest arm and puts it in its region.
 
-    The last stage of success names prop and region; the prop is grasped at its first grip.
+    The last stage of success names the prop and its region; the script grasps the prop at the first grip.
     """
 
     def work(self) -> bool:
@@ -55,9 +55,9 @@ class LiftAndPlace(Script):
 
 
 class Drawer(Script):
-    """Script that opens a drawer: it grasps the handle and pulls straight along the drawer's joint.
+    """Script that opens a drawer by grasping the handle and pulling straight along the drawer's joint.
 
-    The last stage of success names the joint and how far to open it; the drawer's first grip is the handle.
+    The last stage of success names the joint and its range; the drawer's first grip is the handle.
     """
 
     def work(self) -> bool:
@@ -80,9 +80,9 @@ class Drawer(Script):
 
 
 class Handover(Script):
-    """Script that passes a bar from arm to arm at the place `middle`; the arm nearest to the goal receives it.
+    """Script that passes a bar from arm to arm at the place `middle`; the arm nearest to the goal receives the bar.
 
-    The bar is the prop of the last stage of success, with a grip for each hand.
+    The bar is the prop of the last stage of success, and has a grip for each hand.
     """
 
     height_m = 0.18
@@ -108,14 +108,14 @@ class Handover(Script):
         return self._lay(taker, takes)
 
     def _grips(self, giver: Worker) -> tuple[Grip, Grip]:
-        """Return the giver's grip, which is nearer to the giver, and the taker's grip."""
+        """Return two grips: the giver's, which is nearer to the giver's base, and the taker's."""
         bar, base = self.look_at(self._bar), giver.planner.base_m
         both = [self.grip_of(self._bar, number) for number in range(2)]
         near, far = sorted(both, key=lambda grip: float(np.linalg.norm(bar.point(grip.point_m) - base)))
         return near, far
 
     def _offer(self, giver: Worker, taker: Worker, gives: Grip, takes: Grip) -> bool:
-        """Lift the bar and hold it between the arms, pointing from base to base."""
+        """Lift the bar and hold it between the arms, aligned with the line between their bases."""
         bar = self.look_at(self._bar)
         yaw = self.take(giver, bar, gives)
         across, along = taker.planner.base_m - giver.planner.base_m, takes.point_m - gives.point_m
@@ -124,7 +124,7 @@ class Handover(Script):
         return self._bring(giver, target, yaw + bar_yaw - bar.yaw_rad)
 
     def _lay(self, taker: Worker, takes: Grip) -> bool:
-        """Lay the bar along the goal, in the direction that turns the wrist less."""
+        """Lay the bar along the goal, in the one of two directions that turns the wrist less."""
         goal, bar = self.goal(), self.look_at(self._bar)
         _, yaw = taker.planner.tool(taker.q)
         ways = []
@@ -152,8 +152,8 @@ def _turned(local_m: np.ndarray, yaw_rad: float) -> np.ndarray:
 class Insertion(Script):
     """Script that puts a peg into the hole of a block.
 
-    The last stage of success names the peg as its prop, and the block as its region's frame; the block's first grip is
-    the hole's rim.
+    The last stage of success names the peg as its prop, and the block as its region's frame. The block's first grip is
+    the rim of the hole.
     """
 
     height_m = 0.15
@@ -193,14 +193,14 @@ class Insertion(Script):
         return float(self._rim(sight).position_m[2] - sight.things[self._peg].position_m[2])
 
     def _off(self, sight: Sight) -> tuple[np.ndarray, float]:
-        """Return the way from the peg to above the hole (3,) m, and the least turn that fits, rad."""
+        """Return the offset (3,), m, from the peg to a point above the hole, and the smallest aligning turn, rad."""
         peg, rim = sight.things[self._peg], self._rim(sight)
         quarter = np.pi / 2
         turn = (rim.edge_yaw_rad - peg.edge_yaw_rad + quarter / 2) % quarter - quarter / 2
         return rim.position_m + [0.0, 0.0, _HOVER_M] - peg.position_m, float(turn)
 
     def _enter(self, worker: Worker) -> bool:
-        """Aim, and lower the peg into the hole; return False when the peg stands on the rim."""
+        """Align the peg, and lower it into the hole; return False if the peg stands on the rim."""
         worker.approach(self._off, _AIM_M, _AIM_RAD, _AIMS, above_m=_ABOVE_M)
         depth = float(self.grip_of(self._block).point_m[2] - self._region.center_m[2])
         point, yaw = worker.planner.tool(worker.q)
@@ -220,14 +220,14 @@ CATALOG: dict[str, type[Script]] = {
     "insertion": Insertion,
     "pick_and_place": PickAndPlace,
 }
-"""Class of each name in `tasks.SCRIPTS`, and of `tasks.PICK_AND_PLACE`."""
+"""Script class for each name in `tasks.SCRIPTS`, and for `tasks.PICK_AND_PLACE`."""
 
 
 def make_script(hands: Hands, scene: Mapping[str, Any], task: str) -> Script:
-    """Make the script of a task. scene: description of the scene, as `RigOperations.scene` returns it.
+    """Create the script of a task. scene: description of the scene, as returned by `RigOperations.scene`.
 
     Raises:
-        ConfigError: there is no such task, or the scene lacks something that the operator needs.
+        ConfigError: the task is unknown or has no script, or the scene lacks something that the script needs.
     """
     setup = make_setup(scene, task)
     if setup.task.does not in CATALOG:

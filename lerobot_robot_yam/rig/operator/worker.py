@@ -1,4 +1,4 @@
-"""One arm of the scripted operator: it pulls the leader along paths, and checks that the follower comes along."""
+"""One arm of the scripted operator: pulls the leader along paths, and checks that the follower follows."""
 
 import logging
 from collections.abc import Callable
@@ -16,30 +16,30 @@ _AIMS = 3
 _BIAS_M = 0.03
 _AT_HOME_RAD = 1e-3
 _LOOK_S = 0.05
-_LAG_RAD = 0.35  # lag of a follower that counts as not following if it lasts for _STALL_S
+_LAG_RAD = 0.35  # lag that counts as not following if it lasts for _STALL_S
 _STALL_S = 0.4
 _ARRIVED_RAD = 0.05
-_STILL_RAD = 0.004  # largest motion between two looks that counts as rest
+_STILL_RAD = 0.004  # maximum motion between two looks at which the follower counts as at rest
 _SETTLE_S = 0.8
 _PATIENCE_S = 20.0
 _TRIGGER_S = 0.3
-_FINGERS_REST = 0.01  # largest motion of the fingers between two looks that counts as rest, share of the stroke
+_FINGERS_REST = 0.01  # maximum motion between two looks at which fingers count as at rest, share of the stroke
 
 Off = Callable[[Sight], tuple[np.ndarray, float]]
-"""Returns the tool's remaining way: (3,) m in the world and a turn about the vertical, rad."""
+"""Returns the tool's remaining motion: translation (3,), m, in the world, and rotation about the vertical, rad."""
 
 
 class Worker:
-    """The arm of one side. Each method may raise Interrupted, or RigError for a point out of reach.
+    """Arm of one side. Each method may raise Interrupted, or RigError for a point out of reach.
 
     Args:
         planner: planner of the side's follower.
-        home_m: (3,) waiting place of the tool.
-        height_m: height of the tool on its way over the table.
+        home_m: (3,) waiting position of the tool.
+        height_m: height at which the tool travels over the table.
 
     Attributes:
         q: (n,) joints of the hand at the end of its path.
-        home_rad: (n,) the waiting pose.
+        home_rad: (n,) joints of the waiting pose.
         holds: whether the trigger is squeezed.
     """
 
@@ -49,18 +49,18 @@ class Worker:
         self.q = self.home_rad = planner.pose(self._home)
         self.holds = False
         self._path: tuple[float, Path] | None = None  # start time and path
-        self._bias = np.zeros(3)  # offset of targets that corrects the tool's error
+        self._bias = np.zeros(3)  # offset added to targets, which corrects the tool's position error
 
     def unfold(self) -> None:
-        """Take hold, and start towards the waiting pose from any pose, folded ones too."""
+        """Grip the leader, and start moving to the waiting pose from any pose, including folded ones."""
         self._path, self.holds = None, False
         start = see(self._hands).leader_rad[self.side]
         self._send(self.planner.unfold(start, self.home_rad))
 
     def reach(self, point_m: np.ndarray, yaw_rad: float) -> None:
-        """Move over the table and down to a point; then correct until the follower's tool is at the point.
+        """Move over the table and down to a point, then correct the pose until the follower's tool is at the point.
 
-        Friction and imperfect gravity compensation leave the tool a few millimetres off; later moves include this bias.
+        Friction and imperfect gravity compensation leave an error of a few millimetres; later moves include this bias.
         """
         self.set_off(point_m + self._bias, yaw_rad)
         self.wait()
@@ -72,9 +72,9 @@ class Worker:
     def approach(
         self, off: Off, within_m: float = _AIM_M, within_rad: float = np.inf, tries: int = _AIMS, above_m: float = 0.0
     ) -> bool:
-        """Move by the way that `off` returns until this way is small; return whether it got small.
+        """Move by the offset that `off` returns until this offset is small; return whether it became small.
 
-        above_m: approach from this far above each time, so that friction always pulls the same way.
+        above_m: height above the target from which each approach starts, so that friction always acts the same way.
         """
         for _ in range(tries):
             self.settle()
@@ -88,7 +88,7 @@ class Worker:
         return False
 
     def go(self, point_m: np.ndarray, yaw_rad: float, least_s: float = 0.2) -> None:
-        """Move straight to a tool pose."""
+        """Move in a straight line to a tool pose."""
         self._send(self.planner.straight(self.q, point_m, yaw_rad, least_s))
         self.wait()
 
@@ -97,14 +97,14 @@ class Worker:
         self.go(point + [0.0, 0.0, height_m], yaw)
 
     def close(self) -> None:
-        """Squeeze until the fingers stand still, with or without something between them."""
+        """Squeeze until the fingers stop, with or without an object between them."""
         self._squeeze(1.0)
 
     def open(self) -> None:
         self._squeeze(0.0)
 
     def carry(self, point_m: np.ndarray, yaw_rad: float, lifted: Callable[[Sight], bool]) -> bool:
-        """Carry a held thing to a tool pose, and settle there; return whether the thing is held, see `holds_on`."""
+        """Carry a held object to a tool pose, and settle there; return whether the object is still held."""
         self.set_off(point_m + self._bias, yaw_rad)
         if not self.holds_on(lifted):
             return False
@@ -113,7 +113,7 @@ class Worker:
         return True
 
     def holds_on(self, lifted: Callable[[Sight], bool]) -> bool:
-        """Carry a thing halfway along the path; if `lifted` returns False there, stop, open and return False."""
+        """Carry an object halfway along the path; if `lifted` then returns False, stop, open and return False."""
         assert self._path is not None
         self._follow(0.5 * self._path[1].duration_s)
         if lifted(see(self._hands)):
@@ -125,7 +125,7 @@ class Worker:
         return False
 
     def go_home(self) -> None:
-        """Start towards the waiting pose, unless the arm is in that pose."""
+        """Start moving to the waiting pose, unless the arm is already in that pose."""
         if np.abs(self.q - self.home_rad).max() < _AT_HOME_RAD:
             return
         try:
@@ -134,12 +134,12 @@ class Worker:
             self._send(self.planner.unfold(self.q, self.home_rad))
 
     def wait(self, before_s: float = 0.0) -> None:
-        """Wait for the end of the present path, or until `before_s` before it."""
+        """Wait for the end of the current path, or until `before_s` before its end."""
         if self._path is not None:
             self._follow(self._path[1].duration_s - before_s)
 
     def arrive(self) -> None:
-        """Wait for the end of the path, and then for a follower that stayed behind."""
+        """Wait for the end of the path, and then for the follower to catch up."""
         self.wait()
         if _distance(see(self._hands).follower_rad[self.side], self.q) > 2 * _ARRIVED_RAD:
             self.settle()
@@ -149,7 +149,7 @@ class Worker:
         return self._path is not None and self._hands.now() < self._path[0] + self._path[1].duration_s
 
     def settle(self) -> None:
-        """Wait until the follower rests at the hand's joints, longer if it stays behind."""
+        """Wait until the follower rests at the hand's joints; wait longer if it has fallen behind."""
         deadline = self._hands.now() + _SETTLE_S
         before = see(self._hands).follower_rad[self.side]
         while self._hands.now() < deadline:
@@ -161,15 +161,15 @@ class Worker:
             self._wait_for_follower(self.q)
 
     def set_off(self, point_m: np.ndarray, yaw_rad: float) -> None:
-        """Start to a tool pose, on a way over the table."""
+        """Start moving to a tool pose along a path that first rises clear of the table."""
         self._send(self.planner.transfer(self.q, point_m, yaw_rad, self._height))
 
     def stroll(self, point_m: np.ndarray, yaw_rad: float, least_s: float) -> None:
-        """Start to a tool pose with all joints at once: from high above the table to high above the table."""
+        """Start moving all joints at once to a tool pose; start and end must be high above the table."""
         self._send(self.planner.unfold(self.q, self.planner.pose(point_m, yaw_rad), least_s))
 
     def _send(self, path: Path) -> None:
-        """Start a path after the end of the present one."""
+        """Start a path after the end of the current path."""
         self.wait()
         self.q = path.end_rad
         self._start(path)
@@ -179,7 +179,7 @@ class Worker:
         self._hands.pull(self.side, path.times_s, path.q_rad, np.full(len(path.times_s), float(self.holds)))
 
     def _squeeze(self, trigger: float) -> None:
-        """Move the trigger, and wait until the fingers rest."""
+        """Move the trigger, and wait until the fingers are at rest."""
         start, self.holds = float(self.holds), trigger > 0.0
         times = np.linspace(0.0, _TRIGGER_S, 9)
         squeeze = start + (trigger - start) * minimum_jerk(times / _TRIGGER_S)
@@ -192,7 +192,7 @@ class Worker:
                 return
 
     def _follow(self, until_s: float) -> None:
-        """Wait until `until_s` into the path; stop the hand there for a follower that stays behind."""
+        """Wait until `until_s` into the path; while the follower is behind, stop the hand."""
         assert self._path is not None
         behind_since = None
         ending = self._path[1].duration_s - until_s
@@ -213,7 +213,7 @@ class Worker:
                 behind_since = None
 
     def _wait_for_follower(self, q_rad: np.ndarray) -> None:
-        """Hold still until the follower, which is not driven or was stopped, has come."""
+        """Hold the hand until the follower, which is not driven or was stopped, has caught up."""
         logger.info("the %s follower does not follow; waiting for it", self.side)
         self._start(Path(np.array([0.0, 0.1]), np.stack([q_rad, q_rad])))
         deadline = self._hands.now() + _PATIENCE_S

@@ -1,4 +1,4 @@
-"""Deviations of an arm of the rig from its profile, which is all that a driver knows of the arm."""
+"""Deviations of a simulated arm from its profile; the driver knows only the profile."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -12,14 +12,14 @@ from lerobot_robot_yam.system.strict_yaml import array_field
 
 @dataclass(frozen=True, eq=False)
 class Deviation:
-    """Differences of one arm of the scene from its profiles. n joints.
+    """Differences between one arm of the scene, with n joints, and its profiles.
 
     Attributes:
-        mass: link name → factor on its mass.
-        centre: link name → factors (3,) on the coordinates of its centre of mass.
+        mass: link name → factor on the link's mass.
+        centre: link name → factors (3,) on the coordinates of the link's centre of mass.
         friction: (n,) factors on the joints' dry friction, which then holds as firmly as real friction.
         viscous_nm_s: (n,) viscous friction, Nm s/rad.
-        payload_mass_kg, payload_com_m: payload fixed to the tool, (3,) m in the frame of the tcp.
+        payload_mass_kg, payload_com_m: mass and centre of mass, (3,) m in the tcp frame, of a payload at the tool.
     """
 
     mass: dict[str, float] | None = None
@@ -30,7 +30,7 @@ class Deviation:
     payload_com_m: np.ndarray = array_field(3, default=(0, 0, 0))
 
     def check(self, arm: ArmProfile, gripper: GripperProfile, where: str) -> None:
-        """Raise ConfigError if a name, length or value does not fit the arm."""
+        """Raise ConfigError if a name, length or value does not match the arm."""
         links = [body.name for body in (*arm.bodies, *gripper.bodies)]
         unknown = sorted({*(self.mass or ()), *(self.centre or ())} - set(links))
         if unknown:
@@ -43,7 +43,7 @@ class Deviation:
             raise ConfigError(f"{where}: deviation: factors of masses are above zero, and a payload is not below")
 
     def apply(self, arm: ArmProfile, gripper: GripperProfile) -> tuple[ArmProfile, GripperProfile]:
-        """Return the profiles of the arm as the rig builds it."""
+        """Return the profiles from which the rig builds the arm."""
         mass, centre = self.mass or {}, self.centre or {}
         rubs = arm.friction_nm if self.friction is None else arm.friction_nm * self.friction
         return (

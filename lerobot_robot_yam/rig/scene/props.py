@@ -1,4 +1,4 @@
-"""Things of a scene file: made of boxes and cylinders, fixed, loose or jointed."""
+"""Things in a scene file: built from boxes and cylinders, and fixed, loose or jointed."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -17,8 +17,8 @@ JOINT_KINDS = ("slide", "hinge")
 class Part:
     """One box or upright cylinder of a thing, in the thing's frame.
 
-    size_m: full size along x, y, z; for a cylinder diameter, diameter, length along z. rgba: None for the thing's own.
-    solid: False for a part that is visible but touches nothing.
+    size_m: full size along x, y, z; for a cylinder: diameter, diameter, length along z. rgba: None for the thing's
+    rgba. solid: False for a part that is visible but has no contacts.
     """
 
     size_m: np.ndarray = array_field(3)
@@ -30,16 +30,16 @@ class Part:
 
     @property
     def volume_m3(self) -> float:
-        """Volume, m³; a thing's mass is split among its parts by volume."""
+        """Volume, m³; a thing's mass is distributed over its parts by volume."""
         return float(np.prod(self.size_m)) * (math.pi / 4 if self.shape == "cylinder" else 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """Joint of a thing to another one, or to the table: along or about `axis` through `pivot_m`, in the thing's frame.
+    """Joint between a thing and its carrier or the table, along or about `axis` through `pivot_m` in the thing's frame.
 
-    range: least and largest position, m for a slide, rad for a hinge; the start is 0. friction: N or Nm. damping: N s/m
-    or Nm s/rad.
+    range: minimum and maximum position, m for a slide, rad for a hinge; the initial position is 0. friction: N or Nm.
+    damping: N s/m or Nm s/rad.
     """
 
     kind: str
@@ -52,9 +52,9 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """Point of a thing's frame for grasping the thing; the fingers close along the frame's y axis, turned by `yaw_rad`.
+    """Grasp point in a thing's frame; the fingers close along the frame's y axis, rotated by `yaw_rad`.
 
-    turns: number of ways to grasp the thing in a whole turn: 4 for a cube, 2 for a bar.
+    turns: number of equivalent grasps in a full turn: 4 for a cube, 2 for a bar.
     """
 
     name: str
@@ -67,8 +67,8 @@ class Grip:
 class Thing:
     """A prop or a piece of furniture: a box of `size_m`, `parts`, or both, with its frame at `center_m`.
 
-    carrier: name of the carrying thing, in whose frame `center_m` and `yaw_rad` are; a carried thing needs a joint.
-    friction: sliding coefficient. mass_kg: 0 if fixed.
+    carrier: name of the thing that carries this one and in whose frame `center_m` and `yaw_rad` are given; a carried
+    thing needs a joint. friction: sliding coefficient. mass_kg: 0 for a fixed thing.
     """
 
     name: str
@@ -85,7 +85,7 @@ class Thing:
 
     @property
     def all_parts(self) -> tuple[Part, ...]:
-        """Box of `size_m`, if any, and `parts`."""
+        """The box of `size_m`, if any, followed by `parts`."""
         return self.parts if self.size_m is None else (Part(self.size_m), *self.parts)
 
     @property
@@ -94,7 +94,7 @@ class Thing:
 
 
 def check_things(props: Sequence[Thing], furniture: Sequence[Thing], where: str) -> None:
-    """Raise ConfigError for a thing that physics cannot simulate."""
+    """Raise ConfigError if a thing cannot be simulated."""
     things = (*furniture, *props)
     names = [thing.name for thing in things]
     if len(set(names)) < len(names) or not all(names):

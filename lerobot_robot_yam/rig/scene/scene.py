@@ -1,8 +1,8 @@
-"""Scenes: arms and their CAN channels, things on the table, tasks, and the rig's options.
+"""Scenes: arms with their CAN channels, things on the table, tasks, and options of the rig.
 
-A scene is a YAML file, packaged (`SCENES`) or the user's. A file with `extends: NAME` inherits each key that it does
-not set, and each camera whose name it does not use. Any field of its `options` can be replaced when the rig is started:
-`RigControl.start(friction=0)`, `can.Bus(..., friction=0)`.
+A scene is a YAML file, either packaged (`SCENES`) or provided by the user. A file with `extends: NAME` inherits each
+key that it does not set, and each camera whose name it does not use. Each field of `options` can be overridden when
+the rig starts: `RigControl.start(friction=0)`, `can.Bus(..., friction=0)`.
 """
 
 from collections.abc import Mapping
@@ -25,25 +25,25 @@ _DIRECTORY = Path(__file__).parent / "scenes"
 SCENES = tuple(sorted(path.stem for path in _DIRECTORY.glob("*.yaml")))
 DEFAULT_SCENE = "bimanual_table"
 ROLES = ("follower", "leader")
-OPERATORS = ("none", PICK_AND_PLACE.name)  # operators of any scene, besides its tasks with a script
+OPERATORS = ("none", PICK_AND_PLACE.name)  # operators available in any scene, besides the scene's scripted tasks
 SERIALS = ("unique", "same")
 PICTURES = ("full", "plain")
 _TIMESTEPS_S = (1e-4, 0.01)
-_ARM_SERIALS = 1000  # serial numbers reserved for each arm
+_ARM_SERIALS = 1000  # number of serial numbers reserved per arm
 
 
 @dataclass(frozen=True, eq=False)
 class ArmPlacement:
-    """An arm on the table with its base at `position_m`, turned by `yaw_rad` about the vertical.
+    """An arm on the table with its base at `position_m`, rotated by `yaw_rad` about the vertical.
 
     Attributes:
         tilt_rad: [roll, pitch] of a base that does not stand upright, see `model.base_quat`.
-        q_rad: start pose (n,), default the rest pose.
-        stops_rad: gripper stops [closed, open] in joint space (motor angle * direction), default the profile's.
+        q_rad: initial pose (n,), default the rest pose.
+        stops_rad: gripper stops [closed, open] in joint space (motor angle * direction), default from the profile.
         zero_offset_rad: motor angles at joint value 0, one per motor (gripper last), default 0.
-        passive: kind of station (`passive_config`) of a leader without motors, whose joints encoders measure.
-        deviation: differences of the arm from its profiles.
-        number: number of the arm in the scene's file, from 1, even if other arms are left out; set by `load_scene`.
+        passive: station type (`passive_config`) of a leader without motors, whose joints are measured by encoders.
+        deviation: differences between the arm and its profiles.
+        number: number of the arm in the scene file, from 1, even if other arms are left out; set by `load_scene`.
     """
 
     channel: str
@@ -65,7 +65,7 @@ class ArmPlacement:
 class Camera:
     """A camera at `position_m` that looks at `target_m`, both in the frame of `body` ("" is the world).
 
-    up: direction that points up in the picture. fovy_deg: vertical field of view.
+    up: direction that points up in the image. fovy_deg: vertical field of view.
     """
 
     name: str
@@ -78,22 +78,22 @@ class Camera:
 
 @dataclass(frozen=True)
 class Options:
-    """Options that can be changed per start.
+    """Options that can be set at each start of a rig.
 
     Attributes:
-        arm, gripper: profiles in place of those of each follower, for tests of other hardware.
-        arms: the only channels to simulate; None for all.
+        arm, gripper: profiles that replace those of each follower, for tests of other hardware.
+        arms: channels to simulate; None for all.
         friction, armature: factors on the profiles' dry friction and rotor inertia.
-        latency_s: delay of the CAN adapter each way, s.
+        latency_s: delay of the CAN adapter in each direction, s.
         operator: task of the scripted operator: "none", "pick_and_place" or a task of the scene.
-        swapped: two channels with exchanged cables: each of their arms answers on the other's channel.
+        swapped: two channels whose cables are exchanged: each of their arms replies on the other's channel.
         serials: contents of the SN registers: "unique", or "same" on each arm, so that no register tells arms apart.
-        pictures: "full" has shadows and a grain on the table, "plain" neither, for weak machines.
-        randomise_look: spread, 0 … 1, of light, colours and camera poses, drawn by the seed of an attempt at a task
-            (before the first attempt by `seed`), see `render.drawing`.
-        camera_noise: noise of the cameras' sensors, sigma in grey levels.
-        seed: seed of lost and garbled frames, temperature noise, the operator's first attempt at a task, and the places
-            of "pick_and_place".
+        pictures: "full" has shadows and a grain on the table, "plain" has neither, for slow machines.
+        randomise_look: spread, 0 … 1, of light, colours and camera poses, drawn with the seed of each attempt at a task
+            (before the first attempt with `seed`), see `render.drawing`.
+        camera_noise: standard deviation of the camera noise, grey levels.
+        seed: seed of lost and garbled frames, temperature noise, the operator's first attempt at a task, and the
+            positions in "pick_and_place".
     """
 
     arm: str | None = None
@@ -114,9 +114,10 @@ class Options:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A whole scene.
+    """A complete scene.
 
-    places: name → point (x, y, z) m of the operator's tasks. homes: side → waiting point (x, y, z) m of its tool.
+    places: name → point (x, y, z), m, used by the operator's tasks. homes: side → waiting position (x, y, z), m, of
+    the side's tool.
     """
 
     name: str
@@ -139,10 +140,10 @@ class Scene:
 
 
 def load_scene(name: str | Path | None = None, options: Mapping[str, Any] | None = None) -> Scene:
-    """Load the scene of that name (`SCENES`) or YAML path, with options replaced.
+    """Load the scene with this name (`SCENES`) or YAML path, with overridden options.
 
     Raises:
-        ConfigError: a scene or option is unknown, or a value does not fit.
+        ConfigError: a scene or option is unknown, or a value is invalid.
     """
     name = str(name or DEFAULT_SCENE)
     document = _document(name, Path())
@@ -166,7 +167,7 @@ def load_scene(name: str | Path | None = None, options: Mapping[str, Any] | None
 
 
 def _document(name: str, folder: Path) -> dict[str, Any]:
-    """Read a scene's file; a path is relative to `folder`."""
+    """Read the file of a scene; a path is relative to `folder`."""
     if name in SCENES:
         return read_yaml(_DIRECTORY / f"{name}.yaml")
     if name.endswith((".yaml", ".yml")):
@@ -175,9 +176,9 @@ def _document(name: str, folder: Path) -> dict[str, Any]:
 
 
 def _cameras(inherited: Any, own: Any) -> Any:
-    """Return the inherited cameras, replaced by own ones of the same name, then the other own ones.
+    """Return the inherited cameras, each replaced by an own camera of the same name, then the remaining own cameras.
 
-    Wrong types pass through, as `parse` refuses them.
+    Wrong types are passed through, because `parse` rejects them.
     """
     if not (isinstance(inherited, list) and isinstance(own, list)):
         return own
@@ -219,7 +220,7 @@ def _check(scene: Scene) -> None:
 
 
 def _check_things(scene: Scene) -> None:
-    """Raise ConfigError for a thing, task or camera that does not fit."""
+    """Raise ConfigError if a thing, task or camera is invalid."""
     where = f"scene '{scene.name}'"
     check_things(scene.props, scene.furniture, where)
     followers = [arm.channel for arm in scene.arms if arm.role == "follower"]
@@ -235,7 +236,7 @@ def _check_things(scene: Scene) -> None:
 
 
 def _check_placement(row: ArmPlacement) -> None:
-    """Raise ConfigError for a pose, zero or stop that does not fit the arm and its gripper."""
+    """Raise ConfigError if a pose, zero or stop does not match the arm and its gripper."""
     arm, gripper = load_arm(row.arm), load_gripper(row.gripper)
     motors = arm.joint_count + (gripper.motor is not None)
     for key, value, n in (("q_rad", row.q_rad, arm.joint_count), ("zero_offset_rad", row.zero_offset_rad, motors)):
@@ -269,6 +270,6 @@ def _selected(scene: Scene) -> Scene:
 
 
 def serial_number(scene: Scene, row: ArmPlacement, can_id: int) -> int:
-    """Return the SN register of motor `can_id` of an arm: stable for a scene, unique if its options say so."""
+    """Return the SN register of an arm's motor `can_id`: constant for a scene, and unique if `serials` is "unique"."""
     arm = row.number if scene.options.serials == "unique" else 1
     return arm * _ARM_SERIALS + can_id

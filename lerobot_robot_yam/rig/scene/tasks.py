@@ -1,4 +1,4 @@
-"""The tasks of a scene file: where things start, and the stages of success.
+"""Tasks in a scene file: the initial positions of things, and the stages of success.
 
 tasks:
   - name: lift_and_place
@@ -21,14 +21,15 @@ from lerobot_robot_yam.rig.scene.props import Thing
 from lerobot_robot_yam.system.strict_yaml import array_field
 
 SCRIPTS = ("lift_and_place", "handover", "drawer", "insertion")
-"""Names of the scripted operator's scripts, see `operator.task_scripts`."""
+"""Names of the operator's scripts, see `operator.task_scripts`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """Random start of one thing, drawn evenly from [least, largest] of each given value; the rest is as in the scene.
+    """Random initial state of one thing: each given value is drawn uniformly from [minimum, maximum].
 
-    x_m, y_m, yaw_rad: for a prop, in the world. position: for a jointed thing, m or rad.
+    x_m, y_m, yaw_rad: for a prop, in the world. position: for a jointed thing, m or rad. Omitted values are those of
+    the scene.
     """
 
     thing: str
@@ -40,9 +41,10 @@ class Draw:
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """An upright cylinder: `radius_m` about `center_m`, `height_m` above and below; in the world, or the thing `frame`.
+    """An upright cylinder of radius `radius_m` that extends `height_m` above and below `center_m`.
 
-    The region contains a prop if it contains the origin of the prop's frame.
+    frame: thing in whose frame the cylinder is given; "" for the world. The region contains a prop if it contains the
+    origin of the prop's frame.
     """
 
     center_m: np.ndarray = array_field(3)
@@ -53,16 +55,16 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A stage of success, reached when all its conditions hold at once for `for_s`.
+    """A stage of success, reached when all its conditions hold together for `for_s`.
 
     Attributes:
-        prop: prop that the next six conditions concern.
-        lifted_m: least height of the prop above its place at the start.
-        inside: region that contains the prop.
-        held_by: follower whose two fingers touch the prop.
-        released: no arm touches the prop.
-        still: the prop rests.
-        airborne: only arms have touched the prop since the stage before; another touch restarts all stages.
+        prop: prop to which the next six conditions apply.
+        lifted_m: minimum height of the prop above its initial height.
+        inside: region that must contain the prop.
+        held_by: follower whose two fingers must touch the prop.
+        released: no arm may touch the prop.
+        still: the prop must be at rest.
+        airborne: only arms may touch the prop after the previous stage; any other touch restarts all stages.
         joint, joint_range: jointed thing, and the range of its position.
     """
 
@@ -80,10 +82,10 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A task: success is reaching all stages of `success`, one after the other, within `time_limit_s`.
+    """A task; success means reaching all stages of `success` in order within `time_limit_s`.
 
-    description: the text for data sets and policies. script: script of the operator, one of `SCRIPTS`; by default the
-    one with the task's name. tilt_rad: lean of the tools back from straight down: cameras see what the tools hold.
+    description: text for data sets and policies. script: script of the operator, one of `SCRIPTS`; defaults to the
+    task's name. tilt_rad: backward tilt of the tools from straight down, so that cameras see what the tools hold.
     """
 
     name: str
@@ -103,11 +105,11 @@ class Task:
 PICK_AND_PLACE = Task(
     "pick_and_place", "Carry the prop from A to B and back, handing it over at M.", math.inf, (), tilt_rad=0.45
 )
-"""Endless task of the scripted operator in any scene with these places; it has no verdict."""
+"""Endless task, without verdict, of the scripted operator; available in any scene that has these places."""
 
 
 def check_tasks(tasks: Sequence[Task], things: Sequence[Thing], followers: Collection[str], where: str) -> None:
-    """Raise ConfigError for a task with impossible values, or with a thing or arm that the scene lacks."""
+    """Raise ConfigError if a task has impossible values, or names a thing or arm that the scene lacks."""
     names = [task.name for task in tasks]
     if len(set(names)) < len(names) or not all(names):
         raise ConfigError(f"{where}: tasks need unique, non-empty names, not {names}")

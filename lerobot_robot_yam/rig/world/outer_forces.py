@@ -1,4 +1,4 @@
-"""Outer influences on arms: pushes and hands, which add up, carried masses, and contacts."""
+"""External influences on arms: pushes and hands, whose forces are summed, added masses, and contacts."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ from lerobot_robot_yam.rig.world.world_model import BALLAST
 
 class _Applied(NamedTuple):
     body: int
-    site: int | None  # point of attack; None for the body's centre of mass
+    site: int | None  # point of application; None for the body's centre of mass
     force_n: np.ndarray
     torque_nm: np.ndarray
 
@@ -21,7 +21,7 @@ _NO_TORQUE = np.zeros(3)
 
 
 class OuterForces:
-    """Forces (3,) N and torques (3,) Nm in world axes on bodies, by their source."""
+    """Forces (3,), N, and torques (3,), Nm, in world axes on bodies, stored per source."""
 
     def __init__(self, world: World):
         self._world = world
@@ -35,7 +35,7 @@ class OuterForces:
         torque_nm: np.ndarray = _NO_TORQUE,
         site: int | None = None,
     ) -> None:
-        """Set the force and torque of a source on a body from now on, in place of earlier ones of that source."""
+        """Set the force and torque of a source on a body from now on; replaces earlier ones of the same source."""
         before = self._applied.get(source)
         self._applied[source] = _Applied(body, site, force_n, torque_nm)
         if before is not None and before.body != body:
@@ -49,12 +49,12 @@ class OuterForces:
             self._add_up(before.body)
 
     def refresh(self) -> None:
-        """Move forces that act at a site along with the site; call this every few milliseconds."""
+        """Update the torques of forces applied at moving sites; must be called every few milliseconds."""
         for body in {applied.body for applied in self._applied.values() if applied.site is not None}:
             self._add_up(body)
 
     def force_n(self, source: str) -> np.ndarray:
-        """Return the force of a source (3,) N; zeros if there is no such source."""
+        """Return the force (3,), N, of a source; zeros for an unknown source."""
         applied = self._applied.get(source)
         return np.zeros(3) if applied is None else applied.force_n
 
@@ -71,7 +71,7 @@ class OuterForces:
 
 
 class Contact(NamedTuple):
-    """One contact of an arm with something else: names of both bodies, point (3,) m, force (3,) N on the arm."""
+    """Contact between an arm and another body: names of both bodies, point (3,) m, force (3,) N on the arm."""
 
     body: str
     other: str
@@ -80,7 +80,7 @@ class Contact(NamedTuple):
 
 
 def contacts_of(world: World, channel: str) -> Iterator[Contact]:
-    """Yield the contacts of the last step between an arm and everything else."""
+    """Yield the contacts between an arm and everything else in the last step."""
     model, data = world.model, world.data
     for index in range(data.ncon):
         contact = data.contact[index]
@@ -97,20 +97,20 @@ def contacts_of(world: World, channel: str) -> Iterator[Contact]:
 
 
 def tool_bodies(world: World, channel: str) -> set[str]:
-    """Return the bodies of an arm's tool: the body with the tcp frame, and all that it carries."""
+    """Return the bodies of an arm's tool: the body with the tcp frame, and its descendants."""
     model = world.model
     tool = int(model.site(f"{channel}/tcp_site").bodyid[0])
     found = {tool}
-    for body in range(tool + 1, model.nbody):  # parents come first
+    for body in range(tool + 1, model.nbody):  # parents precede their children
         if int(model.body_parentid[body]) in found:
             found.add(body)
     return {model.body(body).name for body in found}
 
 
 class Ballast:
-    """A payload and a person's hand at an arm's tool, which the profile, and so the driver's model, lacks.
+    """Payload and hand at an arm's tool; neither is part of the profile, nor therefore of the driver's model.
 
-    Both are masses of a body that `world_model` fixes to the tool, at its tcp frame.
+    Both are masses of a body that `world_model` attaches to the tool at its tcp frame.
     """
 
     def __init__(self, world: World, channel: str):
@@ -118,12 +118,12 @@ class Ballast:
         self._payload_kg = self._hand_kg = 0.0
 
     def carry(self, payload_kg: float) -> None:
-        """Fix a point mass to the tool; 0 removes it."""
+        """Attach a point mass to the tool; 0 removes it."""
         self._payload_kg = payload_kg
         self._weigh()
 
     def hold(self, hand_kg: float, fist_m: float) -> None:
-        """Fix a hand with the radius of gyration `fist_m` to the tool; 0 kg removes it."""
+        """Attach a hand with radius of gyration `fist_m` to the tool; 0 kg removes it."""
         self._hand_kg = hand_kg
         self._model.body_inertia[self._body] = hand_kg * fist_m**2
         self._weigh()

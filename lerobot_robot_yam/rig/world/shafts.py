@@ -1,4 +1,4 @@
-"""Shafts of motors: they read, drive and disturb the physics."""
+"""Motor shafts: interface of the motors to the physics."""
 
 import math
 
@@ -6,15 +6,15 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import FIRM_FRICTION
 
-_CONTROL_MAX = 1e9  # largest control: above 1e10 MuJoCo drops all controls; forces are limited far below
-_JAMMED = 1e5  # damping of a jammed shaft, Nm s/rad: 10 Nm turn it by 0.1 mrad/s
-_INERTIA_KG_M2 = 0.05  # inertia of a loose shaft, between an arm's shoulder (0.2) and its wrist (0.005); our choice
-_DAMPING_NM_S_RAD = 0.2  # damping in a loose shaft's gear and bearings; our choice
-_CATCH_UP_S = 2.0  # longest time that a loose shaft simulates at once; after it the shaft rests
+_CONTROL_MAX = 1e9  # control limit: above 1e10 MuJoCo drops all controls; forces are limited far below
+_JAMMED = 1e5  # damping of a jammed shaft, Nm s/rad: 10 Nm rotate it by 0.1 mrad/s
+_INERTIA_KG_M2 = 0.05  # inertia of a loose shaft, between an arm's shoulder (0.2) and wrist (0.005); our choice
+_DAMPING_NM_S_RAD = 0.2  # damping of a loose shaft's gear and bearings; our choice
+_CATCH_UP_S = 2.0  # maximum time that a loose shaft catches up at once, s; any time beyond this is skipped
 
 
 class Drive:
-    """One actuator of the world as its shaft: angle u = base + Σ coefficient · q of one or two joints.
+    """Shaft of one actuator of the world: angle u = base + Σ coefficient · q over one or two joints.
 
     actuator, joints: names in the arm. base_rad: shaft angle at joint value 0. coefficient: rad per joint value.
     """
@@ -52,7 +52,7 @@ class Drive:
         return self._world.force[self.actuator]
 
     def command(self, angle: float, velocity: float, kp: float, kd: float, torque: float) -> None:
-        """Servo from now on by  kp (angle − u) + kd (velocity − u̇) + torque.  Units: rad, rad/s, Nm."""
+        """Servo from now on with  kp (angle − u) + kd (velocity − u̇) + torque.  Units: rad, rad/s, Nm."""
         if (kp, kd) != self.gains:
             self.set_gains(kp, kd)
         control = kp * (angle - self.base_rad) + kd * velocity + torque
@@ -60,31 +60,31 @@ class Drive:
         self._world.ctrl[self.actuator] = most if control > most else -most if control < -most else control
 
     def set_gains(self, kp: float, kd: float) -> None:
-        """Change only the servo's gains."""
+        """Change only the gains of the servo."""
         self._bias[1], self._bias[2] = -kp, -kd
         self.gains = kp, kd
 
     def load(self, torque_nm: float) -> None:
-        """Apply an outer torque to the shaft from now on; the actuator does not report it."""
+        """Apply an external torque to the shaft from now on; the actuator does not report this torque."""
         self._world.data.qfrc_applied[self.v] = self.coefficient * torque_nm
 
     def jam(self, jammed: bool) -> None:
-        """Jam the shaft so that it hardly turns, or free it."""
+        """Jam the shaft so that it barely rotates, or release it."""
         jam = _JAMMED * self.coefficient**2
         self._world.model.dof_damping[self.v] = jam if jammed else self._damping
 
     def rub(self, friction_nm: float) -> None:
-        """Set dry friction in addition to the profile's."""
+        """Set dry friction in addition to that of the profile."""
         model = self._world.model
         model.dof_frictionloss[self.v] = self._friction + abs(self.coefficient) * friction_nm
         model.dof_solimp[self.v, :2] = FIRM_FRICTION if friction_nm else self._impedance
 
 
 class LooseShaft(Drive):
-    """A second arm's shaft, without gravity:  I ω̇ = clip(kp (u* − u) + kd (u̇* − ω) + tau) − b ω.
+    """Shaft of a second arm's motor, without gravity:  I ω̇ = clip(kp (u* − u) + kd (u̇* − ω) + tau) − b ω.
 
-    The world has no actuator for such a shaft: each call simulates the shaft up to now, from rest at `angle_rad`. It
-    cannot be loaded, jammed or rubbed: faults act on the first arm's motors.
+    The world has no actuator for this shaft: each call simulates the shaft up to now, starting at rest at `angle_rad`.
+    The shaft cannot be loaded, jammed or rubbed, because faults act on the first arm's motors.
     """
 
     def __init__(self, world: World, angle_rad: float, torque_max_nm: float):
@@ -118,7 +118,7 @@ class LooseShaft(Drive):
         self._sim_s = now_s
 
     def _step(self, step_s: float) -> None:
-        """Integrate implicitly in the velocity, as the world does."""
+        """Integrate one step, implicitly in the velocity, as the world does."""
         angle, velocity, kp, kd, torque = self._command
         push, gain = kp * (angle - self._angle) + torque, step_s / _INERTIA_KG_M2
         rate = (self._rate + gain * (push + kd * velocity)) / (1.0 + gain * (kd + _DAMPING_NM_S_RAD))

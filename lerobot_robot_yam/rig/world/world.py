@@ -1,4 +1,4 @@
-"""The rig's physics: the state of a scene's world, kept at real time."""
+"""Physics of the rig: the state of a scene's world, simulated in real time."""
 
 import logging
 import math
@@ -16,19 +16,19 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 logger = logging.getLogger(__name__)
 
 _SLIP_S = 0.05  # lag behind real time above which simulated time is skipped (a slip), s
-_SLIP_TELL_S = 5.0  # least time between two log messages about slips
+_SLIP_TELL_S = 5.0  # minimum interval between log messages about slips
 
 
 class World:
     """Model, state and simulated time. `qpos`, `qvel` and `force` are lists, updated after each step.
 
     Attributes:
-        ctrl: the actuators' controls, a view of `data.ctrl` with faster access to single numbers.
-        sim_s: simulated time in s.
-        stamp_s: monotonic time of the present state.
-        slips: how often simulated time was skipped, being too far behind; `slipped_s`: time skipped the last time, s.
-        steps: number of steps done.
-        look_seed: seed of the pictures' look, see `Options.randomise_look`.
+        ctrl: control inputs of the actuators, a view of `data.ctrl` with faster access to single numbers.
+        sim_s: simulated time, s.
+        stamp_s: monotonic time of the current state, s.
+        slips: number of times that simulated time was skipped; `slipped_s`: length of the last skip, s.
+        steps: number of completed steps.
+        look_seed: seed of the images' look, see `Options.randomise_look`.
     """
 
     def __init__(self, scene: Scene):
@@ -48,17 +48,17 @@ class World:
         self.look_seed = scene.options.seed
         self.slipped_s = 0.0
         self._slip_told_s = -math.inf
-        self._anchor_s = 0.0  # monotonic time of simulated time 0
+        self._anchor_s = 0.0  # monotonic time at simulated time 0
         self._tell_time()
         self.refresh()
 
     def start(self, now_s: float) -> None:
-        """Start simulated time at monotonic time `now_s`."""
+        """Map the current simulated time to monotonic time `now_s`."""
         self._anchor_s = now_s - self.sim_s
         self._tell_time()
 
     def due(self, now_s: float) -> int:
-        """Return the number of steps until now; skip time (a slip) when the simulation is too far behind."""
+        """Return the number of steps until `now_s`; skip time (a slip) if the simulation is too far behind."""
         behind = now_s - self.stamp_s
         if behind <= _SLIP_S:
             return max(0, int(behind / self.timestep_s))
@@ -84,14 +84,14 @@ class World:
         self.stamp_s = self._anchor_s + self.sim_s
 
     def refresh(self) -> None:
-        """Copy the state into lists: the motors read single numbers, which is slow in numpy."""
+        """Copy the state into lists, because the motors read single numbers, which is slow in numpy."""
         qpos, qvel, force = self._state
         self.qpos: list[float] = qpos.tolist()
         self.qvel: list[float] = qvel.tolist()
         self.force: list[float] = force.tolist()
 
     def _look_up(self, channel: str) -> list[tuple[list[int], list[int]]]:
-        """Return addresses in qpos and qvel of the joints, then of the fingers; cached, as look-ups delay replies."""
+        """Return the qpos and qvel addresses of the joints, then of the fingers; cached, because look-ups are slow."""
         arm, gripper = self.profiles[channel]
         names = [f"joint{i + 1}" for i in range(arm.joint_count)], gripper.finger_joints
         found = [[self.model.joint(f"{channel}/{name}") for name in row] for row in names]
@@ -106,12 +106,12 @@ class World:
         return self._addresses[channel][0][1]
 
     def bodies(self, of: str = "") -> dict[str, list[float]]:
-        """Map each body whose name begins with `of` to its position (3,) m."""
+        """Return the position (3,), m, of each body whose name begins with `of`."""
         names = [self.model.body(i).name for i in range(1, self.model.nbody)]
         return {name: self.data.body(name).xpos.tolist() for name in names if name.startswith(of)}
 
     def opening(self, channel: str) -> float | None:
-        """Return the gripper's opening, 0 closed … 1 open; None without fingers."""
+        """Return the gripper's opening, 0 closed … 1 open; None for a gripper without fingers."""
         _, gripper = self.profiles[channel]
         if gripper.finger_range_m is None:
             return None
@@ -120,7 +120,7 @@ class World:
         return float((sum(self.qpos[a] for a in fingers) / len(fingers) - low) / (high - low))
 
     def set_pose(self, channel: str, q_rad: np.ndarray | None = None, opening: float | None = None) -> None:
-        """Teleport an arm (n,) rad and its fingers, 0 … 1 open; at rest. Raises ConfigError: n does not fit."""
+        """Teleport an arm to q_rad (n,) and its fingers to `opening`, at rest. Raises ConfigError: n is wrong."""
         _, gripper = self.profiles[channel]
         (joints, dofs), (fingers, finger_dofs) = self._addresses[channel]
         if q_rad is not None:
@@ -132,26 +132,26 @@ class World:
             self.data.qpos[fingers], self.data.qvel[finger_dofs] = low + opening * (high - low), 0.0
 
     def put(self, prop: str, position_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
-        """Teleport a loose thing to a position (3,) and an orientation (4,); at rest."""
+        """Teleport a loose thing to a position (3,) and an orientation (4,), at rest."""
         joint = self.data.joint(prop)
         joint.qpos[:] = [*position_m, *(quat_wxyz / np.linalg.norm(quat_wxyz))]
         joint.qvel[:] = 0.0
 
     def set_joint(self, thing: str, position: float) -> None:
-        """Teleport a jointed thing to a position of its joint, m or rad; at rest."""
+        """Teleport a jointed thing to a position of its joint, m or rad, at rest."""
         joint = self.data.joint(thing)
         joint.qpos[:], joint.qvel[:] = position, 0.0
 
 
 class WorldBlock:
-    """Shared block at `path` through which the renderer reads a world's state."""
+    """Shared memory block at `path` from which the renderer reads the state of a world."""
 
     def __init__(self, path: Path, world: World):
         self._record = np.zeros((), world_dtype(world.model))
         self._block = SharedBlock(path, self._record.dtype, create=True)
 
     def publish(self, world: World) -> None:
-        """Write the present state of a world of the same scene."""
+        """Write the current state of a world of the same scene."""
         record = self._record
         record["sim_s"], record["stamp_s"] = world.sim_s, world.stamp_s
         record["look_seed"] = world.look_seed

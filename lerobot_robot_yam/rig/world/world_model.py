@@ -1,8 +1,8 @@
-"""A scene as a MuJoCo model: arms with a servo per motor, things, cameras and scenery.
+"""MuJoCo model of a scene: arms with a servo per motor, things, cameras and scenery.
 
 Each motor is one actuator with force  kp (u* − u) + kd (u̇* − u̇) + tau,  integrated implicitly in the velocity
-(implicitfast): with an explicit kd at 1 ms the light wrist joints would limit-cycle. u is the joint angle, or the
-gripper motor's angle through a tendon over both fingers.
+(implicitfast): with an explicit kd at 1 ms the light wrist joints would limit-cycle. u is the joint angle; for the
+gripper, u is the motor angle, which acts through a tendon over both fingers.
 """
 
 import math
@@ -20,25 +20,25 @@ from lerobot_robot_yam.rig.scene.deviation import Deviation
 from lerobot_robot_yam.rig.scene.props import Part, Thing
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Camera, Scene
 
-HAND_KP, HAND_KD = 200.0, 20.0  # stiffness, Nm/rad, and damping, Nm s/rad, of a firm grip on a leader's joints
-HAND_TORQUE_NM = 12.0  # limit of the operator's pull at a joint
-FIRM_FRICTION = 0.999  # solver impedance with which a braked shaft creeps by 5 mrad/s; 0.5 rad/s by default
-TABLE, FLAT = "table top", "flat thing"  # first words of materials whose textures the renderer draws (`render.shade`)
-BALLAST = "ballast"  # body at each arm's tcp whose mass `outer_forces.Ballast` sets; 0 at first
-_FLAT_M = 0.002  # thickness below which things show shadows as the table does
-_FLOOR_Z_M = -0.74  # height of the floor; the table's top is at z = 0
+HAND_KP, HAND_KD = 200.0, 20.0  # stiffness, Nm/rad, and damping, Nm s/rad, of a hand's firm grip on a leader's joints
+HAND_TORQUE_NM = 12.0  # limit of the operator's torque at each joint
+FIRM_FRICTION = 0.999  # solver impedance at which a braked shaft creeps by 5 mrad/s instead of the default's 0.5 rad/s
+TABLE, FLAT = "table top", "flat thing"  # name prefixes of materials whose textures the renderer draws (`render.shade`)
+BALLAST = "ballast"  # body at each arm's tcp; `outer_forces.Ballast` sets its mass, initially 0
+_FLAT_M = 0.002  # thickness below which things receive shadows like the table
+_FLOOR_Z_M = -0.74  # height of the floor; the table top is at z = 0
 _SHAPES = {"box": mujoco.mjtGeom.mjGEOM_BOX, "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER}
 _JOINTS = {"slide": mujoco.mjtJoint.mjJNT_SLIDE, "hinge": mujoco.mjtJoint.mjJNT_HINGE}
 
 
 def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
-    """Compile the world's model. Names of an arm's parts carry its channel: "follower_left/joint1".
+    """Compile the world's model. Names of an arm's parts are prefixed with its channel: "follower_left/joint1".
 
-    Each process of the rig that needs the model builds it from the scene, with the same result. Without `visible` the
-    model lacks the shapes that only a camera sees, and each step costs a tenth less.
+    Each process of the rig that needs the model builds it from the scene, with an identical result. With visible=False
+    the model lacks the shapes that only cameras see, and a step takes 10 % less time.
 
     Raises:
-        ConfigError: a profile is unknown or does not fit.
+        ConfigError: a profile is unknown or incompatible.
     """
     spec = mujoco.MjSpec()
     spec.modelname = scene.name
@@ -46,7 +46,7 @@ def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
     spec.option.timestep = scene.options.timestep_s
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 10.0  # held props must not creep out of the fingers
+    spec.option.impratio = 10.0  # prevents held props from creeping out of the fingers
     add_scenery(spec)
     for row in scene.arms:
         _attach_arm(spec, row, scene)
@@ -60,13 +60,13 @@ def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
 
 
 def world_dtype(model: mujoco.MjModel) -> np.dtype:
-    """Return the record of the world block: simulated and monotonic time in s, the look's seed, qpos, qvel."""
+    """Return the dtype of the world block: simulated and monotonic time in s, seed of the look, qpos, qvel."""
     fields = [("sim_s", "f8"), ("stamp_s", "f8"), ("look_seed", "i8")]
     return np.dtype([*fields, ("qpos", "f8", (model.nq,)), ("qvel", "f8", (model.nv,))])
 
 
 def gripper_stroke(row: ArmPlacement, gripper: GripperProfile) -> tuple[float, float]:
-    """Return the closed stop, rad, and the motor's turn per sum of the fingers' travel, rad/m; in joint space."""
+    """Return the closed stop, rad, and the motor angle per summed finger travel, rad/m, both in joint space."""
     assert gripper.calibration is not None and gripper.finger_range_m is not None
     stops = gripper.calibration.nominal_stops_rad if row.stops_rad is None else row.stops_rad
     travel = float(gripper.finger_range_m[1] - gripper.finger_range_m[0])
@@ -74,12 +74,12 @@ def gripper_stroke(row: ArmPlacement, gripper: GripperProfile) -> tuple[float, f
 
 
 def yaw_quat(yaw_rad: float) -> np.ndarray:
-    """Return the quaternion (4,) w x y z of a turn about the vertical."""
+    """Return the quaternion (4,), w x y z, of a rotation about the vertical."""
     return np.array([math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)])
 
 
 def add_things(spec: mujoco.MjSpec, things: Sequence[Thing]) -> None:
-    """Add for each thing a body, and maybe a joint, of its name; carriers come before what they carry."""
+    """Add a body and, where needed, a joint per thing, with the thing's name; carriers before the things they carry."""
     for thing in sorted(things, key=lambda thing: bool(thing.carrier)):
         parent = spec.body(thing.carrier) if thing.carrier else spec.worldbody
         body = parent.add_body(name=thing.name, pos=thing.center_m, quat=yaw_quat(thing.yaw_rad))
@@ -93,7 +93,7 @@ def add_things(spec: mujoco.MjSpec, things: Sequence[Thing]) -> None:
         for i, part in enumerate(thing.all_parts):
             _add_part(body, thing, part, f"{thing.name}_{i}" if i else thing.name, solid_m3)
         if thing.carrier:
-            # MuJoCo leaves out contacts between a body and its parent by itself, unless the parent is fixed.
+            # MuJoCo excludes contacts between a body and its parent by default, unless the parent is fixed.
             spec.add_exclude(bodyname1=thing.carrier, bodyname2=thing.name)
 
 
@@ -124,7 +124,7 @@ def _add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
 
 
 def carried(deviation: Deviation) -> Load:
-    """Return the payload of an arm's tool that its profile lacks."""
+    """Return the payload of an arm's tool, which the arm's profile lacks."""
     x, y, z = deviation.payload_com_m.tolist()
     return Load(payload_mass_kg=deviation.payload_mass_kg, payload_com_m=(x, y, z))
 
@@ -174,7 +174,7 @@ def _add_servo(spec: mujoco.MjSpec, name: str, target: str, kind: mujoco.mjtTrn,
 
 
 def add_scenery(spec: mujoco.MjSpec) -> None:
-    """Add sky, floor and lights. The floor stops things that fall off the table; the rest touches nothing."""
+    """Add sky, floor and lights. The floor stops falling things; the rest has no contacts."""
     head = spec.visual.headlight
     head.ambient, head.diffuse, head.specular = [0.38] * 3, [0.22] * 3, [0.05] * 3
     spec.visual.map.znear = 0.01
@@ -210,7 +210,7 @@ def add_shaded_surfaces(spec: mujoco.MjSpec, furniture: Sequence[Thing]) -> None
 
 
 def _mark(geom: mujoco.MjsGeom, spec: mujoco.MjSpec, name: str) -> None:
-    texture = spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=8, height=8)  # a stand-in
+    texture = spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=8, height=8)  # placeholder
     texture.data = bytes([255]) * (8 * 8 * 3)
     spec.add_material(name=name).textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
     geom.material = name
