@@ -1,10 +1,10 @@
-"""Control client of a virtual rig, for tests, benches and operators: it connects to a rig, or starts and ends one.
+"""Control client of a virtual rig, for tests, benchmarks and operators: connects to a rig, or starts and ends one.
 
     with RigControl.start(friction=0) as rig:
         bus = can.Bus(interface="yam_sim", channel="follower_left", rig=rig.name)
         rig.state()["arms"]["follower_left"]["q"]
 
-An open client keeps the rig alive. Use a client from one thread at a time.
+An open client keeps the rig alive. A client must not be used from several threads at once.
 """
 
 import contextlib
@@ -27,13 +27,13 @@ _numbers = itertools.count(1)
 
 
 class RigControl(RigOperations):
-    """A connection to a rig's control channel, with a method per operation.
+    """Connection to a rig's control channel, with one method per operation.
 
     Args:
         rig: name of the rig, see `runtime_files.rig_name`.
-        scene: scene of a rig that is started here.
+        scene: scene to use if this call starts the rig.
         hold: whether this connection keeps the rig alive.
-        options: scene options of a rig that is started here.
+        options: scene options to use if this call starts the rig.
 
     Raises:
         RigError: the rig cannot be started.
@@ -49,22 +49,22 @@ class RigControl(RigOperations):
 
     @classmethod
     def start(cls, scene: str | Path | None = None, name: str | None = None, hold: bool = True, **options: Any) -> Self:
-        """Start a new rig (under a new name unless one is given) and keep it alive."""
+        """Start a new rig, under a new name unless `name` is given, and keep the rig alive."""
         return cls(name or f"rig-{os.getpid()}-{next(_numbers)}", scene, hold, **options)
 
     def request(self, op: str, **arguments: Any) -> dict[str, Any]:
-        """Send a request to the rig and return its answer.
+        """Send a request to the rig and return the reply.
 
         Raises:
-            RigError: the rig has ended or does not answer.
-            ConfigError, BusError: the rig refuses.
+            RigError: the rig has ended or does not reply.
+            ConfigError, BusError: the rig rejects the request.
         """
         message = launch.to_json({"op": op, **arguments})
         try:
             self._socket.send(message)
             packet = self._socket.recv(launch.MAX_PACKET)
         except BaseException as error:
-            self.close()  # else a late answer would pass for that of the next request
+            self.close()  # otherwise a late reply would be taken for that of the next request
             if isinstance(error, OSError):
                 raise RigError(f"rig {self.name} does not answer ({error}); has its process ended?") from error
             raise
@@ -73,10 +73,10 @@ class RigControl(RigOperations):
         return launch.checked(json.loads(packet))
 
     def wait_event(self, kind: str, timeout_s: float, since: int = 0, **details: Any) -> dict[str, Any]:
-        """Return the first event of that kind and details from number `since` on; wait until there is one.
+        """Return the first event with this kind and these details from number `since` on; wait until it occurs.
 
         Raises:
-            RigError: no such event came within timeout_s.
+            RigError: no such event occurred within timeout_s.
         """
         deadline = time.monotonic() + timeout_s
         while True:
@@ -89,15 +89,19 @@ class RigControl(RigOperations):
             time.sleep(0.02)
 
     def stats(self) -> dict[str, Any]:
-        """Read the server's pid, cpu_s, uptime_s, sim_s, slips, wakes, realtime, frames and overflows per channel."""
+        """Read the server's statistics.
+
+        Returns:
+            pid, cpu_s, uptime_s, sim_s, slips, wakes, realtime, clients; frames and overflows per channel.
+        """
         return self.request("stats")
 
     def end(self) -> None:
-        """End the rig at once, with or without other clients."""
+        """End the rig immediately, with or without other clients."""
         self.request("end")
 
     def close(self) -> None:
-        """Disconnect; the rig ends about a second after its last client. Idempotent."""
+        """Disconnect; the rig ends about a second after its last client disconnects. Idempotent."""
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
@@ -111,7 +115,7 @@ class RigControl(RigOperations):
 
 @contextlib.contextmanager
 def running_rig(**arguments: Any) -> Iterator[RigControl]:
-    """Run a new rig (arguments as for `RigControl.start`), which ends when the block is left.
+    """Run a new rig, with arguments as for `RigControl.start`, until the block is left.
 
     Raises:
         RigError: another client still uses the rig at the end.
@@ -120,7 +124,7 @@ def running_rig(**arguments: Any) -> Iterator[RigControl]:
     try:
         yield rig
     finally:
-        with contextlib.suppress(RigError):  # the block may have ended the rig
+        with contextlib.suppress(RigError):  # the block itself may have ended the rig
             if rig.stats()["clients"] == 1:
                 rig.end()
         rig.close()
@@ -128,7 +132,7 @@ def running_rig(**arguments: Any) -> Iterator[RigControl]:
 
 
 def wait_ended(rig: RigControl) -> None:
-    """Wait until a rig's process is gone. Raises RigError: the process still runs, maybe for another client."""
+    """Wait until a rig's process has exited. Raises RigError: it still runs, perhaps for another client."""
     deadline = time.monotonic() + _END_TIMEOUT_S
     while runs(rig.pid):
         if time.monotonic() > deadline:
@@ -137,7 +141,7 @@ def wait_ended(rig: RigControl) -> None:
 
 
 def runs(pid: int) -> bool:
-    """Return whether a process is alive; a zombie is not."""
+    """Return whether a process is alive; zombies do not count."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text()
     except OSError:

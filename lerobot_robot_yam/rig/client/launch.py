@@ -1,7 +1,7 @@
-"""Find a virtual rig, or start it: one server process per rig name, started under a lock.
+"""Find or start a virtual rig: one server process per rig name, started under a lock.
 
-The server is a child of init, as it must outlive the process that started it. The server ends after its last client has
-left.
+The server is a child of init, because it must outlive the process that started it. The server ends after its last
+client has disconnected.
 """
 
 import contextlib
@@ -27,17 +27,17 @@ logger = logging.getLogger(__name__)
 
 _HELLO_TIMEOUT_S = 10.0
 _PROBE_TIMEOUT_S = 0.2
-_said: set[tuple[str, str]] = set()  # rigs and options already logged as without effect
-# Names of a rig's files and of its arms' blocks, with the id of the process that made them.
+_said: set[tuple[str, str]] = set()  # rigs and options whose lack of effect has been logged
+# Names of files of rigs and of their arms' blocks, with the id of the process that created them.
 _MADE_BY = re.compile(r"(?:rig|state)-((?:auto|rig|env)-(\d+)(?:-\d+)?)\.(?!lock$)")
-MAX_PACKET = 1 << 17  # size of the longest packet in either direction, bytes
+MAX_PACKET = 1 << 17  # maximum packet size in either direction, bytes
 
-# Program of a short-lived parent, by which the server becomes a child of init instead of a zombie of this process.
+# Program of a short-lived parent process, so that the server becomes a child of init, not a zombie of this process.
 _DETACH = "import os, sys\nif os.fork(): os._exit(0)\nos.setsid()\nos.execv(sys.executable, sys.argv[1:])"
 
 
 def to_json(message: Mapping[str, Any]) -> bytes:
-    """Encode a message as one packet; values of numpy become lists and numbers."""
+    """Encode a message as one packet; numpy values become lists and numbers."""
     return json.dumps(message, default=_plain).encode()
 
 
@@ -56,14 +56,14 @@ def rig_path(name: str, suffix: str) -> Path:
 
 
 def connect(name: str, hello: Mapping[str, Any]) -> tuple[socket.socket, dict[str, Any]]:
-    """Connect to a running rig with a hello, see `server`.
+    """Connect to a running rig and send a hello, see `server`.
 
     Returns:
-        The socket (SEQPACKET, blocking) and the rig's answer.
+        The socket (SEQPACKET, blocking) and the rig's reply.
 
     Raises:
-        ConnectionRefusedError, FileNotFoundError: no such rig is running.
-        BusError, ConfigError, RigError: the rig refused (unknown channel and the like).
+        ConnectionRefusedError, FileNotFoundError: no rig with this name is running.
+        BusError, ConfigError, RigError: the rig rejected the hello, for example because the channel is unknown.
     """
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     try:
@@ -86,7 +86,7 @@ def connect(name: str, hello: Mapping[str, Any]) -> tuple[socket.socket, dict[st
 
 
 def checked(answer: dict[str, Any]) -> dict[str, Any]:
-    """Return a rig's answer, or raise the error that the answer names."""
+    """Return a rig's reply, or raise the error that the reply contains."""
     if "error" in answer:
         kind = {"BusError": BusError, "ConfigError": ConfigError}.get(answer.get("kind", ""), RigError)
         raise kind(answer["error"])
@@ -94,14 +94,14 @@ def checked(answer: dict[str, Any]) -> dict[str, Any]:
 
 
 def error_reply(error: Exception) -> dict[str, Any]:
-    """Encode an error as the answer from which `checked` raises it again."""
+    """Encode an error as a reply from which `checked` raises it again."""
     kind = next((k.__name__ for k in (BusError, ConfigError) if isinstance(error, k)), "RigError")
     text = str(error) if isinstance(error, YamError) else f"malformed request: {type(error).__name__}: {error}"
     return {"error": text, "kind": kind}
 
 
 def no_channel(rig: str, name: str, channels: Iterable[str]) -> str:
-    """Return the message for a channel that a rig does not have."""
+    """Return the error message for a channel that a rig does not have."""
     known = list(channels)
     near = difflib.get_close_matches(name, known, 1)
     meant = f"did you mean {near[0]!r}? It" if near else "it"
@@ -111,17 +111,17 @@ def no_channel(rig: str, name: str, channels: Iterable[str]) -> str:
 def connect_or_start(
     rig: str | None, hello: Mapping[str, Any], scene: str | None = None, options: Mapping[str, Any] | None = None
 ) -> tuple[socket.socket, str, dict[str, Any]]:
-    """Connect to a rig, and start the rig first if it does not run.
+    """Connect to a rig; start the rig first if it is not running.
 
     Args:
         rig: name of the rig, see `runtime_files.rig_name`.
         hello: first message to the rig, see `server`.
-        scene: scene name or path for a rig that is started here.
-        options: scene options for a rig that is started here. A running rig keeps its own; differences from its
-            options are logged.
+        scene: scene name or path, used if this call starts the rig.
+        options: scene options, used if this call starts the rig. A running rig keeps its own options; differences are
+            logged.
 
     Returns:
-        Socket, resolved rig name, the rig's answer.
+        Socket, resolved rig name, reply of the rig.
 
     Raises:
         RigError: the rig cannot be started.
@@ -145,7 +145,7 @@ def connect_or_start(
 def _join(
     name: str, hello: Mapping[str, Any], scene: str | None, options: Mapping[str, Any]
 ) -> tuple[socket.socket, str, dict[str, Any]]:
-    """Connect to a running rig, and log the scene and options that a running rig ignores."""
+    """Connect to a running rig, and log the requested scene and options that the running rig ignores."""
     asked = {**({} if scene is None else {"scene": load_scene(scene).name}), **options}
     connection, answer = connect(name, hello)
     has = {"scene": answer["scene"], **answer["options"]}
@@ -153,23 +153,23 @@ def _join(
         held = has.get(key)
         given = value.split(",") if isinstance(value, str) and isinstance(held, list) else value
         if json.loads(json.dumps(given)) != held and (name, key) not in _said:
-            _said.add((name, key))  # once per process, though each arm and camera joins
+            _said.add((name, key))  # once per process, although each arm and camera joins
             logger.warning("rig %s runs already, with %s: %r; %r has no effect", name, key, held, value)
     return connection, name, answer
 
 
 def tell_scene(rig: str, scene: str | None, options: Mapping[str, Any]) -> None:
-    """Write scene and options into a file beside the rig's socket, for processes that build the same world."""
+    """Write scene and options to a file beside the rig's socket, for processes that build the same world."""
     whole = scene if scene is None or scene in SCENES else str(user_path(scene).absolute())
     rig_path(rig, "scene").write_bytes(to_json({"scene": whole, "options": options}))
 
 
 def told_scene(rig: str) -> Scene:
-    """Read the scene of a running rig from its file.
+    """Read the scene of a running rig from the rig's file.
 
     Raises:
-        RigError: no such rig runs, or the rig has another version.
-        ConfigError: the scene's file has changed since the rig's start.
+        RigError: no rig with this name is running, or it runs another version.
+        ConfigError: the scene file has changed since the rig started.
     """
     try:
         told = json.loads(rig_path(rig, "scene").read_bytes())
@@ -180,7 +180,7 @@ def told_scene(rig: str) -> Scene:
 
 
 def _start(name: str, owner: int | None, scene: str | None, options: Mapping[str, Any]) -> None:
-    """Start the server and wait until it listens. The caller holds the rig's lock."""
+    """Start the server and wait until it listens. The caller must hold the rig's lock."""
     ready, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     server = [sys.executable, "-P", "-m", "lerobot_robot_yam.rig.server.server", "--name", name]
     server += ["--ready-fd", str(theirs.fileno()), "--options", to_json(options).decode()]
@@ -209,7 +209,7 @@ def _start(name: str, owner: int | None, scene: str | None, options: Mapping[str
 
 
 def _sweep() -> None:
-    """Remove the files of killed rigs whose starters have ended."""
+    """Remove the files of killed rigs whose starting processes have ended."""
     left: dict[str, list[Path]] = {}
     for path in runtime_dir().iterdir():
         made_by = _MADE_BY.match(path.name)
@@ -224,4 +224,4 @@ def _sweep() -> None:
                 for path in paths:
                     path.unlink(missing_ok=True)
             except OSError:
-                continue  # a running rig that is busy
+                continue  # the rig is running but busy

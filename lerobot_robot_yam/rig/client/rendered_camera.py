@@ -1,4 +1,4 @@
-"""A rendered camera of a virtual rig, for any program.
+"""Client of a virtual rig's rendered camera, for any program.
 
 with RigCamera("top", 320, 240, 30) as camera:
     frame, stamp_s = camera.latest()
@@ -21,7 +21,7 @@ from lerobot_robot_yam.system.runtime_files import slug
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 Settings = tuple[str, int, int, int]
-"""Camera, width, height (pixels), frames a second."""
+"""Camera, width and height in pixels, frames per second."""
 
 MAX_WIDTH, MAX_HEIGHT = 1280, 960
 MAX_FPS = 60
@@ -34,17 +34,17 @@ _MAX_AGE_S = 0.5
 
 
 def frame_dtype(width: int, height: int) -> np.dtype:
-    """Return the record of one frame: monotonic and simulated time of its state, a counter, the picture (RGB)."""
+    """Return the dtype of one frame: monotonic and simulated time of its state, a counter, the RGB image."""
     return np.dtype([("stamp_s", "f8"), ("sim_s", "f8"), ("number", "u8"), ("rgb", np.uint8, (height, width, 3))])
 
 
 def frame_path(rig: str, camera: str, width: int, height: int, fps: int) -> Path:
-    """Return the file of the block with the newest frame; cameras of equal settings share the block."""
+    """Return the file of the block with the latest frame; cameras with equal settings share the block."""
     return launch.rig_path(rig, f"camera-{slug(camera)}-{width}x{height}-{fps}")
 
 
 class _Frame(NamedTuple):
-    """A picture (height, width, 3) uint8 RGB, its number, and the monotonic time of its state in s."""
+    """A frame: number, monotonic time of its state in s, and image (height, width, 3) uint8 RGB."""
 
     number: int
     stamp_s: float
@@ -52,15 +52,15 @@ class _Frame(NamedTuple):
 
 
 class RigCamera:
-    """Client of one camera. While the client is connected, the rig stays alive and draws the camera.
+    """Client of one camera. While the client is connected, the rig stays alive and renders the camera.
 
     Args:
         camera: name in the scene.
         width, height: pixels.
-        fps: frames a second.
+        fps: frames per second.
         rig: name of the rig, see `runtime_files.rig_name`.
-        scene: scene of a rig that is started here.
-        options: scene options of a rig that is started here.
+        scene: scene to use if `connect` starts the rig.
+        options: scene options to use if `connect` starts the rig.
     """
 
     def __init__(
@@ -78,19 +78,19 @@ class RigCamera:
         self._socket: socket.socket | None = None
         self._block: SharedBlock | None = None
         self._seen = 0
-        self._newest: tuple[int, _Frame | None] = (-1, None)  # the block's sequence number and its frame
-        self._heard: dict[str, Any] = {}  # the rig's last message about this camera
+        self._newest: tuple[int, _Frame | None] = (-1, None)  # sequence number of the block, and its frame
+        self._heard: dict[str, Any] = {}  # last message of the rig about this camera
 
     @property
     def is_connected(self) -> bool:
         return self._block is not None
 
     def connect(self, timeout_s: float = 30.0) -> None:
-        """Connect to the rig, which starts if necessary, and wait for the first frame; do nothing when connected.
+        """Connect to the rig, starting it if necessary, and wait for the first frame. Does nothing if connected.
 
         Raises:
-            ConfigError: the scene has no such camera, or the camera cannot have these settings.
-            RigError: there is no rig or no OpenGL, or no frame came within timeout_s.
+            ConfigError: the scene has no such camera, or the camera does not support these settings.
+            RigError: there is no rig or no OpenGL, or no frame arrived within timeout_s.
         """
         if self.is_connected:
             return
@@ -110,7 +110,7 @@ class RigCamera:
             raise
 
     def _hear(self) -> None:
-        """Read one packet of the rig, if one has come. After an error in a packet, each call raises that error."""
+        """Read one packet of the rig, if any. Once a packet has contained an error, each call raises that error."""
         assert self._socket is not None
         launch.checked(self._heard)
         try:
@@ -125,11 +125,11 @@ class RigCamera:
         launch.checked(self._heard)
 
     def latest(self, max_age_s: float = _MAX_AGE_S) -> tuple[np.ndarray, float]:
-        """Return the newest frame, without waiting.
+        """Return the latest frame, without waiting.
 
         Returns:
-            (height, width, 3) uint8 RGB, the same array as before if there is no newer frame, and the monotonic time of
-            its state in s.
+            Image (height, width, 3) uint8 RGB, the same array as before if there is no newer frame, and the monotonic
+            time of the frame's state in s.
 
         Raises:
             StaleStateError: the frame is older than max_age_s.
@@ -147,10 +147,10 @@ class RigCamera:
         return record.rgb, record.stamp_s
 
     def wait_new(self, timeout_s: float = 1.0) -> tuple[np.ndarray, float]:
-        """Return the next frame that no call has returned yet; otherwise as `latest`.
+        """Return the next frame that no call has returned yet, in the format of `latest`.
 
         Raises:
-            StaleStateError: no frame came within timeout_s; a frame from before the renderer stopped does not count.
+            StaleStateError: no frame arrived within timeout_s; frames from before a renderer stall do not count.
             RigError: the camera is not connected, or the rig or its renderer has ended.
         """
         block = self._connected()
@@ -174,12 +174,12 @@ class RigCamera:
 
     def _read(self, block: SharedBlock) -> _Frame | None:
         sequence, (before, frame) = block.sequence(), self._newest
-        if sequence == before:  # a frame is copied and checked once
+        if sequence == before:  # each frame is copied and checked only once
             return frame
         try:
             record = block.read()
             frame = None if record is None else _Frame(int(record["number"]), float(record["stamp_s"]), record["rgb"])
-            self._newest = sequence + sequence % 2, frame  # odd: `read` waited for the frame that was being written
+            self._newest = sequence + sequence % 2, frame  # odd: `read` waited for the frame being written
             return frame
         except StaleStateError as error:
             self._hear()
@@ -198,7 +198,7 @@ class RigCamera:
         sock, self._socket = self._socket, None
         if sock is not None:
             with contextlib.suppress(OSError):
-                sock.shutdown(socket.SHUT_RDWR)  # also ends the copy of the socket in a forked child
+                sock.shutdown(socket.SHUT_RDWR)  # also ends the socket's copy in a forked child
             sock.close()
         self._seen, self._heard, self._newest = 0, {}, (-1, None)
 

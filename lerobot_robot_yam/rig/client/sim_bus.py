@@ -2,11 +2,12 @@
 
     can.Bus(interface="yam_sim", channel="follower_left")
 
-Any python-can program can use it. The rig starts on demand and ends with its last client. The keyword `rig` or the
-variable YAM_RIG names the rig ("auto", the default: the rig of this process).
+Works with any python-can program. The rig starts on demand and ends with its last client. The keyword `rig` or the
+environment variable YAM_RIG selects the rig by name (default "auto": the rig of this process).
 
-Like a SocketCAN socket, a bus receives what other clients send after its opening, and loses frames when nobody reads.
-Under an injected fault (`control.RigControl.fault`) a bus raises the errors of python-can's SocketCAN bus.
+Like a SocketCAN socket, a bus receives the frames that other clients send after it was opened, and loses frames if the
+program does not read. With an injected fault (`control.RigControl.fault`) a bus raises the errors of python-can's
+SocketCAN bus.
 """
 
 import contextlib
@@ -26,7 +27,7 @@ from lerobot_robot_yam.rig.client import launch
 from lerobot_robot_yam.rig.devices import packets
 from lerobot_robot_yam.rig.devices.packets import Frame, message_of, pack_messages
 
-# Keywords of other python-can interfaces, which callers pass to any interface; ignored here.
+# Keywords of other python-can interfaces, which generic callers pass to every interface; ignored by this one.
 _FOREIGN_OPTIONS = frozenset(
     ("bitrate", "data_bitrate", "timing", "single_handle", "local_loopback", "ignore_rx_error_frames", "tseg1_abr")
 )
@@ -34,19 +35,19 @@ _SELECTABLE = 1024  # first descriptor that is too large for `select`
 
 
 class YamSimBus(can.BusABC):
-    """One client of one channel. Sending and receiving may happen in different threads.
+    """One client of one channel. One thread may send while another receives.
 
     Args:
         channel: a channel of the rig's scene, for example "follower_left".
         can_filters: see `can.BusABC`.
         rig: name of the rig, see `runtime_files.rig_name`.
-        scene: scene of a rig that is started here.
-        fd: only False; the motors speak classic CAN.
-        bitrate: only 1 Mbit/s, or None.
-        options: scene options of a rig that is started here (`latency_s=0.00025`).
+        scene: scene to use if this bus starts the rig.
+        fd: must be False, because the motors use classic CAN.
+        bitrate: must be 1 Mbit/s or None.
+        options: scene options to use if this bus starts the rig (`latency_s=0.00025`).
 
     Raises:
-        BusError: there is no such channel, the adapter is unplugged, or bit rate or `fd` is wrong.
+        BusError: there is no such channel, the adapter is unplugged, or the bit rate or `fd` is wrong.
         ConfigError: an option or the scene is unknown.
         RigError: the rig cannot be started.
     """
@@ -87,16 +88,16 @@ class YamSimBus(can.BusABC):
         """Queue one frame for the wire.
 
         Raises:
-            BusError: the rig is gone, or the frame is not classic CAN.
-            can.CanOperationError: the interface is down, gone or stuck, see `RigControl.fault`.
+            BusError: the rig has ended, or the frame is not classic CAN.
+            can.CanOperationError: the interface is down, gone or blocked, see `RigControl.fault`.
         """
         self.send_many((msg,), timeout)
 
     def send_many(self, messages: Sequence[can.Message], timeout: float | None = None) -> None:
-        """Queue frames for the wire in one system call; they go out in this order, back to back.
+        """Queue frames for the wire in one system call; they are transmitted in this order, back to back.
 
         Raises:
-            BusError: the rig is gone or accepts no frames, or a frame is not classic CAN.
+            BusError: the rig has ended or accepts no frames, or a frame is not classic CAN.
             can.CanOperationError: as for `send`.
         """
         packet = pack_messages(messages, time.monotonic())
@@ -108,7 +109,7 @@ class YamSimBus(can.BusABC):
             if timeout is not None and not _wait(self._socket, select.POLLOUT, timeout):
                 raise BusError(f"{self.channel_info}: the rig takes no frames; is its process stopped?")
             self._socket.send(packet)
-        except (BrokenPipeError, ConnectionResetError, ValueError) as error:  # ValueError: another thread shut it down
+        except (BrokenPipeError, ConnectionResetError, ValueError) as error:  # ValueError: shut down by another thread
             raise self._gone() from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
@@ -116,7 +117,7 @@ class YamSimBus(can.BusABC):
         check = self._link.check_receive
         while True:
             check()
-            if not self._arrived:  # a read of the socket costs more than all the rest
+            if not self._arrived:  # reading the socket takes longer than all the rest
                 self._fetch(0.0)
             now = time.monotonic()
             if self._arrived:
@@ -124,7 +125,7 @@ class YamSimBus(can.BusABC):
                 if wait <= 0.0:
                     return message_of(self._arrived.popleft(), self.channel), False
                 if deadline is not None and self._arrived[0].stamp_s > deadline:
-                    # The wire keeps the order: no frame arrives before the first one here.
+                    # The wire preserves the order: no other frame arrives before this one.
                     time.sleep(max(0.0, deadline - now))
                     return None, False
                 time.sleep(wait)
@@ -135,7 +136,7 @@ class YamSimBus(can.BusABC):
             self._fetch(remaining)
 
     def _fetch(self, timeout: float | None) -> None:
-        """Move packets of the rig into the queue; wait for the first one only, at most `timeout` s."""
+        """Move the rig's packets into the queue; wait for the first packet for at most `timeout` s."""
         sock = self._socket
         if sock is None:
             raise BusError(f"{self.channel_info} is shut down")
@@ -160,10 +161,10 @@ class YamSimBus(can.BusABC):
         return BusError(f"{self.channel_info}: the rig has ended" + (f"; see {crash}" if crash.exists() else ""))
 
     def flush_tx_buffer(self) -> None:
-        """Do nothing: the rig accepts frames at once."""
+        """Do nothing, because the rig accepts frames immediately."""
 
     def fileno(self) -> int:
-        """Return -1: a readable socket does not mean that the wire has delivered, so nothing may select on it."""
+        """Return -1, which forbids `select`: a readable socket does not mean that the wire has delivered a frame."""
         return -1
 
     def shutdown(self) -> None:
@@ -172,7 +173,7 @@ class YamSimBus(can.BusABC):
         sock, self._socket = self._socket, None
         if sock is not None:
             with contextlib.suppress(OSError):
-                sock.shutdown(socket.SHUT_RDWR)  # also ends the copy of the socket in a forked child
+                sock.shutdown(socket.SHUT_RDWR)  # also ends the socket's copy in a forked child
             sock.close()
 
     @staticmethod
@@ -181,7 +182,7 @@ class YamSimBus(can.BusABC):
 
 
 def _wait(sock: socket.socket, event: int, timeout_s: float | None) -> bool:
-    """Wait for a socket by select (exact to µs), or for descriptors above 1023 by poll (exact to ms)."""
+    """Wait for a socket with select (resolution 1 µs), or for descriptors above 1023 with poll (resolution 1 ms)."""
     timeout_s = None if timeout_s is None else max(0.0, timeout_s)
     if 0 <= sock.fileno() < _SELECTABLE:
         reads, writes = ([sock], []) if event == select.POLLIN else ([], [sock])

@@ -1,12 +1,12 @@
-"""A scripted operator in lock-step: its hands' paths become the followers' targets, at the rig's own time.
+"""Scripted operator in lock-step: its hand paths become the followers' targets, on the rig's clock.
 
     demonstrator = Demonstrator(rig, "lift_and_place", ["left", "right"])
     while not demonstrator.done:
         targets = demonstrator.targets()      # side → joints (n,) and opening, for this instant
         …                                     # send them, let time pass
 
-The operator's script blocks while it waits, so it runs in another thread. Only one of the two threads runs at any
-time. They alternate at times of the rig's clock, so that the outcome does not depend on the computer.
+The operator's script blocks while waiting, so it runs in a second thread. Only one of the two threads runs at a time.
+They alternate at times of the rig's clock, so that the result does not depend on the computer.
 """
 
 import threading
@@ -21,9 +21,9 @@ from lerobot_robot_yam.rig.operator.task_scripts import make_script
 
 
 class Demonstrator:
-    """Hands of a task's script (protocol `hands.Hands`), whose paths become targets.
+    """Hands for a task's script (protocol `hands.Hands`); the hand paths become targets.
 
-    rig: rig with its things laid out. task: name of a task of the rig's scene. sides: sides with a follower.
+    rig: rig whose things are already laid out. task: name of a task of the scene. sides: sides that have a follower.
 
     Raises:
         ConfigError: the task has no script, or the scene lacks something that the script needs.
@@ -34,7 +34,7 @@ class Demonstrator:
         self._script = make_script(self, rig.scene(), task)
         seen = self.look()
         start = {side: np.append(seen.follower_rad[side], seen.opening[side]) for side in self._sides}
-        # side → path of joints and opening, at times of the rig
+        # side → path of joints and opening, with times on the rig's clock
         self._pulls = {side: Path(np.zeros(1), values[None]) for side, values in start.items()}
         self._wake_s = rig.now()
         self._script_turn, self._our_turn = threading.Semaphore(0), threading.Semaphore(0)
@@ -45,7 +45,7 @@ class Demonstrator:
         self._thread.start()
 
     def targets(self) -> dict[str, np.ndarray]:
-        """Return each follower's target now: joints and opening (n + 1,); until its hand moves, the start.
+        """Return each follower's current target, joints and opening (n + 1,); the start until its hand moves.
 
         Raises:
             YamError: the script failed.
@@ -59,7 +59,7 @@ class Demonstrator:
         return {side: path.at(now) for side, path in self._pulls.items()}
 
     def close(self) -> None:
-        """End the script in any state. Idempotent."""
+        """End the script, whatever its state. Idempotent."""
         self._over = True
         if self._thread.is_alive():
             self._script_turn.release()
@@ -78,7 +78,7 @@ class Demonstrator:
         self.done = True
         self._our_turn.release()
 
-    # methods of the protocol `Hands`, which the operator's script calls
+    # methods of the protocol `Hands`, called by the script
 
     def now(self) -> float:
         return self._rig.now()
@@ -94,13 +94,13 @@ class Demonstrator:
         return sight_of(self._rig.state(brief=True), self._sides)
 
     def pull(self, side: str, times_s: np.ndarray, q_rad: np.ndarray, trigger: np.ndarray) -> None:
-        """Move a side's target along (k, n) joints at times from now (k,), with trigger 0 … 1 (k,)."""
+        """Move a side's target along joints (k, n) at times from now (k,), with trigger (k,), 0 … 1."""
         path = np.column_stack([q_rad, 1.0 - np.asarray(trigger, float)])
         self._pulls[side] = Path(self._rig.now() + np.asarray(times_s, float), path)
 
     def let_go(self) -> None:
-        """Do nothing: the targets stay."""
+        """Do nothing; the targets remain."""
 
     def put_back(self, position_m: np.ndarray) -> None:
-        """Raise Interrupted: an attempt that needs this has failed."""
+        """Raise Interrupted, because an attempt in which the prop must be put back has failed."""
         raise Interrupted

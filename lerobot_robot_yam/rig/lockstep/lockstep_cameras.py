@@ -1,4 +1,4 @@
-"""Rendered cameras of a rig in lock-step: a picture shows the instant of its request."""
+"""Rendered cameras of a rig in lock-step: each image shows the instant of its request."""
 
 import select
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.rig.server.child_processes import CameraService
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
-_TIMEOUT_S = 60.0  # longest wait for the renderer, in the computer's time; it also builds its world
+_TIMEOUT_S = 60.0  # maximum wait for the renderer, which also builds its world, in wall-clock time
 
 _renderers: dict[str, "LockstepRenderer"] = {}
 
@@ -27,24 +27,24 @@ def _renderer_of(rig: LockstepRig) -> "LockstepRenderer":
 
 
 class LockstepRenderer:
-    """All cameras of one rig, drawn together by one renderer process, which ends with the rig."""
+    """All cameras of one rig, rendered together by one process, which ends with the rig."""
 
     def __init__(self, rig: LockstepRig):
         self._rig = rig
         names = [camera.name for camera in rig.device.scene.cameras]
         self._service = CameraService(rig.name, names, on_demand=True)
         tell_scene(rig.name, rig.scene_name, rig.options)
-        self._drawn: tuple[int, int] | None = None  # numbers of restarts and of physics steps at the newest pictures
+        self._drawn: tuple[int, int] | None = None  # number of restarts and of physics steps at the latest images
         self._answers: dict[Any, dict[str, Any]] = {}
 
     def open(self, client: "LockstepCamera", hello: dict[str, Any]) -> Path:
-        """Start drawing a camera; return the path of the block with its newest frame.
+        """Start rendering a camera; return the path of the block with its latest frame.
 
         Raises:
             ConfigError: the camera is unknown, or its settings are impossible.
-            RigError: no OpenGL.
+            RigError: OpenGL is not available.
         """
-        self._rig.show()  # the renderer opens the world's block at its start
+        self._rig.show()  # the renderer opens the world block when it starts
         path = Path(self._service.open(client, hello)["block"])
         self._wait(lambda: client in self._answers)
         checked(self._answers.pop(client))
@@ -55,7 +55,7 @@ class LockstepRenderer:
         self._service.drop(client)
 
     def look(self) -> None:
-        """Draw the present state of the world, unless the pictures show it already."""
+        """Render the current state of the world, unless the images already show it."""
         rig = self._rig
         present = rig.restarts, rig.device.world.steps
         if present != self._drawn:
@@ -81,9 +81,9 @@ class LockstepRenderer:
 
 
 class LockstepCamera:
-    """One camera with the methods of `rendered_camera.RigCamera`, whose pictures are never old.
+    """One camera with the methods of `rendered_camera.RigCamera`, whose images are never stale.
 
-    camera: name in the scene. width, height: pixels. fps: without effect, as each request draws a picture.
+    camera: name in the scene. width, height: pixels. fps: no effect, because each request renders an image.
     """
 
     def __init__(self, rig: LockstepRig, camera: str, width: int, height: int, fps: int):
@@ -97,17 +97,17 @@ class LockstepCamera:
         return self._block is not None
 
     def connect(self) -> None:
-        """Start drawing the camera; do nothing when connected.
+        """Start rendering this camera's images. Does nothing if already connected.
 
         Raises:
-            ConfigError: the scene has no such camera, or the camera cannot have these settings.
-            RigError: no OpenGL.
+            ConfigError: the scene has no such camera, or the camera does not support these settings.
+            RigError: OpenGL is not available.
         """
         if self._block is None:
             self._block = SharedBlock(_renderer_of(self._rig).open(self, self._hello), self._dtype, create=False)
 
     def latest(self, max_age_s: float = 0.0) -> tuple[np.ndarray, float]:
-        """Return (height, width, 3) uint8 RGB of this instant, and the rig's time in s.
+        """Return an image of the current instant, (height, width, 3) uint8 RGB, and the rig's time in s.
 
         Raises:
             RigError: the camera is not connected, or the renderer has ended.
@@ -124,7 +124,7 @@ class LockstepCamera:
         return self.latest()
 
     def close(self) -> None:
-        """Stop drawing the camera. Idempotent."""
+        """Stop rendering the camera. Idempotent."""
         block, self._block = self._block, None
         if block is not None:
             block.close()

@@ -1,10 +1,10 @@
-"""A virtual rig in lock-step in this process: its time passes only while a caller sleeps on its clock.
+"""Virtual rig in lock-step in this process: its time advances only while a caller sleeps on its clock.
 
     rig = LockstepRig("tasks", arms=["follower_left", "follower_right"])
     bus = can.Bus(interface="yam_lockstep", channel="follower_left", rig=rig.name)
 
-The rig has the world, motors and wires of the live rig, without sockets, and does not depend on the computer's clock
-or load: the same calls give the same bits, as fast as the machine allows.
+The rig has the world, motors and wires of the live rig, but no sockets, and does not depend on the computer's clock or
+load: the same calls give identical bits, as fast as the machine allows.
 """
 
 import itertools
@@ -28,16 +28,16 @@ from lerobot_robot_yam.rig.simulation.device import RigDevice
 from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations, perform
 from lerobot_robot_yam.rig.world.world import WorldBlock
 
-BEGIN_S = 100.0  # the rig's time when it starts
-_STEP_S = 0.004  # longest time that is simulated in one go, s, as in the live rig
-_PATIENCE_S = 60.0  # longest wait of a receiver without a time-out
+BEGIN_S = 100.0  # the rig's time at its start
+_STEP_S = 0.004  # maximum time simulated in one go, s, as in the live rig
+_PATIENCE_S = 60.0  # maximum wait in `recv` without a timeout
 
 _rigs: dict[str, "LockstepRig"] = {}
 _numbers = itertools.count(1)
 
 
 def find_lockstep(name: str | None) -> "LockstepRig | None":
-    """Return this process's rig in lock-step of that name, if any."""
+    """Return the rig in lock-step with this name in this process, or None."""
     return _rigs.get(name or "")
 
 
@@ -49,7 +49,7 @@ class LockstepRig(RigOperations):
 
     Attributes:
         restarts: number of calls of `restart`.
-        at_close: functions that `close` calls.
+        at_close: callbacks that `close` calls.
 
     Raises:
         ConfigError: the scene or an option is unknown.
@@ -72,7 +72,7 @@ class LockstepRig(RigOperations):
         return self._now_s
 
     def sleep(self, seconds: float) -> None:
-        """Let the rig's time pass, and simulate it."""
+        """Advance the rig's time by simulating the world."""
         if not seconds >= 0.0:
             raise ValueError(f"a rig cannot sleep {seconds!r} s")
         until_s = self._now_s + seconds
@@ -86,7 +86,7 @@ class LockstepRig(RigOperations):
         return plain
 
     def restart(self) -> None:
-        """Return to the time and world of the start. Open buses are dead afterwards."""
+        """Return to the initial time and world. Open buses are unusable afterwards."""
         for channel in self.device.channels.values():
             channel.clients.clear()
         self.device = RigDevice(self._scene, self)
@@ -95,7 +95,7 @@ class LockstepRig(RigOperations):
         self.restarts += 1
 
     def show(self) -> None:
-        """Publish the world's present state for the renderer."""
+        """Publish the current state of the world to the renderer."""
         self._block.publish(self.device.world)
 
     def close(self) -> None:
@@ -112,7 +112,7 @@ class LockstepBus(can.BusABC):
     Args:
         channel: a channel of the rig's scene.
         can_filters: see `can.BusABC`.
-        rig: name of a `LockstepRig` of this process.
+        rig: name of a `LockstepRig` in this process.
 
     Raises:
         ConfigError: there is no such rig.
@@ -142,7 +142,7 @@ class LockstepBus(can.BusABC):
 
         Raises:
             BusError: the rig has been restarted.
-            can.CanOperationError: the interface is down, gone or stuck, see `RigControl.fault`.
+            can.CanOperationError: the interface is down, gone or blocked, see `RigControl.fault`.
         """
         if not self._link.check_send(len(messages)):
             return
@@ -152,7 +152,7 @@ class LockstepBus(can.BusABC):
         self._wire.receive_packet(self._mailbox, pack_messages(messages, now), now)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """Return the next frame; the wait passes on the rig's clock.
+        """Return the next frame; the wait advances the rig's clock.
 
         Raises:
             can.CanOperationError: the interface is down or gone.

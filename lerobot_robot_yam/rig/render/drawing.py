@@ -1,4 +1,4 @@
-"""The open cameras of a rig: when each is due, which state and look it shows, its noise, where its frames go."""
+"""Open cameras of a rig: schedule, state, look, noise and frame output of each."""
 
 import functools
 import math
@@ -18,30 +18,30 @@ from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.world.world_model import build_world, world_dtype
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
-# Spreads of random looks about the usual look: largest changes either way, at `amount` 1.
-_LIGHT_TURN = 0.30  # change of the horizontal components of a light's direction, whose vertical component is 1
+# Spreads of random looks: maximum change from the usual look in either direction, at `amount` 1.
+_LIGHT_TURN = 0.30  # change of the horizontal components of a light's direction with vertical component 1
 _LIGHT_LEVEL = 0.25  # relative change of a light's level
 _HEADLIGHT_LEVEL = 0.12
-_WARMTH = 0.06  # share of red added and of blue removed
-_SCENERY_COLOUR, _THING_COLOUR = 0.10, 0.05  # change of all colour channels, 0 … 1, and `_HUE` times as much of each
+_WARMTH = 0.06  # fraction of red added and of blue removed
+_SCENERY_COLOUR, _THING_COLOUR = 0.10, 0.05  # change of all channels, 0 … 1; plus `_HUE` times as much per channel
 _CAMERA_M, _CAMERA_RAD = 0.02, 0.05  # change of a camera's pose along and about each axis
 _HUE = 0.4
-_ON_AN_ARM = 0.5  # factor on the changes of cameras that an arm carries
+_ON_AN_ARM = 0.5  # factor on the pose changes of cameras mounted on an arm
 _FIELDS = ("light_dir", "light_diffuse", "geom_rgba", "cam_pos", "cam_quat")
-_UNCHANGED = 1e-6  # change in rad or m of each joint up to which the last picture is still right
-_ALL_SEEING = ("overview",)  # cameras that show the leaders too
-_MARGIN = 64  # pixels by which the sheet of noise is larger than the picture, for a random cut per exposure
+_UNCHANGED = 1e-6  # maximum change of each joint, rad or m, at which the last image is reused
+_ALL_SEEING = ("overview",)  # cameras that also show the leaders
+_MARGIN = 64  # pixels by which the noise sheet exceeds the image, so that each exposure uses a random section
 
 
 class Look:
-    """Usual look of a model, and looks near it: light, colours and the cameras' poses, drawn from a seed.
+    """Usual look of a model, and random variations of light, colours and camera poses, drawn from a seed.
 
-    Only pictures show a look. A policy that has seen many looks depends less on any of them.
+    A look affects only images. A policy trained on many looks depends less on any one of them.
 
     Args:
         model: model whose lights, colours and cameras are changed.
         amount: 0 … 1, factor on the spreads above.
-        things: bodies whose colours vary a little, as colours tell things apart.
+        things: bodies whose colours vary only slightly, because colours identify things.
         scenery: bodies whose colours vary more.
     """
 
@@ -56,7 +56,7 @@ class Look:
         self._ambient, self._diffuse = head.ambient.copy(), head.diffuse.copy()
 
     def take(self, seed: int) -> None:
-        """Change the model to the look of this seed."""
+        """Change the model to the look of `seed`."""
         model, usual = self._model, self._usual
         random = np.random.default_rng(seed)
 
@@ -83,9 +83,9 @@ class Look:
 
 
 class Sensor:
-    """A camera's sensor: it adds Gaussian noise of `sigma` grey levels to pictures of one size.
+    """Sensor of a camera: adds Gaussian noise of `sigma` grey levels to images of one size.
 
-    Each exposure differs, even of a still scene, which distinguishes two frames from one delivered twice.
+    Each exposure differs, even for a static scene, so that a new frame can be told from a repeated one.
     """
 
     def __init__(self, width: int, height: int, sigma: float):
@@ -93,7 +93,7 @@ class Sensor:
         self._lighter, self._darker = _noise(width, height, sigma)
 
     def expose(self, clean: np.ndarray, out: np.ndarray) -> None:
-        """Expose the picture `clean` into `out`, both (height, width, 3) uint8."""
+        """Write the image `clean` with noise to `out`, both (height, width, 3) uint8."""
         height, width, _ = clean.shape
         top, left = self._random.integers(_MARGIN, size=2)
         cut = (slice(top, top + height), slice(left, left + width))
@@ -103,7 +103,7 @@ class Sensor:
 
 @functools.cache
 def _noise(width: int, height: int, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return what a sensor adds and what it subtracts, one cached sheet for all cameras of a size."""
+    """Return the noise that a sensor adds and that it subtracts; cached and shared by cameras of the same size."""
     sheet = np.round(np.random.default_rng(1).normal(0.0, sigma, (height + _MARGIN, width + _MARGIN, 3)))
     lighter, darker = (np.clip(sign * sheet, 0, 255).astype(np.uint8) for sign in (1.0, -1.0))
     return lighter, darker
@@ -111,7 +111,7 @@ def _noise(width: int, height: int, sigma: float) -> tuple[np.ndarray, np.ndarra
 
 @dataclass
 class View:
-    """One camera that is drawn, and its block."""
+    """One open camera and its frame block."""
 
     settings: Settings
     block: SharedBlock
@@ -127,7 +127,7 @@ class View:
 
 
 class Drawing:
-    """All views of a rig of this scene. Raises RigError: there is no OpenGL, or no block of the world."""
+    """All open cameras of a rig. Raises RigError: there is no OpenGL, or no world block."""
 
     def __init__(self, rig: str, scene: Scene):
         self._rig = rig
@@ -147,8 +147,8 @@ class Drawing:
         self._stalled_until_s: dict[str, float] = {}
 
     def open(self, settings: Settings) -> None:
-        """Start drawing a camera; its block exists on return. Do nothing for a camera that is drawn already."""
-        if settings in self._views:  # a second client asked before the first had its answer
+        """Start rendering a camera; its block exists on return. Does nothing if the camera is already open."""
+        if settings in self._views:  # a second client requested the camera before the first got its reply
             return
         _, width, height, _ = settings
         dtype, now = frame_dtype(width, height), time.monotonic()
@@ -158,13 +158,13 @@ class Drawing:
         self.draw_due(now)
 
     def close(self, settings: Settings) -> None:
-        """Stop drawing a camera and remove its block."""
+        """Stop rendering a camera and remove its block."""
         view = self._views.pop(settings, None)
         if view is not None:
             view.block.close()
 
     def stall(self, camera: str, until_s: float) -> None:
-        """Publish no frame of a camera before a monotonic time."""
+        """Publish no frames of a camera before the monotonic time `until_s`."""
         self._stalled_until_s[camera] = until_s
 
     def close_all(self) -> None:
@@ -174,11 +174,11 @@ class Drawing:
         self._painter.close()
 
     def next_due_s(self) -> float | None:
-        """Return the monotonic time of the next frame, None without cameras."""
+        """Return the monotonic time at which the next frame is due; None without cameras."""
         return min((view.due_s for view in self._views.values()), default=None)
 
     def draw_due(self, now_s: float) -> None:
-        """Draw and publish the due views, all from one state of the world while that state is recent."""
+        """Render and publish the views that are due, all from one world state while that state is recent."""
         due = [view for view in self._views.values() if view.due_s <= now_s]
         for view in due:
             view.due_s = _next_beat(now_s, view.period_s)  # late frames are skipped, not drawn in a burst
@@ -188,7 +188,7 @@ class Drawing:
         self._draw(list(self._views.values()))
 
     def begin_anew(self) -> None:
-        """Reset the sensors' noise and the frames' times after a restart of the world."""
+        """Reset the sensors' noise and the frame timestamps after a restart of the world."""
         for view in self._views.values():
             _, width, height, _ = view.settings
             view.sensor, view.drawn_qpos = Sensor(width, height, self._noise), None
@@ -198,10 +198,10 @@ class Drawing:
         state, read_s = None, -math.inf
         posed = False
         for view in views:
-            if time.monotonic() - read_s > view.period_s:  # at first, and after a pause on a busy machine
+            if time.monotonic() - read_s > view.period_s:  # first view, or after a pause on a busy machine
                 state, read_s, posed = self._world.read(), time.monotonic(), False
             if state is None or float(state["stamp_s"]) <= float(view.record["stamp_s"]):
-                continue  # no new state; the frame's age shows it
+                continue  # no new state: the old timestamp reveals this
             if self._look is not None and int(state["look_seed"]) != self._look_seed:
                 self._take_look(self._look, int(state["look_seed"]))
                 posed = False
@@ -226,5 +226,5 @@ class Drawing:
 
 
 def _next_beat(now_s: float, period_s: float) -> float:
-    """Return the next multiple of the period, at which cameras of one rate show the same state."""
+    """Return the next multiple of the period, so that cameras with the same rate show the same state."""
     return (int(now_s / period_s + 1e-6) + 1) * period_s

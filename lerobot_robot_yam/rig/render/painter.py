@@ -1,6 +1,6 @@
-"""Rendering of a model's cameras by software OpenGL, cheap enough for three cameras beside a control loop.
+"""Rendering of a model's cameras with software OpenGL, cheap enough for three cameras beside a control loop.
 
-Only a process that set MUJOCO_GL before importing mujoco may use this module, as `renderer` does.
+Only a process that set MUJOCO_GL before importing mujoco may import this module, as `renderer` does.
 """
 
 import math
@@ -13,27 +13,27 @@ import numpy as np
 from lerobot_robot_yam.errors import RigError
 from lerobot_robot_yam.rig.render.shade import Shade
 
-# Measured here: 12 slices, 2 stacks, no shadow maps and no multisampling cost a quarter of MuJoCo's defaults.
+# Measured: 12 slices, 2 stacks, no shadow maps and no multisampling take a quarter of the time of MuJoCo's defaults.
 _SLICES, _STACKS = 12, 2
-_BALL_STACKS = 6  # stacks for a model with balls, which would be octahedra in two stacks
+_BALL_STACKS = 6  # stacks for a model with balls, which two stacks would render as octahedra
 _SPHERE, _ELLIPSOID = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID
 _PLANE, _BOX = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX
 _CORNERS = np.array([[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0], [-1.0] * 4])  # right, up, backward
 _SMALLEST = (320, 240)
 _MAX_GEOMS = 400
-_VISUAL_GROUPS = (0, 2)  # groups that are drawn; collision shapes are in group 3, sites in group 4
+_VISUAL_GROUPS = (0, 2)  # visible groups; collision shapes are in group 3, sites in group 4
 _HIDDEN_GROUP, _UNSEEN_GROUP = 5, 4
 
 
 class Painter:
-    """Renderer of one model's cameras into RGB arrays. One thread, one OpenGL context, one offscreen buffer.
+    """Renderer of one model's cameras into RGB arrays. Uses one thread, one OpenGL context and one offscreen buffer.
 
     Args:
         model: the world; its visual quality settings are overwritten.
-        hidden: name prefixes of the bodies (leaders) that `paint` leaves out unless `show_hidden` is set.
+        hidden: name prefixes of the bodies (leaders) that `paint` omits unless `show_hidden` is set.
 
     Raises:
-        RigError: no OpenGL context can be made.
+        RigError: no OpenGL context can be created.
     """
 
     def __init__(self, model: mujoco.MjModel, hidden: Sequence[str] = ()):
@@ -52,13 +52,13 @@ class Painter:
             self._gl = mujoco.GLContext(width, height)
             self._gl.make_current()
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
-        except Exception as error:  # OpenGL backends raise various errors, even plain Exception
+        except Exception as error:  # OpenGL backends raise various errors, including plain Exception
             raise RigError(
                 f"rendered cameras need OpenGL through EGL, which failed ({error}); install a software one "
                 "(Debian and Ubuntu: libegl1 libgl1-mesa-dri) or run without rendered cameras"
             ) from error
         self._shade = Shade(model, self._context)
-        self._shaded: bool | None = None  # whether the newest shadows include hidden bodies; None: the state is newer
+        self._shaded: bool | None = None  # whether the latest shadows include hidden bodies; None: outdated
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._scene = mujoco.MjvScene(model, _MAX_GEOMS)
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
@@ -76,10 +76,10 @@ class Painter:
         self._shaded = None
 
     def paint(self, camera: str, out: np.ndarray, show_hidden: bool = False) -> None:
-        """Render one camera of the model into out, (height, width, 3) uint8 RGB, first row on top."""
+        """Render one camera of the model into `out`, (height, width, 3) uint8 RGB, top row first."""
         height, width, _ = out.shape
         context = self._context
-        if width > context.offWidth or height > context.offHeight:  # no larger than needed, as clearing costs time
+        if width > context.offWidth or height > context.offHeight:  # no larger than needed, because clearing takes time
             mujoco.mjr_resizeOffscreen(max(width, context.offWidth), max(height, context.offHeight), context)
         if self._shaded is not show_hidden:
             groups = (*_VISUAL_GROUPS, _HIDDEN_GROUP) if show_hidden else _VISUAL_GROUPS
@@ -108,7 +108,7 @@ class Painter:
 
 
 def _regroup(model: mujoco.MjModel, hidden: Sequence[str]) -> None:
-    """Move the visible shapes of bodies with one of these prefixes into another group."""
+    """Move the visible shapes of bodies with one of these prefixes to the hidden group."""
     for geom in range(model.ngeom):
         name = model.body(model.geom_bodyid[geom]).name
         if model.geom_group[geom] in _VISUAL_GROUPS and name.startswith(tuple(hidden)):
@@ -116,7 +116,7 @@ def _regroup(model: mujoco.MjModel, hidden: Sequence[str]) -> None:
 
 
 class Sight:
-    """Shapes in the pictures of one camera, which all have the aspect ratio `aspect` (width / height)."""
+    """Visibility of shapes for one camera, whose images all have the aspect ratio `aspect` (width / height)."""
 
     def __init__(self, model: mujoco.MjModel, camera: int, aspect: float):
         self._model, self._camera = model, camera
@@ -128,10 +128,10 @@ class Sight:
         up = math.tan(math.radians(model.cam_fovy[camera]) / 2.0)
         self._corners = _CORNERS * [[aspect * up], [up], [1.0]]
         sides = [(sign, 0.0, aspect * up) for sign in (-1.0, 1.0)] + [(0.0, sign, up) for sign in (-1.0, 1.0)]
-        self._sides = np.array([np.divide(side, np.linalg.norm(side)) for side in sides]).T  # normals, outward
+        self._sides = np.array([np.divide(side, np.linalg.norm(side)) for side in sides]).T  # outward normals
 
     def seen(self, data: mujoco.MjData) -> tuple[np.ndarray, bool]:
-        """Return the shapes that may be in the picture, (ngeom,) bool, and whether the sky may be."""
+        """Return which shapes may be visible, (ngeom,) bool, and whether the sky may be visible."""
         eye, turn = data.cam_xpos[self._camera], data.cam_xmat[self._camera].reshape(3, 3)
         outside_m = ((data.geom_xpos - eye) @ (turn @ self._sides)).max(axis=1)
         within = outside_m <= self._radius
@@ -140,9 +140,9 @@ class Sight:
         return within, True
 
     def _is_filled(self, data: mujoco.MjData, eye: np.ndarray, turn: np.ndarray) -> bool:
-        """Return whether the top of the largest box fills the picture, in front of floor and sky.
+        """Return whether the top of the largest box fills the image, hiding floor and sky.
 
-        The picture's corners are at  o + t d;  t is their depth.
+        The image corners are at  o + t d  with depth t.
         """
         model, table = self._model, self._table
         own, half_m = data.geom_xmat[table].reshape(3, 3).T, model.geom_size[table]

@@ -1,15 +1,15 @@
-"""Renderer of a virtual rig, started by the rig.
+"""Renderer process of a virtual rig, started by the rig.
 
     python -m lerobot_robot_yam.rig.render.renderer --rig NAME --requests-fd FD
 
-It reads the world's state block, draws each open camera at the camera's rate, and publishes the newest frame of each.
-Requests come as packets of JSON over a socket: {"do": "open" or "close", "camera": [name, width, height, fps]},
-{"do": "stall", "camera": name, "until_s": monotonic time}. Answers are {"ready": camera} or {"error":
-text}. With --on-demand it draws only when told to: {"do": "draw", "anew": whether the world was restarted}, answered by
-{"drawn": true}.
+The renderer reads the world's state block, renders each open camera at the camera's rate, and publishes the latest
+frame of each camera. Requests arrive as JSON packets over a socket:
+{"do": "open" or "close", "camera": [name, width, height, fps]}, {"do": "stall", "camera": name, "until_s": monotonic
+time}. Replies are {"ready": camera} or {"error": text}. With --on-demand the renderer renders only on request:
+{"do": "draw", "anew": whether the world was restarted}; the reply is {"drawn": true}.
 
-The renderer ends when the other end of the socket does, so it never outlives the rig. It gives way to other processes,
-and skips pictures that are late: cameras of hardware cost a recording no time either.
+The renderer exits when the other end of the socket is closed, so it never outlives the rig. It yields to other
+processes and skips late frames, because hardware cameras do not slow a recording down either.
 """
 
 import argparse
@@ -61,10 +61,10 @@ def _obey(drawing: "Drawing", request: dict[str, Any], answers: socket.socket) -
 
 
 def _draw_for(rig: str) -> "Drawing":
-    # mujoco reads this variable when it is imported, and its import fails if OpenGL's libraries are missing.
+    # mujoco reads this variable on import, and the import fails if the OpenGL libraries are missing.
     os.environ["MUJOCO_GL"] = "egl"
-    # Software OpenGL draws in this thread: by default it would use all cores, and with a single thread of its own each
-    # picture cost a fifth more, and two waits for a processor on a busy machine.
+    # Software OpenGL renders in this thread. By default it would use all cores; with one separate thread each frame
+    # would take 20 % longer and wait twice for a processor on a busy machine.
     os.environ["LP_NUM_THREADS"] = "0"
     from lerobot_robot_yam.rig.render.drawing import Drawing
 
@@ -86,7 +86,7 @@ def main() -> int:
     except YamError as error:
         requests.send(to_json({"error": str(error)}))
         return 1
-    except (ImportError, AttributeError) as error:  # PyOpenGL's error for a missing library
+    except (ImportError, AttributeError) as error:  # raised by PyOpenGL if a library is missing
         missing = f"rendered cameras need OpenGL through EGL, whose libraries are not installed ({error})"
         requests.send(to_json({"error": f"{missing}; sudo apt install libegl1 libgl1-mesa-dri"}))
         raise

@@ -1,7 +1,7 @@
-"""Grain and shadows of a scene's table: each shape's outline, projected along the light onto the table, softened.
+"""Grain and shadows of a scene's table: outlines of shapes are projected along the light onto the table and softened.
 
-Only the table and flat things on it are shaded; things cast no shadow on each other. MuJoCo's shadow maps do,
-but with shadow maps a picture takes three to four times as long on software OpenGL.
+Only the table and flat things on it receive shadows; other things do not. MuJoCo's shadow maps shade all things, but
+with shadow maps a frame takes three to four times as long on software OpenGL.
 """
 
 from collections.abc import Iterator
@@ -15,16 +15,16 @@ from OpenGL import GL
 from lerobot_robot_yam.rig.world.world_model import FLAT, TABLE
 
 _TABLE_PIXELS, _FLAT_PIXELS = (1024, 640), (96, 96)  # size of the textures along x and y
-_CORNERS = 20  # corners of an outline
-_ANGLES = np.arange(_CORNERS) * (2 * np.pi / _CORNERS) + 0.01  # offset: finds a box's corners, not its sides' middles
+_CORNERS = 20  # number of corners of an outline
+_ANGLES = np.arange(_CORNERS) * (2 * np.pi / _CORNERS) + 0.01  # offset: hits a box's corners, not its sides' middles
 _DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])  # (2, k)
-_DARKNESS, _DARKEST = 0.42, 0.6  # share of brightness that a shadow takes: at `_USUAL_LEVEL`, and at most
+_DARKNESS, _DARKEST = 0.42, 0.6  # fraction of brightness that a shadow removes: at `_USUAL_LEVEL`, and maximum
 _USUAL_LEVEL = 0.45
-_SOFT_M = 0.016  # width of a shadow's edge
+_SOFT_M = 0.016  # width of the soft edge of a shadow
 _SUBPIXEL_BITS = 4
 _PLANK_M = 0.175  # width of a plank of the table, along x
 _LEVEL = 224.0  # mean grey level; the table's colour is multiplied by level / 255
-_TONE, _GRAIN, _SEAM = 6.0, 11.0, 38.0  # grey levels: sigma between planks, sigma within one, darker seam
+_TONE, _GRAIN, _SEAM = 6.0, 11.0, 38.0  # grey levels: sigma between planks, sigma within a plank, darkening at seams
 _BOX = mujoco.mjtGeom.mjGEOM_BOX
 _NOWHERE = np.zeros((2, 2), int)
 _ROUND = (mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_CAPSULE)
@@ -33,13 +33,13 @@ _SOLID = (_BOX, *_ROUND, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 
 @dataclass
 class _Surface:
-    """The top of a box with a shaded texture.
+    """Top of a box with a shaded texture.
 
     Attributes:
-        geom: number of the box in the model.
-        texture: OpenGL's number of the texture.
+        geom: index of the box in the model.
+        texture: OpenGL name of the texture.
         bright: (height, width) uint8, texture without shadows.
-        shaded: lowest and highest x, y that the last shadows touched, pixels of a mask; (2, 2).
+        shaded: minimum and maximum x, y of the area that the last shadows covered, pixels of a mask; (2, 2).
     """
 
     geom: int
@@ -49,18 +49,18 @@ class _Surface:
 
 
 class Shade:
-    """Textures, with shadows, of all surfaces that `world_model.add_shaded_surfaces` has marked, maybe none."""
+    """Textures with shadows for all surfaces that `world_model.add_shaded_surfaces` has marked, if any."""
 
     def __init__(self, model: mujoco.MjModel, context: mujoco.MjrContext):
         self._model = model
         self._box, self._rod = (np.isin(model.geom_type, [int(kind) for kind in some]) for some in ((_BOX,), _ROUND))
         self._solid = np.isin(model.geom_type, [int(kind) for kind in _SOLID])
-        self._casting: dict[tuple[int, ...], np.ndarray] = {}  # groups → shapes in them
+        self._casting: dict[tuple[int, ...], np.ndarray] = {}  # groups → indices of their shapes
         self._surfaces = list(_surfaces(model, context))
-        cv2.setNumThreads(1)  # the other processor is for physics and control
+        cv2.setNumThreads(1)  # leaves the other processor to physics and control
 
     def draw(self, data: mujoco.MjData, groups: tuple[int, ...]) -> None:
-        """Draw the shadows that all shapes of these groups cast in the model's first light."""
+        """Draw the shadows of all shapes in these groups, cast by the model's first light."""
         model = self._model
         if groups not in self._casting:
             self._casting[groups] = np.flatnonzero(self._solid & np.isin(model.geom_group, groups))
@@ -78,7 +78,7 @@ class Shade:
             outlines = _outlines(axes, model.geom_size[shapes], self._box[shapes], self._rod[shapes])
             outlines += (center[above] @ slide.T)[:, None]
             height, width = surface.bright.shape
-            pixels = np.array([width, height]) // 2  # half of the resolution is enough for soft shadows
+            pixels = np.array([width, height]) // 2  # half the resolution is sufficient for soft shadows
             corners = (outlines / half_m[:2] * (1.0, -1.0) + 1.0) / 2.0 * pixels - 0.5  # first row: largest y
             soft = np.maximum(1, np.round(_SOFT_M * pixels / (2.0 * half_m[:2]))).astype(int)
             touched = _touched(corners, soft, pixels)
@@ -107,7 +107,7 @@ def _surfaces(model: mujoco.MjModel, context: mujoco.MjrContext) -> Iterator[_Su
 
 
 def _grain(pixels: tuple[int, int], width_m: float) -> np.ndarray:
-    """Return the fixed grain (height, width) uint8 of a table `width_m` wide along y. pixels: along x and y."""
+    """Return a table's fixed grain, (height, width) uint8. pixels: along x and y. width_m: table width along y."""
     width, height = pixels
     random = np.random.default_rng(7)
     planks = max(1, round(width_m / _PLANK_M))
@@ -121,7 +121,7 @@ def _grain(pixels: tuple[int, int], width_m: float) -> np.ndarray:
 
 
 def _along(noise: np.ndarray, length: int) -> np.ndarray:
-    """Return the moving average of `length` along cyclic rows, scaled to standard deviation 1."""
+    """Return the moving average over `length` samples along cyclic rows, scaled to standard deviation 1."""
     padded = np.concatenate([noise, noise[:, : length - 1]], axis=1)
     total = np.cumsum(np.pad(padded, ((0, 0), (1, 0))), axis=1)
     mean: np.ndarray = (total[:, length:] - total[:, :-length]) / length
@@ -129,7 +129,7 @@ def _along(noise: np.ndarray, length: int) -> np.ndarray:
 
 
 def _begin(texture: int, bright: np.ndarray) -> None:
-    """Make a texture of one channel without smaller copies: `mjr_uploadTexture`, which makes copies, takes 5 ms."""
+    """Create a one-channel texture without mipmaps; `mjr_uploadTexture`, which creates mipmaps, takes 5 ms."""
     height, width = bright.shape
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
     GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR)
@@ -139,7 +139,7 @@ def _begin(texture: int, bright: np.ndarray) -> None:
 
 
 def _upload(texture: int, at: np.ndarray, bright: np.ndarray) -> None:
-    """Replace the part of a texture with first column and row `at`."""
+    """Replace the part of a texture that starts at column and row `at`."""
     height, width = bright.shape
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
     GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
@@ -148,7 +148,7 @@ def _upload(texture: int, at: np.ndarray, bright: np.ndarray) -> None:
 
 
 def _touched(corners: np.ndarray, soft: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Return lowest and highest x, y (2, 2) of outlines with their soft edges and a rim, within a mask."""
+    """Return minimum and maximum x, y (2, 2) of outlines with soft edges and a margin, clipped to the mask."""
     if not len(corners):
         return _NOWHERE
     low = np.floor(corners.min(axis=(0, 1))).astype(int) - soft - 2
@@ -157,7 +157,7 @@ def _touched(corners: np.ndarray, soft: np.ndarray, pixels: np.ndarray) -> np.nd
 
 
 def _union(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the smallest area (lowest and highest x, y) with both in it; an empty area does not count."""
+    """Return the smallest area (minimum and maximum x, y) that contains both; empty areas are ignored."""
     if (a[1] <= a[0]).any():
         return b
     if (b[1] <= b[0]).any():
@@ -166,7 +166,7 @@ def _union(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _filled(corners: np.ndarray, soft: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Return (height, width) uint8: 255 within outlines (n, k, 2) pixels, with soft edges."""
+    """Return a mask (height, width) uint8: 255 within the outlines, (n, k, 2) pixels, with soft edges."""
     mask = np.zeros(pixels[::-1], np.uint8)
     polygons: np.ndarray = np.round(corners * (1 << _SUBPIXEL_BITS)).astype(np.int32)
     for polygon in polygons:
@@ -175,14 +175,14 @@ def _filled(corners: np.ndarray, soft: np.ndarray, pixels: np.ndarray) -> np.nda
 
 
 def _outlines(axes: np.ndarray, sizes: np.ndarray, is_box: np.ndarray, is_rod: np.ndarray) -> np.ndarray:
-    """Return corners (n, k, 2) of convex shadows about their centres: the farthest point in each of k directions.
+    """Return corners (n, k, 2) of convex shadows, relative to their centres: the farthest point in k directions.
 
-    axes: (n, 2, 3) shadows of each shape's unit axes. sizes: MuJoCo's. is_box, is_rod: (n,); others are ellipsoids.
+    axes: (n, 2, 3) projected unit axes of each shape. sizes: MuJoCo's. is_box, is_rod: (n,); others are ellipsoids.
     """
     toward = np.swapaxes(axes, 1, 2) @ _DIRECTIONS  # (n, 3, k)
     size = sizes[:, :, None]
     farthest = np.sign(toward) * size
-    # A rod's size is radius, half its length, 0. The round ends of a capsule count as flat.
+    # A rod's size is (radius, half length, 0). The round ends of a capsule are treated as flat.
     across, radius = toward[is_rod, :2], size[is_rod, :1]
     farthest[is_rod, :2] = across * (radius / (np.sqrt((across**2).sum(axis=1, keepdims=True)) + 1e-12))
     farthest[is_rod, 2:] = np.sign(toward[is_rod, 2:]) * size[is_rod, 1:2]
