@@ -1,8 +1,8 @@
-"""Registers of a simulated motor: as set up for an arm, as its flash keeps them, and as STORE writes them.
+"""Registers of a simulated motor: initial values, flash contents, and the effect of STORE.
 
-No public source documents a bad STORE, so the two ways to fail are our choice:
-- "reverts": STORE keeps the register that was written last; the others in RAM return to what flash holds.
-- "cut": the power fails in the middle. Half of the changed registers are in flash, and the motor is silent.
+No public source documents a failed STORE, so the two failure modes are our choice:
+- "reverts": STORE keeps only the register written last; the others in RAM revert to the flash contents.
+- "cut": the power fails during the write. Half of the changed registers are in flash, and the motor is silent.
 """
 
 import struct
@@ -17,7 +17,7 @@ WAYS = ("all", "reverts", "cut")
 
 
 def factory_registers(motor: ArmMotor | GripperMotor, serial: int) -> dict[int, float | int]:
-    """Return the value of each register of a profile's motor, with `serial` in SN; 0 in registers that nothing uses."""
+    """Return the registers of a profile's motor, with `serial` in SN; registers that nothing uses are 0."""
     row = motor_type(motor.type)
     held: dict[int, float | int] = dict.fromkeys(registers.REGISTERS, 0)
     held |= {
@@ -55,7 +55,7 @@ class Flash:
 
     Attributes:
         held: register number → stored value.
-        way: effect of a STORE, one of `WAYS`.
+        way: effect of STORE, one of `WAYS`.
         writes: number of STORE commands so far.
     """
 
@@ -64,7 +64,7 @@ class Flash:
         self.way, self.writes = "all", 0
 
     def store(self, ram: Mapping[int, float | int], last: int | None) -> dict[int, float | int]:
-        """Store the registers in `ram`, of which `last` was written last; return what RAM holds afterwards."""
+        """Store the registers in `ram`, of which `last` was written last; return the contents of RAM afterwards."""
         self.writes += 1
         changed = [number for number, value in ram.items() if value != self.held[number]]
         if self.way == "cut":

@@ -1,4 +1,4 @@
-"""Injected faults of a motor: frames lost on their way, and false measurements."""
+"""Injected faults of a motor: lost frames and false measurements."""
 
 import random
 from collections.abc import Sequence
@@ -12,15 +12,15 @@ State = tuple[float, float, float]
 
 @dataclass
 class LinkFaults:
-    """Faults between a motor and its driver; by default there are none."""
+    """Faults between a motor and its driver; none by default."""
 
     silent: bool = False  # no frame is obeyed or answered, as without power
-    drop_next: int = 0  # number of answers to lose
-    loss_rate: float = 0.0  # share of answers lost
-    command_loss_rate: float = 0.0  # share of commands and requests that the motor does not hear
-    wrong_id: int | None = None  # identifier of answers instead of the one in the registers
-    corrupt_rate: float = 0.0  # share of answers with random contents
-    corrupt_all: bool = False  # random contents also in the first byte: motor number and fault code
+    drop_next: int = 0  # number of replies to drop
+    loss_rate: float = 0.0  # fraction of replies that are lost
+    command_loss_rate: float = 0.0  # fraction of commands and requests that do not reach the motor
+    wrong_id: int | None = None  # identifier of replies instead of the one in the registers
+    corrupt_rate: float = 0.0  # fraction of replies with random contents
+    corrupt_all: bool = False  # whether the first byte, motor number and fault code, is random too
     set: bool = field(default=False, init=False)  # whether any other field differs from its default
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -29,15 +29,15 @@ class LinkFaults:
         self.__dict__["set"] = any(self.__dict__.get(row.name, row.default) != row.default for row in others)
 
     def any(self) -> bool:
-        """Return whether a fault changes the answers on the wire."""
+        """Return whether a fault changes the replies on the wire."""
         return bool(self.drop_next or self.loss_rate or self.corrupt_rate or self.wrong_id is not None)
 
     def unheard(self, chance: random.Random) -> bool:
-        """Draw whether the present frame is lost on its way to the motor."""
+        """Decide at random whether the current frame is lost before it reaches the motor."""
         return self.command_loss_rate > 0.0 and chance.random() < self.command_loss_rate
 
     def spoil(self, answer: Frame, chance: random.Random) -> Sequence[Frame]:
-        """Apply the faults to an answer; return the frames that remain."""
+        """Apply the faults to a reply; return the frames that remain."""
         if self.drop_next > 0:
             self.drop_next -= 1
             return ()
@@ -53,7 +53,7 @@ class LinkFaults:
 
 @dataclass
 class FalseReading:
-    """Offsets (joint sign) on the next `answers` answers, None for all; with `freeze` all repeat the first one.
+    """Offsets (joint sign) for the next `answers` replies, None for all; with `freeze`, all repeat the first reply.
 
     The motor's own servo uses the true values.
     """
@@ -66,7 +66,7 @@ class FalseReading:
     _frozen: State | None = field(default=None, init=False)
 
     def of(self, true: State, direction: int) -> State:
-        """Return the reported state for a true one, both in the motor's sign."""
+        """Return what the faulty motor reports when its true state is `true`; both in the motor's sign convention."""
         if self.answers is not None:
             if self.answers <= 0:
                 return true

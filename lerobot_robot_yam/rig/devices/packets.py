@@ -1,8 +1,8 @@
 """Packets between a bus client and the rig, and the time that their frames occupy the wire.
 
-A packet is any number of 24-byte records (stamp, identifier, length, flags, data). Towards the rig the stamp is
-the time of the send call. Towards the client it is the time at which the wire delivers the frame, until which the
-client waits. So a whole tick travels as one packet each way and takes as long as on a real bus.
+A packet consists of 24-byte records (stamp, identifier, length, flags, data). In packets sent to the rig, the stamp is
+the time at which `send` was called. In packets to the client, the stamp is the time at which the wire delivers the
+frame; the client waits until then. A whole tick thus travels as one packet each way and takes as long as on a real bus.
 """
 
 import struct
@@ -22,13 +22,13 @@ FLAG_EXTENDED = 1
 FLAG_REMOTE = 2
 FLAG_ERROR = 4  # frame of the interface itself, never on the wire
 
-WAKE = b"\0"  # a packet without frames, after which the receiver checks its link
+WAKE = b"\0"  # a packet without frames, which makes the receiver check its link
 
-_OLDEST_SEND_S = 0.05  # largest age of a send stamp, s; older stamps, of a descheduled sender, count as this old
+_OLDEST_SEND_S = 0.05  # maximum age of a send stamp, s; older stamps, of a descheduled sender, are clamped
 
 
 class Frame(NamedTuple):
-    """One CAN frame with its time stamp, monotonic s: when it was sent or delivered, see the module's docstring."""
+    """One CAN frame with the monotonic time at which it was sent or delivered, s; see the module's docstring."""
 
     stamp_s: float
     id: int
@@ -45,7 +45,7 @@ def pack_one(stamp_s: float, ident: int, data: bytes | bytearray, flags: int) ->
 
 
 def unpack(packet: bytes) -> list[Frame]:
-    """Decode a packet. Raises BusError: the packet is not a whole number of records."""
+    """Decode a packet. Raises BusError: the packet size is not a multiple of the record size."""
     if len(packet) % RECORD_SIZE:
         raise BusError(f"a packet of {len(packet)} bytes is not made of {RECORD_SIZE}-byte records")
     return [
@@ -54,7 +54,7 @@ def unpack(packet: bytes) -> list[Frame]:
 
 
 def pack_messages(messages: Sequence[can.Message], now_s: float) -> bytes:
-    """Encode python-can's messages, sent at `now_s`, as one packet. Raises BusError: a message is not classic CAN."""
+    """Encode python-can messages, sent at `now_s`, as one packet. Raises BusError: a message is not classic CAN."""
     records = []
     for message in messages:
         if message.is_fd:
@@ -65,7 +65,7 @@ def pack_messages(messages: Sequence[can.Message], now_s: float) -> bytes:
 
 
 def message_of(frame: Frame, channel: str) -> can.Message:
-    """Convert a received frame into python-can's message."""
+    """Convert a received frame to a python-can message."""
     stamp_s, ident, data, flags = frame
     return can.Message(
         timestamp=stamp_s,
@@ -81,8 +81,8 @@ def message_of(frame: Frame, channel: str) -> can.Message:
 class Wire:
     """Occupancy of one bus: frames follow one another, `FRAME_TIME_S` each, in the order of the calls.
 
-    Frames that are ready at the same time need the order of CAN's arbitration: commands before replies, whose
-    identifiers are higher.
+    Callers must pass frames that are ready at the same time in the order of CAN arbitration: commands before replies,
+    whose identifiers are higher.
     """
 
     def __init__(self) -> None:
@@ -90,14 +90,14 @@ class Wire:
         self.frames = 0
 
     def transmit(self, ready_s: float) -> float:
-        """Put a frame that is ready at `ready_s` on the wire; return the time at which it is delivered, s."""
+        """Transmit a frame that is ready at `ready_s`; return the time at which it is delivered, s."""
         start = ready_s if ready_s > self.free_at_s else self.free_at_s
         self.free_at_s = start + FRAME_TIME_S
         self.frames += 1
         return self.free_at_s
 
     def transmit_all(self, ready_s: float, count: int) -> list[float]:
-        """Put `count` frames that are ready at `ready_s` on the wire; return the time at which each is delivered, s."""
+        """Transmit `count` frames that are ready at `ready_s`; return the time at which each is delivered, s."""
         start = ready_s if ready_s > self.free_at_s else self.free_at_s
         _, *through_s = accumulate(repeat(FRAME_TIME_S, count), initial=start)
         self.free_at_s = through_s[-1]
@@ -106,5 +106,5 @@ class Wire:
 
 
 def send_time(stamp_s: float, now_s: float) -> float:
-    """Clamp a client's send stamp to the plausible times at `now_s`; NaN counts as old."""
-    return min(max(now_s - _OLDEST_SEND_S, stamp_s), now_s)  # max returns its first argument beside NaN
+    """Clamp a client's send stamp to plausible times at `now_s`; NaN counts as old."""
+    return min(max(now_s - _OLDEST_SEND_S, stamp_s), now_s)  # max returns its first argument if the other is NaN

@@ -1,7 +1,7 @@
-"""Simulated encoders on a leader's bus: a teaching handle's, and those of a leader without motors.
+"""Simulated encoders on a leader's bus: those of a teaching handle, and those of a leader without motors.
 
-The encoders behave as with firmware 2.4.0, set to report on request, as far as the driver uses it: they send no events.
-Unlike real encoders, they keep the order of replies to overlapping requests.
+The encoders behave like firmware 2.4.0, set to report on request, as far as the driver uses it: they send no events.
+Unlike real encoders, they preserve the order of replies to overlapping requests.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ _DEVICE = 1
 
 
 class SimHandle:
-    """Trigger and two buttons, moved by the operator or a test; answers requests on 0x50E.
+    """Trigger and two buttons, moved by the operator or a test; replies to requests on 0x50E.
 
     device: number of the handle in requests and replies.
     """
@@ -37,18 +37,18 @@ class SimHandle:
         self._eeprom[encoder.EEPROM_ADC_FREQUENCY_LOW] = encoder.ADC_FREQUENCY
 
     def requests(self, data: bytes) -> list[Frame]:
-        """Return the answers of all speaking devices to a frame with identifier 0x50E."""
+        """Return the replies of all devices that are not silent to a frame with identifier 0x50E."""
         return [answer for device in self._speaking() if (answer := device.request(data)) is not None]
 
     def due_reports(self, now_s: float) -> list[Frame]:
-        """Return the periodic reports of all speaking devices that are due."""
+        """Return the due periodic reports of all devices that are not silent."""
         return [report for device in self._speaking() if (report := device.due_report(now_s)) is not None]
 
     def _speaking(self) -> "list[SimHandle]":
         return [self]
 
     def request(self, data: bytes) -> Frame | None:
-        """Answer a frame with identifier 0x50E; return None for settings and unknown requests."""
+        """Reply to a frame with identifier 0x50E; return None for settings and unknown requests."""
         if self.silent or len(data) < 2 or data[0] not in (self._device, encoder.ALL_DEVICES):
             return None
         opcode, parameters = data[1], data[2:]
@@ -72,21 +72,21 @@ class SimHandle:
         return None if answer is None else Frame(0.0, encoder.REQUEST_ID, answer)
 
     def set_report_frequency(self, hz: int) -> None:
-        """Set the rate of reports that are sent without a request; 0 for none."""
+        """Set the rate of unsolicited reports; 0 for none."""
         hz = min(hz, encoder.REPORT_FREQUENCY_MAX_HZ)
         self.report_period_s = 1.0 / hz if hz else 0.0
         self._eeprom[encoder.EEPROM_REPORT_FREQUENCY_LOW] = hz & 0xFF
         self._eeprom[encoder.EEPROM_REPORT_FREQUENCY_HIGH] = hz >> 8
 
     def due_report(self, now_s: float) -> Frame | None:
-        """Return the periodic report that is due, if any."""
+        """Return the periodic report if it is due, else None."""
         if self.report_period_s == 0.0 or now_s < self._next_report_s or self.silent:
             return None
         self._next_report_s = max(self._next_report_s + self.report_period_s, now_s)
         return self.report()
 
     def report(self) -> Frame:
-        """Encode the present state as a report."""
+        """Encode the current state as a report."""
         data = encoder.encode_report(self._position_rad(), self._rate_rad_s(), self.buttons, self._device)
         return Frame(0.0, encoder.REPORT_ID, data)
 
@@ -98,7 +98,7 @@ class SimHandle:
 
 
 class SimJointEncoder(SimHandle):
-    """Encoder with a device number of its own that reports the angle of one of the arm's joints in the world."""
+    """Encoder with its own device number that reports the angle of one of the arm's joints in the world."""
 
     def __init__(self, world: World, device: int, position: int, velocity: int, sign: int):
         super().__init__(device)
@@ -112,12 +112,12 @@ class SimJointEncoder(SimHandle):
 
 
 class SimEncoders(SimHandle):
-    """All encoders of a leader without motors, in place of a handle: a device per joint, the last for the trigger.
+    """All encoders of a leader without motors, in place of a handle: one device per joint, the last for the trigger.
 
-    The encoders are silent until a request or until their report frequency is set.
+    The encoders are silent until they receive a request or their report frequency is set.
 
     Attributes:
-        silent_devices: indices, from 0, of encoders that neither report nor answer.
+        silent_devices: indices, from 0, of encoders that neither report nor reply.
     """
 
     travel_rad = TRIGGER_TRAVEL_RAD

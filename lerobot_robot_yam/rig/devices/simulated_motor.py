@@ -1,11 +1,11 @@
-"""A simulated Damiao motor: frames in, feedback out, registers, states, watchdog.
+"""A simulated Damiao motor: decodes frames and returns feedback; has registers, states and a watchdog.
 
-No public source documents these rules; they are our choice:
+No public source documents the following rules; they are our choice:
 - ENABLE does not clear a fault; CLEAR does, and leaves the motor disabled.
-- Only frames to the motor's own command identifiers feed the watchdog.
-- A command of another mode than CTRL_MODE is answered but not obeyed. No driver of ours leaves MIT mode, so this motor
-  obeys MIT commands alone.
-- The answer to STORE is an echo of the request.
+- Only frames to the motor's own command identifiers reset the watchdog.
+- A command of a mode other than CTRL_MODE is answered but not obeyed. Our drivers never leave MIT mode, so this motor
+  obeys only MIT commands.
+- The reply to STORE is an echo of the request.
 """
 
 import contextlib
@@ -32,20 +32,20 @@ from lerobot_robot_yam.rig.devices.thermometer import Thermometer
 from lerobot_robot_yam.rig.world.shafts import Drive, LooseShaft
 from lerobot_robot_yam.rig.world.world import World
 
-_NORMAL = int(Fault.NORMAL)  # state without a fault, as a plain number: looking up an enumeration is slow
+_NORMAL = int(Fault.NORMAL)  # state without a fault, as a plain number because enum look-ups are slow
 _RANGES = (Register.PMAX, Register.VMAX, Register.TMAX)
-AHEAD_S = 0.003  # longest time over which a sample is extrapolated, s
-_TWIN_OFFSET_RAD = 0.3  # second motor's angle minus the first one's at the rig's start; our choice
-_TWIN_SERIAL = 100_000  # second motor's serial number minus the first one's
+AHEAD_S = 0.003  # maximum time over which a sample is extrapolated, s
+_TWIN_OFFSET_RAD = 0.3  # second motor's angle minus the first motor's at the rig's start; our choice
+_TWIN_SERIAL = 100_000  # second motor's serial number minus the first motor's
 
 
 class SimMotor:
     """One motor on one drive.
 
     Args:
-        row: the motor's row in its profile; answers have the row's CAN id + 16.
+        row: the motor's row in its profile; replies initially have the row's CAN id + 16.
         zero_rad: motor angle at joint angle 0.
-        log: function that is called with the kind and the details of each event.
+        log: callback that receives the kind and the details of each event.
         serial: content of register SN.
     """
 
@@ -62,7 +62,7 @@ class SimMotor:
         self.name, self.kind, self.direction, self.zero_rad = row.name, row.type, row.direction, zero_rad
         self.fault: int = Fault.DISABLED
         self.faults = LinkFaults()
-        self.sticky_fault = False  # whether CLEAR leaves the fault
+        self.sticky_fault = False  # whether the fault survives CLEAR
         self.unpowered = False
         self.bias_nm = 0.0  # see `set_bias`
         self.reading: FalseReading | None = None
@@ -74,7 +74,7 @@ class SimMotor:
         self.last_command_s = 0.0  # simulated time of the last command, s
         self._registers = factory_registers(row, serial)
         self.flash = Flash(self._registers)
-        self._written: int | None = None  # the last register written
+        self._written: int | None = None  # register written last
         self._registers_changed()
 
     @property
@@ -82,9 +82,9 @@ class SimMotor:
         return self.fault == _NORMAL
 
     def plain_settings(self) -> tuple[float, int, int] | None:
-        """Return zero angle and both identifiers if the motor is plain, else None, for `WholeTick`.
+        """Return zero angle and both identifiers for `WholeTick` if the motor is plain, else None.
 
-        Plain means enabled in MIT mode, without faults and with the settings of its type.
+        Plain means enabled in MIT mode, without faults, and with the default settings of the motor's type.
         """
         thermometer = self.thermometer
         if (
@@ -99,18 +99,18 @@ class SimMotor:
 
     @property
     def torque_nm(self) -> float:
-        """Torque that the motor exerts at the joint, joint sign."""
+        """Torque that the motor exerts at the joint, Nm, joint sign."""
         return self.drive.torque()
 
     @property
     def motor_angle_rad(self) -> float:
-        """True multi-turn motor angle in rad."""
+        """True multi-turn motor angle, rad."""
         return self.direction * self.drive.angle() + self.zero_rad
 
     # frames
 
     def command(self, offset: int, data: bytes, at_s: float) -> Frame | None:
-        """Obey and answer a frame to identifier can_id + offset, delivered at `at_s`. This runs once per frame."""
+        """Execute a frame to identifier can_id + offset, delivered at `at_s`, and reply. Runs once per frame."""
         if self.faults.silent:
             return None
         special = codec.SPECIAL_OF.get(data)
@@ -122,7 +122,7 @@ class SimMotor:
         return self.feedback(at_s)
 
     def request(self, data: bytes, at_s: float) -> Frame | None:
-        """Answer a register request addressed to this motor, delivered at `at_s`."""
+        """Reply to a register request addressed to this motor, delivered at `at_s`."""
         request = registers.decode_request(data)
         if self.faults.silent or request is None:
             return None
@@ -134,20 +134,20 @@ class SimMotor:
             return None
         if request.opcode == Opcode.WRITE and registers.REGISTERS[request.register].writable:
             assert request.value is not None
-            with contextlib.suppress(ConfigError):  # the answer then shows the old value
+            with contextlib.suppress(ConfigError):  # the reply then contains the old value
                 self.set_register(request.register, request.value)
                 self._written = request.register
         angle = request.register in (Register.P_M, Register.XOUT)
         value = self.motor_angle_rad if angle else self._registers[request.register]
-        # The write may have changed the identifier; the answer has the one of the request.
+        # The write may have changed the identifier; the reply has the identifier of the request.
         answer = registers.encode_reply(request.motor_id, request.opcode, request.register, value)
         return Frame(0.0, self.master_id, answer)
 
     def feedback(self, at_s: float) -> Frame:
-        """Encode the state at monotonic time `at_s`; the caller sets the frame's stamp. This runs once per frame.
+        """Encode the state at monotonic time `at_s`; the caller sets the frame's stamp. Runs once per frame.
 
-        The physics may be behind `at_s` by the time of a packet on the wire. So the position is extrapolated with the
-        velocity, which over 3 ms is exact to less than the frame's last bit.
+        The physics may be behind `at_s` by the transmission time of a packet. The position is therefore extrapolated
+        with the velocity, which over 3 ms is accurate to less than the frame's last bit.
         """
         direction, drive, world = self.direction, self.drive, self.world
         ahead = at_s - world.stamp_s
@@ -171,7 +171,7 @@ class SimMotor:
     # state
 
     def look_after_itself(self) -> None:
-        """Enter a fault when too hot, or without a command for too long; call this every few ms of simulated time."""
+        """Enter a fault if too hot, or if commands time out; must be called every few ms of simulated time."""
         sim_s = self.world.sim_s
         if self.thermometer.ramp is not None and self.fault in (Fault.NORMAL, Fault.DISABLED):
             hot = self.thermometer.tripped(self._registers[Register.OT_VALUE], sim_s)
@@ -185,15 +185,15 @@ class SimMotor:
             self.twin.look_after_itself()
 
     def set_bias(self, torque_nm: float) -> None:
-        """Add a torque (joint sign, Nm) while the motor is enabled; the motor does not report it."""
+        """Add a torque (joint sign, Nm) while the motor is enabled; the motor does not report this torque."""
         self.bias_nm = torque_nm
         self.drive.load(torque_nm if self.fault == Fault.NORMAL else 0.0)
 
     def plug_in_twin(self, angle_rad: float | None = None) -> None:
-        """Add a second motor with the same identifiers, which hears each frame and answers after this one.
+        """Add a second motor with the same identifiers, which receives each frame and replies after this motor.
 
-        The second motor starts limp, with its own registers and a bare shaft at `angle_rad` (joint sign), and obeys MIT
-        commands. The names of its events begin with second_: second_motor_enabled and so on.
+        The second motor starts limp, has separate registers and a bare shaft at `angle_rad` (joint sign), and obeys MIT
+        commands. Its event kinds have the prefix second_, for example second_motor_enabled.
         """
         angle = self._start_rad + _TWIN_OFFSET_RAD if angle_rad is None else angle_rad
         shaft = LooseShaft(self.world, angle, self.ranges[2])
@@ -206,7 +206,7 @@ class SimMotor:
         self.twin = SimMotor(row, self.zero_rad, shaft, self.world, log, serial)
 
     def fail(self, fault: int) -> None:
-        """Enter a fault: torque off."""
+        """Enter a fault and switch the torque off."""
         self._limp()
         self.fault = fault
         self._log("motor_fault", motor=self.name, fault=int(fault))
@@ -218,8 +218,8 @@ class SimMotor:
         self._limp()
 
     def set_register(self, register: int, value: float) -> None:
-        """Overwrite a register, also a read-only one. Raises ConfigError: there is no such register or value."""
-        registers.encode_value(register, value)  # checks
+        """Overwrite a register, including read-only ones. Raises ConfigError: unknown register or invalid value."""
+        registers.encode_value(register, value)  # checks the value
         if register in _RANGES and value <= 0:
             raise ConfigError(f"register {registers.REGISTERS[register].name} must be positive, not {value}")
         if register in (Register.MST_ID, Register.ESC_ID) and value > REGISTER_ID:
@@ -228,7 +228,7 @@ class SimMotor:
         self._registers_changed()
 
     def power(self, on: bool) -> None:
-        """Switch the power off (the motor is limp and silent) or on again (with the registers in flash)."""
+        """Switch the power off (the motor is limp and silent), or on again with the registers in flash."""
         if on and self.unpowered:
             self._registers = dict(self.flash.held)
             self._registers_changed()
@@ -259,14 +259,14 @@ class SimMotor:
             self._limp()
 
     def _obey(self, position: float, velocity: float, kp: float, kd: float, torque: float) -> None:
-        """Servo to a command in motor coordinates, packed in the ranges of the motor's type."""
+        """Follow a command in motor coordinates, packed in the ranges of the motor's type."""
         if self._scales is not None:
             by = self._scales
             position, velocity, torque = position / by[0], velocity / by[1], torque / by[2]
         direction = self.direction
         true = self.zero_rad + direction * self.drive.angle()
         p_max = self.ranges[0]
-        if not -p_max <= true <= p_max:  # commands count within the turn that feedback reports
+        if not -p_max <= true <= p_max:  # commands refer to the turn that feedback reports
             position += true - ((true + p_max) % (2 * p_max) - p_max)
         self.drive.command(direction * (position - self.zero_rad), direction * velocity, kp, kd, direction * torque)
 
@@ -279,7 +279,7 @@ class SimMotor:
         self.mode = int(held[Register.CTRL_MODE])
         self.master_id = int(held[Register.MST_ID])
         self._timeout_s = held[Register.TIMEOUT] * TIMEOUT_COUNT_S
-        # The codec packs with the type's ranges; for other ranges in the registers the values are scaled.
+        # The codec packs with the type's ranges; if the registers have other ranges, the values are scaled.
         scales = tuple(mine / held[register] for mine, register in zip(self.ranges, _RANGES, strict=False))
         self._scales: tuple[float, ...] | None = None if all(abs(s - 1) < 1e-6 for s in scales) else scales
         self._plainly_set = self._scales is None and self.mode == ControlMode.MIT

@@ -1,42 +1,42 @@
-"""Temperatures of one simulated motor, as it reports them, and the faults that it enters when too hot."""
+"""Temperatures reported by one simulated motor, and its over-temperature faults."""
 
 import random
 from dataclasses import dataclass
 
 from lerobot_robot_yam.damiao.tables import Fault
 
-COIL_LIMIT_C = 100.0  # our choice for every motor; the power stage's limit is register OT_VALUE
-_REST_C = (35.5, 40.5)  # power stage and coil at rest; these and the gains are from the vendor's simulation
+COIL_LIMIT_C = 100.0  # our choice for all motors; the limit of the power stage is register OT_VALUE
+_REST_C = (35.5, 40.5)  # power stage and coil at rest; these values and the gains are from the vendor's simulation
 _GAIN_C_PER_W = (0.5, 0.8)
 _TIME_CONSTANT_S = (20.0, 60.0)  # time constants of power stage and coil; our estimate
-PERIOD_S = 0.02  # time between two measurements, s; our choice
+PERIOD_S = 0.02  # interval between measurements, s; our choice
 
 
 @dataclass(frozen=True)
 class Ramp:
-    """A temperature of both parts that changes evenly from `from_c` at simulated time `since_s`."""
+    """Temperature of both parts, which changes linearly from `from_c` at simulated time `since_s`."""
 
     rate_c_per_s: float
     from_c: float
     since_s: float
 
     def at(self, sim_s: float) -> float:
-        """Return the temperature at a simulated time, °C."""
+        """Return the temperature at simulated time `sim_s`, °C."""
         return self.from_c + self.rate_c_per_s * (sim_s - self.since_s)
 
 
 class Thermometer:
     """Power stage ("mos") and coil ("rotor") of one motor, °C.
 
-    held: fixed false readings, to which the motor does not react. ramp: a real change, to which it reacts. chance:
-    source of the noise. word: the last measurement as the two bytes of a feedback frame.
+    held: fixed false readings, to which the motor does not react. ramp: a real change, to which the motor reacts.
+    chance: source of the noise. word: the last measurement as two bytes of a feedback frame.
     """
 
     def __init__(self, chance: random.Random):
         self.held: tuple[float, float] | None = None
         self.ramp: Ramp | None = None
         self._chance = chance
-        self._warmth = (0.0, 0.0)  # °C above rest
+        self._warmth = (0.0, 0.0)  # temperature rise above rest, °C
         self.measured_at_s = -PERIOD_S
         self._measured = _REST_C
         self.word = 0
@@ -44,8 +44,8 @@ class Thermometer:
     def read(self, velocity_rad_s: float, torque_nm: float, sim_s: float, sample_s: float) -> tuple[int, int]:
         """Return the temperatures of power stage and coil, °C, reported for a sample of monotonic time `sample_s`.
 
-        Without a fault this is the formula of the vendor's simulation behind a low-pass filter, because metal does not
-        follow the power within a tick.
+        Without a fault this is the vendor simulation's formula with a low-pass filter, because metal does not follow
+        the power within a tick.
         """
         if not 0.0 <= sim_s - self.measured_at_s < PERIOD_S:
             self._measure(abs(velocity_rad_s * torque_nm), sim_s)
@@ -67,7 +67,7 @@ class Thermometer:
         self.word = min(max(int(mos), 0), 0xFF) << 8 | min(max(int(rotor), 0), 0xFF)
 
     def tripped(self, mos_limit_c: float, sim_s: float) -> Fault | None:
-        """Return the fault that the motor enters because it is too hot, if any."""
+        """Return the over-temperature fault that the motor enters, if any."""
         if self.ramp is None:
             return None
         warm = self.ramp.at(sim_s)

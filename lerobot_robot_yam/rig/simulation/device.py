@@ -1,4 +1,4 @@
-"""The rig without its sockets: a world, the channels with motors and handles, hands, pushes, the judge, the events."""
+"""The rig without sockets: world, channels with motors and handles, hands, pushes, judge and event log."""
 
 import itertools
 from collections import deque
@@ -22,12 +22,12 @@ from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import gripper_stroke
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
-_SLOW_PERIOD_S = 0.005  # period of watchdogs and the judge, simulated time
+_SLOW_PERIOD_S = 0.005  # period of watchdogs and the judge, in simulated time
 _EVENTS_KEPT = 20_000
 
 
 class EventLog:
-    """Numbered events in order, with simulated times and those of the rig's clock; the oldest are dropped.
+    """Numbered events in order, with simulated time and the time of the rig's clock; the oldest are dropped.
 
     next_number: number of the next event.
     """
@@ -38,24 +38,24 @@ class EventLog:
         self.next_number = 0
 
     def add(self, kind: str, **details: Any) -> None:
-        """Log an event of `kind`; `details` must be representable in JSON."""
+        """Log an event of `kind`; `details` must be serialisable as JSON."""
         times = {"sim_s": round(self._world.sim_s, 4), "monotonic_s": self._clock.now()}
         event = {**details, "number": self.next_number, **times, "kind": kind}
         self._events.append(event)
         self.next_number += 1
 
     def since(self, number: int, limit: int | None = None) -> list[dict[str, Any]]:
-        """Return the events from `number` on, at most `limit`."""
+        """Return the events from `number` on, at most `limit` of them."""
         return list(itertools.islice((event for event in self._events if event["number"] >= number), limit))
 
 
 class RigDevice:
-    """Everything simulated. Owned by one thread, driven by `advance` with the time of `clock`.
+    """Everything that is simulated. Owned by one thread, which calls `advance` with the time of `clock`.
 
     Attributes:
-        operations: name → further operation for clients, besides those of `RigOperations`.
-        each_step: functions that are called after each step of the physics, which is then simulated step by step.
-        each_advance: functions that are called after each `advance` that has simulated a step.
+        operations: name → additional operation for clients, besides those of `RigOperations`.
+        each_step: callbacks after each physics step; if there are any, the physics is simulated step by step.
+        each_advance: callbacks after each `advance` that has simulated at least one step.
         loaded: files that `RigOperations.load` has run.
     """
 
@@ -81,7 +81,7 @@ class RigDevice:
         self.leaders = [row.channel for row in scene.arms if row.role == "leader"]
         self.judge = Judge(self.world)
         self.presses = ButtonPresses(self._log_button)
-        self._pushes: dict[str, float] = {}  # source → simulated time of the end
+        self._pushes: dict[str, float] = {}  # source → simulated end time
         self._all_motors = [motor for channel in self.channels.values() for motor in channel.motors]
         self._adapters = [channel.adapter for channel in self.channels.values()]
         self.operations: dict[str, Callable[..., Any]] = {}
@@ -123,11 +123,11 @@ class RigDevice:
 
     @property
     def due_s(self) -> float:
-        """Time at which an adapter next has a command to deliver; infinity for none."""
+        """Time at which an adapter next has a command to deliver; infinity if no command is queued."""
         return min([adapter.due_s for adapter in self._adapters])
 
     def advance(self, now_s: float) -> None:
-        """Simulate up to a time of the clock."""
+        """Simulate up to time `now_s` of the clock."""
         while (due_s := self.due_s) <= now_s:
             self._simulate(due_s)
             for channel in self.channels.values():
@@ -186,13 +186,13 @@ class RigDevice:
         return any(motor.enabled for motor in self.channels[channel].motors)
 
     def push(self, body: int, force_n: np.ndarray, seconds: float, site: int | None = None) -> None:
-        """Push a body with a force (3,) N in world axes for a time, at a site or at the centre of mass."""
+        """Push a body with a force (3,), N, in world axes for `seconds`, at a site or at the centre of mass."""
         source = f"push {body}"
         self.forces.apply(source, body, force_n, site=site)
         self._pushes[source] = self.world.sim_s + seconds
 
     def leaders_energised(self) -> bool:
-        """Return whether there are leaders and all their motors are enabled."""
+        """Return whether there are leaders, and all their motors are enabled."""
         return bool(self.leaders) and all(
             motor.enabled for channel in self.leaders for motor in self.channels[channel].motors
         )

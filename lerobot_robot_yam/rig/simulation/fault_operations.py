@@ -1,4 +1,4 @@
-"""Operations that make channels, motors and cameras of a rig fail: the effect of each kind of fault, and its end."""
+"""Operations that make channels, motors and cameras of a rig fail; how each kind of fault starts and ends."""
 
 import math
 from collections.abc import Callable
@@ -22,7 +22,7 @@ _COUNT_MAX = 1_000_000
 _DELAY_MAX_S = 10.0
 _EVERY_MAX_S = 1000.0
 _MASS_MAX_KG = 50.0
-_RATE_MAX_HZ = 5000.0  # largest rate of a foreign driver: one wire carries less than 8000 frames a second
+_RATE_MAX_HZ = 5000.0  # maximum rate of a foreign driver: one wire carries fewer than 8000 frames per second
 _TORQUE_MAX_NM = 100.0
 _BYTE_MAX = 255.0
 _TEMPERATURE_MAX_C = 1000.0
@@ -92,7 +92,7 @@ CHANNEL_KINDS: dict[str, Callable[[RigDevice, Channel, Any], None]] = {
 
 
 def _link_fault(name: str, check: Callable[[Any], Any]) -> Callable[[SimMotor, Any, _Details], None]:
-    """Make the function of a fault kind that sets the field `name` of `LinkFaults`."""
+    """Return the setter for a fault kind that sets the field `name` of `LinkFaults`."""
     return lambda motor, value, details: setattr(motor.faults, name, check(value))
 
 
@@ -174,52 +174,52 @@ KINDS = (*MOTOR_KINDS, *CHANNEL_KINDS)
 
 
 class FaultOperations(Operations):
-    """Faults of channels, motors and cameras."""
+    """Operations that inject faults into channels, motors and cameras."""
 
     @operation
     def fault(self, channel: str, motor: str | int | None, kind: str, value: Any = True, **details: Any) -> None:
-        """Make something fail, until `clear_faults` or the same kind with False, 0 or its usual value.
+        """Inject a fault, until `clear_faults` or until the same kind is set to False, 0 or its normal value.
 
         Kinds for one motor (name or CAN id) or, with None, for all motors of the channel:
-            "silent" (bool): obeys and answers nothing.
-            "power" (bool): False cuts the power; True restores it, with the registers that the flash holds.
-            "storing" ("reverts" or "cut", or False): effect of STORE: other registers return to what flash holds; or
-                the power fails in the middle.
-            "drop_next" (answers), "loss_rate" (0 … 1): answers are lost.
-            "command_loss_rate" (0 … 1): share of lost frames to the motor.
+            "silent" (bool): ignores all frames and sends no replies.
+            "power" (bool): False cuts the power; True restores it, and the registers return to those in flash.
+            "storing" ("reverts" or "cut", or False): effect of STORE: the other registers revert to the flash contents,
+                or the power fails during the write.
+            "drop_next" (number of replies), "loss_rate" (0 … 1): replies are lost.
+            "command_loss_rate" (0 … 1): fraction of frames to the motor that are lost.
             "duplicate" (bool, or {"q_rad": rad}): a second motor has the same identifiers, see "second_arm".
-            "wrong_id" (identifier, or False): answers have this identifier instead of the one in the registers.
-            "corrupt_rate" (0 … 1; all_bytes=True): share of answers with random contents; motor number and fault
-                code stay right without all_bytes.
+            "wrong_id" (identifier, or False): replies have this identifier instead of the one in the registers.
+            "corrupt_rate" (0 … 1; all_bytes=True): fraction of replies with random contents; motor number and fault
+                code stay intact unless all_bytes is set.
             "reading" ({"position_rad", "velocity_rad_s", "torque_nm", "answers", "freeze"}, each optional, or False):
-                answers are false, for the next `answers` of them or all; the motor's own servo is not affected. These
+                the next `answers` replies, by default all, are false; the motor's own servo is not affected. The given
                 offsets are added (joint sign; positions wrap at the end of the frame's range). With "freeze": true all
-                repeat the first one's position, velocity and torque.
+                these replies repeat position, velocity and torque of the first.
             "temperatures_c" ([power stage, coil] °C, or False): false readings; the motor does not react.
-            "temperature_ramp" ({"rate_c_per_s", "from_c"}, or False): the motor warms or cools from from_c on. At
-                OT_VALUE (power stage, 0xB) or 100 °C (coil, 0xC) it switches off, and again after CLEAR if still hot.
+            "temperature_ramp" ({"rate_c_per_s", "from_c"}, or False): the motor warms or cools from from_c. At OT_VALUE
+                (power stage, 0xB) or 100 °C (coil, 0xC) it switches off, and again after CLEAR if still too hot.
             "torque_bias_nm" (Nm, joint sign): torque that the motor adds while enabled, and does not report.
             "stuck" (bool): jammed. "friction_nm" (Nm): additional dry friction.
-            "nibble" (fault code; sticky=True survives CLEAR): the motor fails with that code now.
-            "register" (value; register=number): overwrites a register, also a read-only one.
-        Kinds for the channel, motor None:
-            "link_down" (bool): as `ip link set canX down`: send and receive raise "Network is down".
-            "adapter_gone" (bool): open buses are dead for good ("No such device"), opening raises BusError.
-            "bus_off" (bool): one error frame (0x40), no frame passes, sends raise "No buffer space available"
-                after 10 frames; ended by False, or by link_down.
-            "cable_out" (bool): no frame passes, without an error.
+            "nibble" (fault code; sticky=True survives CLEAR): the motor enters this fault now.
+            "register" (value; register=number): overwrites a register, including read-only ones.
+        Kinds for the channel, with motor None:
+            "link_down" (bool): as after `ip link set canX down`: send and receive raise "Network is down".
+            "adapter_gone" (bool): open buses fail permanently ("No such device"), opening a bus raises BusError.
+            "bus_off" (bool): one error frame (0x40), then no frames pass, and sends raise "No buffer space available"
+                after 10 frames; ended by False or by link_down.
+            "cable_out" (bool): frames are lost in both directions, without an error.
             "foreign" ({"id", "rate_hz", "payload": "hold" or "zero"}, or False): another computer sends frames to
-                that identifier: MIT commands to stay at the motor's position, or zero bytes. Motors obey and answer.
-            "latency_s" (s): delay of commands and of answers. Time stamps are those of the arrival at the host.
-            "hold_back" ({"seconds", "every_s"}, or False): from now on, once or again every every_s, the adapter keeps
-                received frames back for `seconds`, then delivers them at once, in order, stamped with that moment.
+                this identifier: MIT commands to stay at the motor's position, or zero bytes. Motors obey and reply.
+            "latency_s" (s): delay of commands and of replies. Timestamps are times of arrival at the host.
+            "hold_back" ({"seconds", "every_s"}, or False): from now on, once or every every_s, the adapter holds
+                received frames back for `seconds`, then delivers them all at once, in order, stamped with that time.
             "second_arm" (bool, or {"q_rad": rad per motor, joint sign}): another arm with the same identifiers is on
-                the bus. Each of its motors receives all frames and answers after the first arm's, with its own
-                registers, fault code and bare shaft. The second arm is limp until enabled. Without q_rad the shafts are
-                0.3 rad from the arm's pose at the rig's start. `state` shows its motors as second_motors.
-            "payload_kg" (kg): a point mass at the tool.
-            "handle_silent" (bool).
-            "encoders_silent" (bool, or numbers of devices from 0): encoders of a leader without motors.
+                the bus. Each of its motors receives all frames and replies after the first arm's motor, with separate
+                registers, fault code and bare shaft. The second arm is limp until enabled. Without q_rad each shaft is
+                0.3 rad from the arm's pose at the rig's start. `state` lists its motors as second_motors.
+            "payload_kg" (kg): point mass at the tool.
+            "handle_silent" (bool): the teaching handle sends nothing.
+            "encoders_silent" (bool, or device numbers from 0): encoders of a leader without motors send nothing.
         """
         device, where = self.device, self._channel_of(channel)
         try:
@@ -239,7 +239,7 @@ class FaultOperations(Operations):
 
     @operation
     def clear_faults(self, channel: str) -> None:
-        """Undo all that `fault` did to the channel, except registers and latched fault codes."""
+        """Undo all faults of the channel, except overwritten registers and latched fault codes."""
         device, where = self.device, self._channel_of(channel)
         where.set_link(device.clock.now(), bus_off=False, down=False, gone=False)
         where.cable_out = False
@@ -258,14 +258,14 @@ class FaultOperations(Operations):
     def camera_fault(self, camera: str, kind: str | None, seconds: float | None = None) -> None:
         """Make a camera of the scene fail for all clients of a live rig.
 
-        "stall": no new frames, for `seconds` or until None. "dead": its clients receive an error, and it cannot be
-        opened. None ends both; clients of a dead camera connect again.
+        "stall": no new frames, for `seconds` or until None. "dead": the camera's clients receive an error, and the
+        camera cannot be opened. None ends both; clients of a dead camera must connect again.
         """
         self.request("camera_fault", camera=camera, kind=kind, seconds=seconds)
 
 
 def _repair(motor: SimMotor) -> None:
-    """Undo all faults of a motor, except its registers and latched fault code."""
+    """Undo all faults of a motor, except overwritten registers and a latched fault code."""
     if motor.unpowered:
         motor.power(True)
     motor.faults = LinkFaults()
@@ -279,7 +279,7 @@ def _repair(motor: SimMotor) -> None:
 
 
 def _fields(value: Any, needed: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, Any]:
-    """Return `value`, a mapping with these keys. Raises ConfigError: `value` is something else."""
+    """Return `value`. Raises ConfigError: `value` is not a mapping with exactly these keys."""
     if not isinstance(value, dict) or set(needed) - set(value) or set(value) - {*needed, *optional}:
         parts = [f"{{{', '.join(needed)}}}"] * bool(needed) + [f"maybe {', '.join(optional)}"] * bool(optional)
         raise ConfigError(f"expected {' and '.join(parts)}, or false, not {value!r}")
@@ -287,7 +287,7 @@ def _fields(value: Any, needed: tuple[str, ...], optional: tuple[str, ...]) -> d
 
 
 def _motors_of(channel: Channel, which: str | int | None) -> list[SimMotor]:
-    """Return the motor of that name or CAN id; all motors for None."""
+    """Return the motor with this name or CAN id, or all motors for None."""
     found = [motor for motor in channel.motors if which in (None, motor.name, motor.can_id)]
     if which is not None and not found:
         raise ConfigError(f"{channel.name} has no motor {which!r}; it has {[m.name for m in channel.motors]}")

@@ -1,4 +1,4 @@
-"""Two ways in which a hand holds an arm: firmly at each joint, or as a mass on a spring at the tool."""
+"""Two grips of a hand on an arm: firm at each joint, or soft as a mass on a spring at the tool."""
 
 import math
 from abc import ABC, abstractmethod
@@ -13,15 +13,15 @@ from lerobot_robot_yam.rig.world.shafts import Drive
 from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import HAND_KD, HAND_KP, HAND_TORQUE_NM
 
-_RESIST_NM = 2.5  # joint torque that counts as resistance; a floating leader needs less than 1 Nm
+_RESIST_NM = 2.5  # joint torque that counts as resistance; moving a floating leader takes less than 1 Nm
 _RESIST_N = 25.0  # force at the tool that counts as resistance
 _PULL_N, _TURN_NM = 60.0, 6.0  # limits of a soft hand's force and torque
-FIST_M = 0.06  # lever at which a hand's stiffness holds orientation; also its radius of gyration
+FIST_M = 0.06  # lever arm that converts a hand's stiffness to rotation; also its radius of gyration
 _STIFFNESS_N_M, _MASS_KG, _DAMPING_RATIO = (0.0, 5000.0), (0.05, 5.0), (0.0, 2.0)
 
 
 class Softness(NamedTuple):
-    """A hand as a mass fixed to the tool, on a damped spring to the hand's target.
+    """Parameters of a hand that is a mass fixed to the tool, on a damped spring to the hand's target.
 
     Damping of the spring:  c = 2 ζ √(k m).
     """
@@ -44,19 +44,19 @@ class Softness(NamedTuple):
 
 
 class Grip(ABC):
-    """Way in which a hand acts on an arm."""
+    """Interaction between a hand and an arm."""
 
     @abstractmethod
     def take_hold(self, softness: Softness | None) -> None:
-        """Begin to act, or continue with another mass, stiffness or damping, which a firm grip ignores."""
+        """Begin to act, or continue with another softness, which a firm grip ignores."""
 
     @abstractmethod
     def aim(self, q_rad: list[float], rates_rad_s: list[float]) -> None:
-        """Pull to joints (n,) that move at these rates, from now on."""
+        """Pull from now on towards joints (n,) that move at these rates."""
 
     @abstractmethod
     def step(self) -> None:
-        """Act in the next step of the physics."""
+        """Apply the grip's forces for the next physics step."""
 
     @abstractmethod
     def strained(self) -> bool:
@@ -68,13 +68,13 @@ class Grip(ABC):
 
 
 class FirmGrip(Grip):
-    """A stiff and damped spring at each joint, integrated with the physics.
+    """A stiff, damped spring at each joint, integrated with the physics.
 
-    MuJoCo integrates damping implicitly, but not that of an actuator at its force limit. There a damper that reverses a
-    light joint's speed within one step would go on doing so for ever, at half the rate of the steps. So a joint at its
-    limit has a weaker damper, with which energy decays in each pose, whatever else moves:
+    MuJoCo integrates damping implicitly, except for an actuator at its force limit. There a damper that reverses a
+    light joint's velocity within one step would do so endlessly, at half the step rate. A joint at its limit therefore
+    has a weaker damper, with which energy decays in every pose, regardless of other motion:
 
-        kd < 2 I / dt,   I the joint's rotor inertia, a lower bound of the moved inertia
+        kd < 2 I / dt,   with the joint's rotor inertia I, a lower bound of the moved inertia
     """
 
     def __init__(self, world: World, channel: str):
@@ -97,7 +97,7 @@ class FirmGrip(Grip):
             drive.command(target, rate, HAND_KP, kd, 0.0)
 
     def step(self) -> None:
-        """Do nothing: the physics integrates the springs."""
+        """Do nothing, because the physics integrates the springs."""
 
     def strained(self) -> bool:
         force = self._world.force
@@ -109,11 +109,11 @@ class FirmGrip(Grip):
 
 
 class SoftGrip(Grip):
-    """A mass at the tool on a damped spring to the tool's pose at the target joints:
+    """A mass at the tool, on a damped spring to the tool pose at the target joints:
 
-        F = k (x* − x) + c (ẋ* − ẋ) + m g,     T = FIST_M² · (k φ + c (ω* − ω)),  φ the turn from tool to target.
+        F = k (x* − x) + c (ẋ* − ẋ) + m g,     T = FIST_M² · (k φ + c (ω* − ω)),  φ the rotation from tool to target.
 
-    Each step computes the force from the state of that step: an older state would feed energy in.
+    Each step computes the force from the state of the same step, because an older state would add energy.
     """
 
     def __init__(self, world: World, channel: str, forces: OuterForces, ballast: Ballast):
@@ -124,7 +124,7 @@ class SoftGrip(Grip):
         self._addresses = world.joint_addresses(channel)
         self.source = f"hand on {channel}"
         self._softness = Softness()
-        self._elsewhere: mujoco.MjData | None = None  # the arm at the target joints
+        self._elsewhere: mujoco.MjData | None = None  # state with the arm at the target joints
         self._jacobian = np.zeros((2, 3, model.nv))
         self._aimed: tuple[np.ndarray, np.ndarray] | None = None
         self._rate, self._spin = np.zeros(3), np.zeros(3)
@@ -155,7 +155,7 @@ class SoftGrip(Grip):
         world, data = self._world, self._world.data
         mujoco.mj_jacSite(world.model, data, self._jacobian[0], self._jacobian[1], self._site)
         velocity, spin = self._jacobian @ data.qvel
-        # MuJoCo's poses are from before the last step, its speeds from after that step.
+        # MuJoCo's poses are from before the last step, its velocities from after the last step.
         dt, ahead_s = world.timestep_s, world.sim_s - self._aimed_s
         position = data.site_xpos[self._site] + velocity * dt
         away = self._aimed[0] + self._rate * ahead_s - position
@@ -166,14 +166,14 @@ class SoftGrip(Grip):
         self._forces.apply(self.source, self._body, pull + self._weight(), torque, self._site)
 
     def force_n(self) -> np.ndarray:
-        """Return the spring's force (3,) in world axes, N."""
+        """Return the force (3,), N, of the spring, in world axes."""
         return self._forces.force_n(self.source) - self._weight()
 
     def strained(self) -> bool:
         return bool(np.linalg.norm(self.force_n()) >= _RESIST_N)
 
     def _weight(self) -> np.ndarray:
-        """Return the force (3,) N that carries the hand's own weight."""
+        """Return the force (3,), N, that compensates the hand's weight."""
         return -self._softness.mass_kg * self._world.model.opt.gravity
 
     def let_go(self) -> None:
@@ -188,7 +188,7 @@ def _within(vector: np.ndarray, most: float) -> np.ndarray:
 
 
 def _turn(here: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Return the rotation vector (3,) in world axes that turns `here` (3, 3) to `there`."""
+    """Return the rotation vector (3,), in world axes, that rotates `here` (3, 3) to `there`."""
     quat, vector = np.empty(4), np.empty(3)
     mujoco.mju_mat2Quat(quat, (there @ here.T).ravel())
     mujoco.mju_quat2Vel(vector, quat, 1.0)

@@ -1,7 +1,7 @@
-"""A person's hands: they pull arms along trajectories, with limited force, squeeze triggers and press buttons.
+"""A person's hands: pull arms along trajectories with limited force, squeeze triggers and press buttons.
 
-An arm's own motors work against or with the hand. As a person would, a hand lets go of an arm that works against it,
-such as an arm that lands.
+The arm's own motors act with or against the hand. Like a person, a hand releases an arm that works against it, for
+example an arm that lands.
 """
 
 import bisect
@@ -16,24 +16,24 @@ from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.simulation.grips import FirmGrip, Grip, SoftGrip, Softness
 from lerobot_robot_yam.rig.world.world import World
 
-_BUTTONS = ("sync", "record")  # top button and second button of a handle
-_PERIOD_S = 0.002  # time between two interpolations of the target, s
+_BUTTONS = ("sync", "record")  # top and second button of a handle
+_PERIOD_S = 0.002  # interval between interpolations of the target, s
 # Speed of a joint towards a path that begins elsewhere: above the planner's (1.2), below a fall's (3). A path begins
-# elsewhere after a slip of the simulated clock, or when a floating arm has moved since the path was made.
+# elsewhere after a slip of the simulated clock, or if a floating arm has moved since the path was planned.
 _JOIN_RAD_S = 2.0
-_RESIST_S = 0.4  # least duration of resistance; shorter peaks come from starting and stopping
+_RESIST_S = 0.4  # minimum duration of resistance; starts and stops cause shorter peaks
 
 
 class Hand:
-    """A hand on the arm of a channel, and on its handle encoder if it has one.
+    """A hand on the arm of a channel, and on the channel's handle encoder if there is one.
 
     Attributes:
         due_s: simulated time of the next `advance` while `gripping`.
 
     Args:
-        firm: the usual grip on a leader; None on a follower.
+        firm: the default grip on a leader; None on a follower.
         soft: the soft grip.
-        told: function that is called with the kind of an event, when the path is done or the hand gives way.
+        told: callback that receives an event kind when the path is completed or the hand gives way.
     """
 
     def __init__(
@@ -52,14 +52,14 @@ class Hand:
         self._count = count
         self._addresses = world.joint_addresses(channel)
         self._start_s = 0.0
-        # Lists, as `advance` reads single numbers. Each row: the joints, then the trigger.
+        # Lists, because `advance` reads single numbers. Each row: the joints, then the trigger.
         self._times: list[float] = [0.0]
         self._path: list[list[float]] = [[0.0] * (count + 1)]
         self._rates: list[list[float]] = self._path
         self._targets = self._path[0][:count]  # joints at `_advanced_s`
         self._advanced_s = self.due_s = 0.0
         self.gripping = False
-        self.resisted = False  # whether the arm resisted; the hand grips again only after the arm was limp
+        self.resisted = False  # whether the arm resisted; the hand grips again only once the arm was limp
         self._easy_s = 0.0  # last time without resistance
         self._gives_way = True
         self._then_release = self._arrived = False
@@ -73,18 +73,18 @@ class Hand:
         gives_way: bool = True,
         then_release: bool = False,
     ) -> None:
-        """Grip and pull from the hand's place along q_rad (k, n) at times_s (k,) from now, then hold the last.
+        """Grip, and pull from the hand's position along q_rad (k, n) at times_s (k,) from now; then hold the end.
 
-        A hand that takes hold starts at the arm's pose. Joints that are elsewhere than q_rad go there at `_JOIN_RAD_S`.
+        A new grip starts at the arm's pose. Joints away from q_rad move there at `_JOIN_RAD_S`.
 
         Args:
             trigger: (k,) or one number, 0 released … 1 squeezed.
-            softness: None for a firm grip on a leader, and the usual softness on a follower.
-            gives_way: whether to let go of an arm that works against the hand.
-            then_release: whether to let go at the end of the path.
+            softness: None for a firm grip on a leader, and for the default softness on a follower.
+            gives_way: whether to release an arm that works against the hand.
+            then_release: whether to release the arm at the end of the path.
 
         Raises:
-            ConfigError: shapes do not fit, times do not increase, or a value is not finite.
+            ConfigError: shapes do not match, times do not increase, or a value is not finite.
         """
         times, joints = np.asarray(times_s, float), np.asarray(q_rad, float)
         count = self._count
@@ -117,26 +117,26 @@ class Hand:
 
     @property
     def soft(self) -> bool:
-        """Whether the hand holds the arm by the soft grip, which acts in each step."""
+        """Whether the hand uses the soft grip, which acts in each step."""
         return self.gripping and self._grip is self._soft
 
     @property
     def force_n(self) -> np.ndarray:
-        """Force of a soft hand on the tool (3,) N without its own weight; zeros for any other hand."""
+        """Force (3,), N, of a soft hand on the tool, without the hand's weight; zeros for any other hand."""
         return self._soft.force_n() if self.soft else np.zeros(3)
 
     def step(self) -> None:
         self._grip.step()
 
     def release(self) -> None:
-        """Let go; the trigger springs back."""
+        """Release the arm and the trigger."""
         self.gripping = False
         self._grip.let_go()
         if self._handle is not None:
             self._handle.trigger = self._handle.trigger_rate = 0.0
 
     def advance(self, energised: bool) -> None:
-        """Follow the trajectory; call this when due, at least every few milliseconds of simulated time.
+        """Follow the trajectory; must be called when due, at least every few milliseconds of simulated time.
 
         energised: False for a limp arm, which is heavy but does not resist.
         """
@@ -176,17 +176,17 @@ class Hand:
 
 
 class ButtonPresses:
-    """The thumb on the handles' buttons.
+    """Presses of the handles' buttons.
 
-    log: function that is called at each edge with the channel, the button, and whether the button is down.
+    log: callback that receives, at each edge, the channel, the button, and whether the button is down.
     """
 
     def __init__(self, log: Callable[[str, str, bool], None]):
         self._log = log
-        self._ends: dict[tuple[str, int], tuple[Channel, float]] = {}  # (channel, button) → simulated time of its end
+        self._ends: dict[tuple[str, int], tuple[Channel, float]] = {}  # (channel, button) → simulated end time
 
     def press(self, channel: Channel, button: str, until_sim_s: float) -> None:
-        """Hold a button down until a simulated time; a later end replaces an earlier one.
+        """Hold a button down until a simulated time; a later call replaces the end of an earlier one.
 
         Raises:
             ConfigError: there is no such button.
@@ -198,13 +198,13 @@ class ButtonPresses:
         self._move(channel, index, True)
 
     def hold(self, channel: Channel, down: tuple[bool, bool]) -> None:
-        """Hold both buttons down, or not, from now on."""
+        """Hold down or release each of the two buttons from now on."""
         for index, one in enumerate(down):
             self._ends.pop((channel.name, index), None)
             self._move(channel, index, one)
 
     def advance(self, sim_s: float) -> None:
-        """Release the buttons whose time has come."""
+        """Release the buttons whose end time has passed."""
         for key, (channel, end_s) in list(self._ends.items()):
             if sim_s >= end_s:
                 del self._ends[key]
@@ -212,7 +212,7 @@ class ButtonPresses:
 
     def _move(self, channel: Channel, index: int, down: bool) -> None:
         handle = channel.handle
-        assert handle is not None  # the caller has checked
+        assert handle is not None  # checked by the caller
         if handle.buttons[index] is not down:
             first, second = handle.buttons
             handle.buttons = (down, second) if index == 0 else (first, down)

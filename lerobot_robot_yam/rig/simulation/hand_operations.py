@@ -1,4 +1,4 @@
-"""Operations of a person's hands: they move arms, squeeze triggers and press buttons."""
+"""Operations of a person's hands: moving arms, squeezing triggers and pressing buttons."""
 
 import math
 from collections.abc import Sequence
@@ -11,29 +11,29 @@ from lerobot_robot_yam.rig.simulation.grips import Softness
 from lerobot_robot_yam.rig.simulation.operation import Operations, number, operation
 
 _PATH_POINTS = 30
-_PRESS_S = (0.005, 60.0)  # shortest and longest press, s; the rig looks for the end of a press each 5 ms
+_PRESS_S = (0.005, 60.0)  # minimum and maximum press, s; the rig checks for the end every 5 ms
 
 
 class HandOperations(Operations):
-    """Operations of a person's hands."""
+    """Operations that simulate a person's hands."""
 
     @operation
     def trigger(self, channel: str, value: float) -> None:
-        """Squeeze a handle's trigger: 0 released … 1."""
+        """Squeeze a handle's trigger: 0 released … 1 squeezed."""
         handle = self._handle_of(channel)
         handle.trigger, handle.trigger_rate = number(value, 0.0, 1.0), 0.0
 
     @operation
     def buttons(self, channel: str, sync: bool = False, record: bool = False) -> None:
-        """Hold a handle's two buttons down, or not."""
+        """Hold down or release each of a handle's two buttons."""
         self._handle_of(channel)
         self.device.presses.hold(self._channel_of(channel), (sync, record))
 
     @operation
     def press(self, channel: str, button: str, seconds: float = 0.1) -> None:
-        """Press a handle's button, "sync" (the top one) or "record", for 0.005 … 60 s.
+        """Press a handle's button, "sync" (the top button) or "record", for 0.005 … 60 s.
 
-        Each edge of a button is an event "button" with channel, button and down.
+        Each edge of a button adds an event "button" with channel, button and down.
         """
         self._handle_of(channel)
         until_s = self.device.world.sim_s + number(seconds, *_PRESS_S)
@@ -53,17 +53,17 @@ class HandOperations(Operations):
         gives_way: bool = True,
         then_release: bool = False,
     ) -> None:
-        """Grip an arm and pull it with limited force, from its pose, along q (k, n) at times (k,) s from now.
+        """Grip an arm and pull it with limited force from its pose along q (k, n) at times (k,), s from now.
 
-        Then hold the arm there. Joints that are elsewhere than q go to q at 2 rad/s. A leader is held firmly at each
-        joint (200 Nm/rad, at most 12 Nm). A follower, and a leader with one of the next three arguments, is held
-        softly: the hand is a mass fixed to the tool, on a damped spring to the tool's place at q, at most 60 N.
+        Then hold the arm at the end. Joints away from the start of q move there at 2 rad/s. A leader is held firmly at
+        each joint (200 Nm/rad, at most 12 Nm). A follower, or a leader with one of the next three arguments, is held
+        softly: the hand is a mass fixed to the tool, on a damped spring to the tool pose at q, with at most 60 N.
 
         Args:
             stiffness_n_m, mass_kg, damping_ratio: range (default): 0 … 5000 (1000), 0.05 … 5 (0.5), 0 … 2 (0.7).
-            gives_way: whether, as a person would, to let go after 0.4 s of an energised arm that works against the hand
-                with 2.5 Nm at a joint, or 25 N at a soft hand; event "hand_gave_way".
-            then_release: whether to let go at the end of the path. The event "hand_arrived" marks the end.
+            gives_way: whether, like a person, to release an energised arm that for 0.4 s resists the hand with 2.5 Nm
+                at a joint, or with 25 N at a soft hand; adds the event "hand_gave_way".
+            then_release: whether to release the arm at the end of the path. The event "hand_arrived" marks the end.
         """
         hand = self.device.hands[self._channel_of(channel).name]
         given = {"stiffness_n_m": stiffness_n_m, "mass_kg": mass_kg, "damping_ratio": damping_ratio}
@@ -76,7 +76,7 @@ class HandOperations(Operations):
         self.device.hands[self._channel_of(channel).name].release()
 
     def lift(self, channel: str, q: Sequence[float], seconds: float = 1.5, **options: Any) -> None:
-        """Move an arm by hand to q (n,), straight in joint space with a soft start and end, and hold it there.
+        """Move an arm by hand to q (n,), straight in joint space with a smooth start and end, and hold it there.
 
         The event "hand_arrived" marks the end. options: further arguments of `hand`, such as trigger or mass_kg.
         """
@@ -92,12 +92,12 @@ class HandOperations(Operations):
     def bring_home(
         self, channel: str, home: Sequence[float] | None = None, seconds: float = 1.5, **options: Any
     ) -> None:
-        """Lift an arm to `home` (by default all joints at zero), and let go there."""
+        """Lift an arm to `home` (by default all joints at zero), and release it there."""
         home = [0.0] * len(self.joints(channel)["q"]) if home is None else home
         self.lift(channel, home, seconds, **{"then_release": True, **options})
 
     @operation
     def joints(self, channel: str) -> dict[str, Any]:
-        """Read the joints of one arm, under the key q: (n,) rad."""
+        """Read the joints of one arm, under the key q: (n,), rad."""
         world = self.device.world
         return {"q": [world.qpos[address] for address in world.joint_addresses(self._channel_of(channel).name)]}

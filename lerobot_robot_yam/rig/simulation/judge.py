@@ -1,4 +1,4 @@
-"""The rig's judge: it lays a task's things out by a seed, and judges the attempt by the true world alone."""
+"""Judge of the rig: lays out a task's things by a seed, and judges the attempt from the true world state alone."""
 
 import math
 from collections.abc import Mapping
@@ -14,20 +14,20 @@ from lerobot_robot_yam.rig.world.world import World
 from lerobot_robot_yam.rig.world.world_model import yaw_quat
 
 REST_SPEED_M_S = 0.01
-FALL_M = -0.05  # height below which a prop has fallen off the table
+FALL_M = -0.05  # height below which a prop counts as fallen off the table
 
 
 @dataclass(frozen=True)
 class View:
-    """The world at one instant.
+    """State of the world at one instant.
 
     Attributes:
         sim_s: simulated time.
-        frames: thing → origin (3,) and rotation (3, 3) of its frame, in the world.
-        speeds: prop → m/s of its centre of mass.
+        frames: thing → origin (3,) and rotation (3, 3) of the thing's frame, in the world.
+        speeds: prop → speed of its centre of mass, m/s.
         joints: jointed thing → position, m or rad.
-        touching: prop → channels of arms and names of things that touch it.
-        held: prop → channels of arms whose two fingers both touch it.
+        touching: prop → channels of arms and names of things that touch the prop.
+        held: prop → channels of arms with both fingers in contact with the prop.
     """
 
     sim_s: float
@@ -39,14 +39,14 @@ class View:
 
 
 class TaskJudge:
-    """Judge of one attempt at a task, stage by stage. It is pure: `Judge` feeds it.
+    """Judge of one attempt at a task, stage by stage. Does no I/O: `Judge` supplies the views.
 
     arms: channels of the arms. begin: the world at the start. time_limit_s: replaces the task's limit, if not None.
 
     Attributes:
         stage: number of stages reached so far.
-        success, failed: the verdict, which stays once given.
-        reason: text for a failure.
+        success, failed: the verdict, which is final.
+        reason: reason for a failure.
     """
 
     def __init__(self, task: Task, arms: frozenset[str], begin: View, time_limit_s: float | None = None):
@@ -67,7 +67,7 @@ class TaskJudge:
         """Judge the world at one instant; return the decisions as events.
 
         The `kind` of an event is "task_stage" (with `stage`, the number reached, 0 after a setback), "task_success" or
-        "task_failed" (with `reason`). Events have `task`, and in `since_s` the simulated time since the start.
+        "task_failed" (with `reason`). Each event has `task` and `since_s`, the simulated time since the start.
         """
         if self.decided:
             return []
@@ -126,11 +126,11 @@ def _contains(region: Region, point: np.ndarray, view: View) -> bool:
 
 
 Touches = Mapping[str, frozenset[str]]
-"""Prop → names of bodies that touch it."""
+"""Prop → names of the arms or things in contact."""
 
 
 class Contacts:
-    """Touches of the scene's props in the last step."""
+    """Contacts of the scene's props in the last step."""
 
     def __init__(self, world: World):
         model = world.model
@@ -140,13 +140,13 @@ class Contacts:
         self._names = [model.body(body).name for body in range(model.nbody)]
         owners = {body: name.partition("/")[0] for body, name in enumerate(self._names)}
         self._arms = {body: owner for body, owner in owners.items() if owner in world.profiles}
-        self._fingers: dict[int, int] = {}  # body → number of the finger
+        self._fingers: dict[int, int] = {}  # body → index of the finger
         for channel, (_, gripper) in world.profiles.items():
             for number, name in enumerate(gripper.finger_joints):
                 self._fingers[int(model.joint(f"{channel}/{name}").bodyid[0])] = number
 
     def look(self) -> tuple[Touches, Touches]:
-        """Return prop → channels, things and "world" that touch it, and prop → channels with both fingers on it."""
+        """Return prop → channels, things and "world" in contact, and prop → channels with both fingers in contact."""
         touching: dict[str, set[str]] = {name: set() for name in self._props.values()}
         fingers: dict[str, set[tuple[str, int]]] = {name: set() for name in self._props.values()}
         for body, other in self._pairs():
@@ -161,7 +161,7 @@ class Contacts:
         return {prop: frozenset(others) for prop, others in touching.items()}, held
 
     def _pairs(self) -> set[tuple[int, int]]:
-        """Return (prop, other body) of each contact of a prop."""
+        """Return (prop, other body) for each contact of a prop."""
         touching = self._data.contact.dist[: self._data.ncon] <= 0.0
         bodies = self._bodies[self._data.contact.geom[: self._data.ncon][touching]].tolist()
         pairs = {pair for first, second in bodies for pair in ((first, second), (second, first))}
@@ -169,7 +169,7 @@ class Contacts:
 
 
 class Judge:
-    """Judge that lays out the scene's tasks, and judges one attempt at a time."""
+    """Lays out the scene's tasks, and judges one attempt at a time."""
 
     def __init__(self, world: World):
         self._world, self._contacts = world, Contacts(world)
@@ -186,7 +186,7 @@ class Judge:
         self._begin_s = self._decided_s = 0.0
 
     def place(self, task_name: str, seed: int, time_limit_s: float | None = None) -> None:
-        """Begin an attempt: put each thing where `seed` places it, at rest. The arms stay as they are.
+        """Begin an attempt: place each thing at the position drawn with `seed`, at rest. The arms stay.
 
         time_limit_s: replaces the task's limit, if not None.
 
@@ -210,7 +210,7 @@ class Judge:
             usual = ((draw.x_m, thing.center_m[0]), (draw.y_m, thing.center_m[1]), (draw.yaw_rad, thing.yaw_rad))
             x, y, yaw = (value if bounds is None else random.uniform(*bounds) for bounds, value in usual)
             world.put(thing.name, np.array([x, y, thing.center_m[2]]), yaw_quat(yaw))
-        world.data.qacc_warmstart[:] = 0.0  # the solver starts without a trace of earlier steps
+        world.data.qacc_warmstart[:] = 0.0  # the solver starts independently of earlier steps
         mujoco.mj_forward(world.model, world.data)
         world.refresh()
         self._task, self._seed, self._begin_s = task, seed, world.sim_s
@@ -218,14 +218,14 @@ class Judge:
         self._attempt = TaskJudge(task, self._arms, self._view(), time_limit_s)
 
     def update(self) -> list[dict[str, Any]]:
-        """Judge the present world; return the events of `TaskJudge.update`, with the seed."""
+        """Judge the current world; return the events of `TaskJudge.update`, with the seed."""
         if self._attempt is None or self._attempt.decided:
             return []
         self._decided_s = self._world.sim_s
         return [{**event, "seed": self._seed} for event in self._attempt.update(self._view())]
 
     def state(self) -> dict[str, Any]:
-        """Return the progress of the attempt, see `RigOperations.task_state`."""
+        """Return the progress of the current attempt, see `RigOperations.task_state`."""
         task, attempt = self._task, self._attempt
         if task is None or attempt is None:
             return {"task": None}

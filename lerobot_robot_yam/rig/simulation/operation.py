@@ -1,7 +1,7 @@
-"""Operations of a rig: methods that act in the rig's process, wherever they are called.
+"""Operations of a rig: methods that run in the rig's process, wherever they are called.
 
-A client sends an operation's name and arguments as JSON, and receives its result. The rig checks the arguments by the
-signature of the same method.
+A client sends the name and arguments of an operation as JSON, and receives the result. The rig checks the arguments
+against the signature of the method.
 """
 
 import functools
@@ -20,27 +20,27 @@ from lerobot_robot_yam.rig.devices.simulated_handle import SimHandle
 from lerobot_robot_yam.rig.simulation.device import RigDevice
 
 REGISTERED: dict[str, Callable[..., Any]] = {}
-"""Bodies of all operations by name, as functions of an `Operations` and the arguments."""
+"""Bodies of all operations by name, as functions of an `Operations` object and the arguments."""
 
 
 class Operations(ABC):
-    """Base class of operations. Only the rig's own end has a `device`."""
+    """Base class for sets of operations. Only objects in the rig's process have a `device`."""
 
     device: RigDevice
 
     @abstractmethod
     def request(self, op: str, **arguments: Any) -> dict[str, Any]:
-        """Have the rig carry out an operation; return its result. Raises ConfigError: the rig refuses."""
+        """Execute an operation in the rig; return its result. Raises ConfigError: the rig rejects the request."""
 
     def _channel_of(self, name: str) -> Channel:
-        """Return a channel of the device. Raises ConfigError: there is no such channel."""
+        """Return a channel by name. Raises ConfigError: there is no such channel."""
         channels = self.device.channels
         if name not in channels:
             raise ConfigError(f"no channel {name!r}; the scene has {', '.join(channels)}")
         return channels[name]
 
     def _handle_of(self, channel: str) -> SimHandle:
-        """Return a leader's handle. Raises ConfigError: the channel has none."""
+        """Return the handle of a leader. Raises ConfigError: the channel has no handle."""
         handle = self._channel_of(channel).handle
         if handle is None:
             raise ConfigError(f"channel {channel} has no teaching handle")
@@ -48,7 +48,7 @@ class Operations(ABC):
 
 
 def operation[S: Operations, **P, R](method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
-    """Make a method of `Operations` an operation: the body acts on `self.device`, a call sends a request."""
+    """Turn a method of `Operations` into an operation: its body acts on `self.device`, a call sends a request."""
     name = method.__name__
     REGISTERED[name] = method
     signature = inspect.signature(method)
@@ -66,7 +66,7 @@ def operation[S: Operations, **P, R](method: Callable[Concatenate[S, P], R]) -> 
 
 
 def checked(signature: inspect.Signature, given: dict[str, Any]) -> dict[str, Any]:
-    """Check single numbers, flags and texts by their annotations. Raises ConfigError: one does not fit."""
+    """Check scalar numbers, flags and texts against their annotations. Raises ConfigError: a value is invalid."""
     signature.bind(**given)
     found = {}
     for key, value in given.items():
@@ -83,7 +83,7 @@ def checked(signature: inspect.Signature, given: dict[str, Any]) -> dict[str, An
 
 
 def number(value: Any, low: float = -math.inf, high: float = math.inf) -> float:
-    """Return a finite number from `low` to `high`, else raise ConfigError."""
+    """Return `value` as a float. Raises ConfigError: not a finite number from `low` to `high`."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ConfigError(f"expected a finite number, not {value!r}")
     if not low <= value <= high:
@@ -98,14 +98,14 @@ def flag(value: Any) -> bool:
 
 
 def whole(value: Any, low: int = 0, high: int = 2**63 - 1) -> int:
-    """Return an integer from `low` to `high`, else raise ConfigError."""
+    """Return `value`. Raises ConfigError: not an integer from `low` to `high`."""
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
         raise ConfigError(f"expected a whole number from {low} to {high}, not {value!r}")
     return value
 
 
 def vector(value: Any, length: int) -> np.ndarray:
-    """Return `length` finite numbers, else raise ConfigError."""
+    """Return `value` as an array. Raises ConfigError: not `length` finite numbers."""
     array = np.asarray(value, float)
     if array.shape != (length,) or not np.isfinite(array).all():
         raise ConfigError(f"expected {length} finite numbers, not {value!r}")

@@ -1,6 +1,6 @@
-"""All operations of a rig, whether it runs in another process or in lock-step.
+"""All operations of a rig in another process or in lock-step.
 
-Times are simulated seconds unless a key says `monotonic_s`; lengths in m, angles in rad, forces in N.
+Times are simulated seconds unless a key says `monotonic_s`; lengths are in m, angles in rad, forces in N.
 """
 
 import functools
@@ -30,13 +30,13 @@ _PLACEMENT = ("channel", "role", "arm", "gripper", "position_m", "yaw_rad")
 
 
 class RigOperations(HandOperations, FaultOperations):
-    """All operations. Each raises ConfigError when the rig refuses: an unknown name, or a value that does not fit."""
+    """All operations. Each raises ConfigError if the rig rejects the request: unknown name, or invalid value."""
 
     name: str
 
     @operation
     def scene(self) -> dict[str, Any]:
-        """Describe the scene by the fields of scene files.
+        """Describe the scene with the fields of scene files.
 
         Returns:
             name, seed, arms with their placement, places, homes, props, furniture, tasks; names of the cameras.
@@ -56,13 +56,13 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def state(self, bodies: bool = False, brief: bool = False) -> dict[str, Any]:
-        """Read the true state of the world; `brief` is faster, without sites and with motors' `enabled` only.
+        """Read the true state of the world; `brief` is faster and omits sites and all motor keys except `enabled`.
 
         Returns:
             sim_s, monotonic_s; arms[channel]: q and dq (n,), opening 0 … 1 or None, trigger, buttons, held,
-            resists (the hand has let go of an arm that worked against it), clients,
+            resists (whether the hand released an arm that worked against it), clients,
             motors[name]: {id, enabled, fault, torque_nm, motor_rad, flash_writes},
-            second_motors (of fault "second_arm") alike, tcp_site and grasp_site: {pos (3,), mat (9,)};
+            second_motors (fault "second_arm") likewise, tcp_site and grasp_site: {pos (3,), mat (9,)};
             props[name] and furniture[name]: {pos, quat};
             joints[name], of furniture: m or rad; with `bodies`, bodies[name]: position (3,).
         """
@@ -107,11 +107,11 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def forces(self, channel: str) -> dict[str, Any]:
-        """Read the outer forces on an arm, except pushes, each (3,) N in world axes.
+        """Read the external forces on an arm, except pushes, each (3,), N, in world axes.
 
         Returns:
-            tool_n: sum of all contacts of the tool with things other than the arm; hand_n: a soft hand's force;
-            contacts: body, other, point_m, force_n of each contact of the arm with other things.
+            tool_n: sum of all contact forces on the tool from things other than the arm; hand_n: force of a soft hand;
+            contacts: body, other, point_m, force_n of each contact between the arm and other things.
         """
         world, name = self.device.world, self._channel_of(channel).name
         contacts, tool = list(contacts_of(world, name)), tool_bodies(world, name)
@@ -126,20 +126,20 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def task(self, name: str, seed: int, time_limit_s: float | None = None) -> None:
-        """Begin an attempt at a task of the scene: lay all things out by the seed, at rest. The arms stay.
+        """Begin an attempt at a task of the scene: place all things by the seed, at rest. The arms stay.
 
-        time_limit_s: replaces the task's limit.
+        time_limit_s: replaces the task's time limit, if not None.
         """
         self.device.judge.place(name, seed, None if time_limit_s is None else number(time_limit_s, 0.0))
         self.device.events.add("task_placed", task=name, seed=seed)
 
     @operation
     def task_state(self) -> dict[str, Any]:
-        """Read the progress of the attempt at the task.
+        """Read the progress of the current attempt.
 
         Returns:
-            task (None before the first), seed, success, failed, reason (of the failure), since_s (simulated time from
-            the placing to the verdict, or to now), stage (number of stages reached), stages (of the task).
+            task (None before the first attempt), seed, success, failed, reason (of the failure), since_s (simulated
+            time from placing to the verdict, or to now), stage (number of stages reached), stages (of the task).
         """
         return self.device.judge.state()
 
@@ -148,7 +148,7 @@ class RigOperations(HandOperations, FaultOperations):
     def events(self, since: int = 0) -> list[dict[str, Any]]:
         """Read all events from number `since` on, each with number, sim_s, monotonic_s, kind and details.
 
-        motor_disabled has channel, motor, and the positions of the arm's bodies at that moment, as in `state`.
+        An event motor_disabled has channel, motor, and the positions of the arm's bodies at that time, as in `state`.
         """
         found: list[dict[str, Any]] = []
         while chunk := self.some_events(since)["events"]:
@@ -168,11 +168,11 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def trace_start(self, channel: str) -> None:
-        """Record each frame that clients send to the channel from now on."""
+        """Start recording each frame that clients send to the channel."""
         self._channel_of(channel).trace = deque(maxlen=_TRACE_LENGTH)
 
     def trace(self, channel: str) -> list[tuple[float, float, int, int]]:
-        """Read (sent, arrived, identifier, first data byte) of each frame since `trace_start`; monotonic s."""
+        """Read (sent, arrived, identifier, first data byte) of each frame since `trace_start`; times monotonic, s."""
         found: list[tuple[float, float, int, int]] = []
         while chunk := self.some_frames(channel, len(found))["frames"]:
             found += [(sent, arrived, ident, first) for sent, arrived, ident, first in chunk]
@@ -188,7 +188,7 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def place(self, prop: str, pos: Sequence[float], quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> None:
-        """Put a prop at pos (3,), turned by quat (4,) w x y z, at rest."""
+        """Put a prop at pos (3,) with orientation quat (4,), w x y z, at rest."""
         world, props = self.device.world, [thing.name for thing in self.device.scene.props]
         if prop not in props:
             raise ConfigError(f"no prop {prop!r}; the scene has {props}")
@@ -201,7 +201,7 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def set_pose(self, channel: str, q: Sequence[float] | None = None, opening: float | None = None) -> None:
-        """Set an arm's joints q (n,) and its gripper's opening 0 … 1, at rest, at once."""
+        """Set an arm's joints q (n,) and its gripper's opening, 0 … 1, instantly and at rest."""
         pose = None if q is None else vector(q, len(q))
         self.device.world.set_pose(
             self._channel_of(channel).name, pose, None if opening is None else number(opening, 0.0, 1.0)
@@ -211,7 +211,7 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def push(self, channel: str, body: str, force: Sequence[float], seconds: float) -> None:
-        """Push a body of an arm with a force (3,) N in world axes: "tool", at its frame, or "link4", at its centre."""
+        """Push a body of an arm with a force (3,), N, in world axes: "tool" at its frame, "link4" at its centre."""
         model, name, site = self.device.world.model, f"{self._channel_of(channel).name}/{body}", None
         if body == "tool":
             site = int(model.site(f"{channel}/tcp_site").id)
@@ -225,15 +225,15 @@ class RigOperations(HandOperations, FaultOperations):
 
     @operation
     def cut_torque(self, channel: str) -> None:
-        """Disable all motors of the arm at once, as an emergency stop of its supply would."""
+        """Disable all motors of the arm immediately, like an emergency stop of the motor supply."""
         for motor in self._channel_of(channel).motors:
             motor.disable()
 
     @operation
     def load(self, path: str) -> None:
-        """Run a Python file in the rig's process, once, and call `install(device)` in it, for measurements of yours.
+        """Run a Python file in the rig's process, once, and call its `install(device)`, for user-defined measurements.
 
-        `device` is the rig's `RigDevice`. `install` may add to the device's `operations`, `each_step` and
+        `device` is the rig's `RigDevice`. `install` may add entries to the device's `operations`, `each_step` and
         `each_advance`.
         """
         if path not in self.device.loaded:
@@ -242,10 +242,10 @@ class RigOperations(HandOperations, FaultOperations):
 
 
 def perform(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
-    """Carry out a request: {"op": name, and the arguments of the operation}.
+    """Execute a request: {"op": name, and the arguments of the operation}.
 
     Raises:
-        ConfigError: a name is unknown, or a value does not fit.
+        ConfigError: a name is unknown, or a value is invalid.
     """
     name, given = request.get("op", ""), {key: value for key, value in request.items() if key != "op"}
     known: dict[str, Callable[..., Any]] = REGISTERED | device.operations
@@ -261,7 +261,7 @@ def perform(device: RigDevice, request: dict[str, Any]) -> dict[str, Any]:
 
 
 class _OnDevice(RigOperations):
-    """The rig's own end, where operations act."""
+    """Operations in the rig's own process."""
 
     def __init__(self, device: RigDevice):
         self.device = device
