@@ -1,4 +1,4 @@
-"""Feed of a camera: a thread reads the newest picture. A camera that drops out is opened again when it is back."""
+"""Camera feed: a thread reads images and keeps the latest. A camera that fails is reopened when it is available."""
 
 import logging
 import threading
@@ -10,8 +10,8 @@ from lerobot_robot_yam.errors import CameraError, StaleStateError, YamError
 
 logger = logging.getLogger(__name__)
 
-_RETRY_S = 0.05  # pause between two attempts to open a camera that is gone, s
-_JOIN_S = 2.0  # wait for the reading thread to end, s
+_RETRY_S = 0.05  # interval between attempts to reopen a failed camera, s
+_JOIN_S = 2.0  # maximum wait for the reading thread to end, s
 
 
 class CameraFeed:
@@ -19,11 +19,11 @@ class CameraFeed:
 
     Args:
         name: name of the camera in messages.
-        open_source: finds and opens the camera; raises a YamError if it cannot.
-        finish: converts each picture for the caller, in the reading thread.
+        open_source: finds and opens the camera; raises a YamError on failure.
+        finish: converts each image for the caller; runs in the reading thread.
 
     Attributes:
-        number: number of pictures until now.
+        number: number of images so far.
     """
 
     def __init__(self, name: str, open_source: Callable[[], PictureSource], finish: Callable[[Picture], Picture]):
@@ -40,17 +40,17 @@ class CameraFeed:
         return self._thread is not None
 
     def start(self) -> None:
-        """Open the camera and wait for its first picture. Raises YamError: see `open_source` and the camera."""
+        """Open the camera and wait for the first image. Raises YamError: see `open_source` and the camera."""
         source = self._opened()
         self._ended.clear()
         self._thread = threading.Thread(target=self._run, args=(source,), name=f"camera {self._name}", daemon=True)
         self._thread.start()
 
     def latest(self, max_age_s: float) -> Picture:
-        """Return the newest picture at once.
+        """Return the latest image without waiting.
 
         Raises:
-            StaleStateError: the picture is older than max_age_s; the message says what is wrong with the camera.
+            StaleStateError: the image is older than max_age_s; the message contains the fault of the camera.
         """
         picture = self._picture
         assert picture is not None, "start() has published one"
@@ -60,10 +60,10 @@ class CameraFeed:
         return picture
 
     def wait_new(self, after: int, timeout_s: float) -> tuple[Picture, int]:
-        """Wait for a picture after number `after`; returns the newest one and its number.
+        """Wait for an image after number `after`; return the latest image and its number.
 
         Raises:
-            StaleStateError: no picture comes within timeout_s.
+            StaleStateError: no image arrives within timeout_s.
         """
         with self._news:
             if not self._news.wait_for(lambda: self.number > after, timeout_s):
@@ -82,7 +82,7 @@ class CameraFeed:
             logger.warning("%s: is still waiting for a picture; it is released when one comes", self._name)
 
     def _run(self, source: PictureSource) -> None:
-        """Read the camera until the feed is stopped; a camera that is gone is opened again until that works."""
+        """Read the camera until the feed is stopped. If the camera fails, retry opening it until that succeeds."""
         while True:
             try:
                 while not self._ended.is_set():
@@ -103,7 +103,7 @@ class CameraFeed:
             logger.warning("%s: is back after %.2f s", self._name, time.monotonic() - since_s)
 
     def _opened(self) -> PictureSource:
-        """Open the camera, and publish its first picture."""
+        """Open the camera, and publish the first image."""
         source = self._open()
         try:
             self._publish(source.read())

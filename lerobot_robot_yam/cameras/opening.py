@@ -1,4 +1,4 @@
-"""Search for a camera by its serial number. A camera that librealsense sees is opened by it, any other as UVC."""
+"""Search for a camera by serial number. Cameras known to librealsense are opened by it, all others as UVC devices."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from lerobot_robot_yam.system.own_commands import as_root
 
 @dataclass(frozen=True)
 class Plugged:
-    """Camera that is plugged in, as seen by sysfs, by librealsense, or by both."""
+    """Camera that is plugged in, as found in sysfs, by librealsense, or by both."""
 
     seen: VideoDevice | None
     device: Any | None = None
@@ -26,17 +26,17 @@ class Plugged:
 
     @property
     def model(self) -> str:
-        """Model: "D405" for a RealSense, else the maker's name of the camera."""
+        """Model: "D405" for a RealSense, else the manufacturer's name of the camera."""
         return self.seen.model if self.seen else model_of(info(self.device, "name") or "camera")
 
     @property
     def serial(self) -> str | None:
-        """Serial number on a RealSense's label if librealsense reads it, else the serial number of the USB device."""
+        """Serial number on a RealSense's label if librealsense can read it, else that of the USB device."""
         label = serials(self.device)[0] if self.device is not None else None
         return label or (self.seen.serial if self.seen else None)
 
     def is_called(self, name: str) -> bool:
-        """Return whether `name` is the camera's serial number (of label or USB device) or its model."""
+        """Return whether `name` is the camera's model or its serial number (on the label or of the USB device)."""
         names = {self.model, *([self.seen.serial] if self.seen else [])}
         if self.device is not None:
             names |= {*serials(self.device), info(self.device, "name")}
@@ -54,22 +54,22 @@ class Plugged:
         """Open the camera.
 
         Raises:
-            CameraError: the camera is in use, or may not be opened; the message says what to do.
-            ConfigError: the camera does not offer what is wanted; the message says what it offers.
+            CameraError: the camera is in use, or access is denied; the message contains the remedy.
+            ConfigError: the camera does not support a wanted setting; the message lists the supported values.
         """
         if self.device is not None:
             return RealSenseSource(self.device, wanted, self.seen)
-        from lerobot_robot_yam.cameras.uvc_source import UvcSource  # loads OpenCV, which takes long
+        from lerobot_robot_yam.cameras.uvc_source import UvcSource  # imports OpenCV, which is slow
 
         assert self.seen is not None
         return UvcSource(self.seen, wanted)
 
 
 def plugged_cameras(root: Path = ROOT) -> list[Plugged]:
-    """List every camera that is plugged in.
+    """List all cameras that are plugged in.
 
     Args:
-        root: root of the computer's files. librealsense always sees this computer, so it is used only for "/".
+        root: file system root. librealsense always reports the cameras of this computer, so it is used only for "/".
     """
     seen = video_devices(root)
     found = []
@@ -81,10 +81,10 @@ def plugged_cameras(root: Path = ROOT) -> list[Plugged]:
 
 
 def find_camera(name: str, root: Path = ROOT) -> Plugged:
-    """Find the camera with this serial number, or the only one of this model.
+    """Find the camera with this serial number, or the only camera of this model.
 
     Raises:
-        CameraError: no camera has this name, or several have; the message lists the cameras.
+        CameraError: no camera or several cameras match `name`; the message lists the cameras.
     """
     cameras = plugged_cameras(root)
     found = [camera for camera in cameras if camera.is_called(name)]
@@ -109,10 +109,10 @@ def open_camera(wanted: Wanted, root: Path = ROOT) -> PictureSource:
 
 
 def config_of(camera: Plugged, root: Path = ROOT) -> dict[str, Any]:
-    """Return the config fields that find a camera again; a webcam without a unique serial number is found by USB port.
+    """Return config fields that identify a camera; a webcam without a unique serial number is identified by USB port.
 
     Raises:
-        CameraError: nothing distinguishes the camera from another one.
+        CameraError: nothing distinguishes the camera from another camera.
     """
     same = [other for other in plugged_cameras(root) if other.serial == camera.serial]
     if camera.serial and len(same) == 1:
@@ -125,12 +125,12 @@ def config_of(camera: Plugged, root: Path = ROOT) -> dict[str, Any]:
 
 
 def listed(cameras: Sequence[Plugged]) -> str:
-    """List cameras for a message."""
+    """Format a list of cameras for a message."""
     return ", ".join(map(str, cameras)) or "none"
 
 
 def _why_no_label() -> str:
-    """Say why the number on a RealSense's label is unknown; only librealsense reads this number."""
+    """Explain why the number on a RealSense's label is unknown; only librealsense can read this number."""
     try:
         library()
     except CameraError as error:

@@ -1,4 +1,4 @@
-"""Interface of open cameras (classes for UVC and librealsense implement it), and the settings that a person wants."""
+"""Interface of open cameras, implemented for UVC and librealsense, and the settings that a user requests."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,13 +11,13 @@ from lerobot_robot_yam.system.own_commands import install_extra
 
 @dataclass(frozen=True)
 class Wanted:
-    """Wanted settings of a camera. None leaves a setting as it is in the camera.
+    """Requested settings of a camera. None keeps the camera's present value.
 
     Attributes:
-        serial: serial number, or the model if there is only one of it.
-        width, height: size of the pictures in the camera, pixels.
-        fps: pictures per second.
-        exposure: manual exposure, in µs where the colour comes from the stereo module (D405), else in 100 µs.
+        serial: serial number, or the model if only one camera of this model is plugged in.
+        width, height: image size in the camera, pixels.
+        fps: frames per second.
+        exposure: manual exposure, in µs if the stereo module provides the colour (D405), else in 100 µs.
         gain: manual gain, in the camera's own unit.
         white_balance: manual white balance, K.
     """
@@ -34,16 +34,16 @@ class Wanted:
 
     @property
     def size(self) -> str:
-        """Size and rate, for messages."""
+        """Size and rate, formatted for messages."""
         return f"{self.width}x{self.height} at {self.fps} fps"
 
 
 @dataclass(frozen=True)
 class Picture:
-    """Picture of one moment.
+    """Colour and depth images taken at the same time; None for a stream that is not read.
 
     Attributes:
-        stamp_s: monotonic time of the picture, s.
+        stamp_s: monotonic time of the image, s.
         colour: (height, width, 3) uint8 RGB.
         depth: (height, width, 1) uint16, mm.
     """
@@ -54,21 +54,21 @@ class Picture:
 
 
 def no_depth(camera: str) -> ConfigError:
-    """Return the error for depth from a camera that librealsense does not read."""
+    """Return the error for depth from a camera that is not read with librealsense."""
     return ConfigError(f"{camera}: depth takes librealsense: set use_depth to false, or {install_extra('realsense')}")
 
 
 class PictureSource(Protocol):
-    """Open camera."""
+    """An open camera."""
 
     def read(self) -> Picture:
-        """Wait for the next picture. Raises CameraError: the camera is gone, or gives no picture; close it then."""
+        """Wait for the next image. Raises CameraError: the camera is disconnected or sends no images; then close it."""
 
     def exposure_range(self) -> tuple[int, int]:
-        """Return least and greatest exposure, in `Wanted.exposure`'s unit. Raises CameraError: there is none."""
+        """Return minimum and maximum exposure, in the unit of `Wanted.exposure`. Raises CameraError: there is none."""
 
     def set_control(self, name: str, value: int) -> None:
-        """Set exposure, gain or white_balance, each in the unit of `Wanted`, by hand.
+        """Set exposure, gain or white_balance manually, each in the unit of `Wanted`.
 
         Raises:
             ConfigError: the value is out of range.

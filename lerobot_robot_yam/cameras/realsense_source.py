@@ -1,4 +1,4 @@
-"""RealSense read through its maker's library, colour and depth. On a D405 the colour comes from the stereo module."""
+"""RealSense read with librealsense, colour and depth. On a D405 the colour comes from the stereo module."""
 
 import time
 from types import ModuleType
@@ -11,33 +11,33 @@ from lerobot_robot_yam.cameras.video_devices import VideoDevice, in_use
 from lerobot_robot_yam.errors import CameraError, ConfigError
 from lerobot_robot_yam.system.own_commands import install_extra
 
-_POLL_MS = 200  # wait for a picture before checking that the camera is still there, ms
-_SILENT_S = 1.0  # time without a picture after which a camera counts as stalled and is opened again, s
-_MM = 1e-3  # length of a millimetre, m
-# Control of `Wanted` → librealsense's option that lets the camera set it.
+_POLL_MS = 200  # wait for an image before checking that the camera is still connected, ms
+_SILENT_S = 1.0  # time without an image after which the camera counts as stalled and is reopened, s
+_MM = 1e-3  # one millimetre, m
+# Control of `Wanted` → librealsense option for automatic control.
 _AUTOMATIC = {
     "exposure": "enable_auto_exposure",
     "gain": "enable_auto_exposure",
     "white_balance": "enable_auto_white_balance",
 }
-_BUSY = ("busy", "power state", "errno=16")  # words in librealsense's error when another program has the camera
+_BUSY = ("busy", "power state", "errno=16")  # words in librealsense's error if another program uses the camera
 
 
 def library() -> ModuleType:
-    """Import pyrealsense2. Raises CameraError: this module is not installed, or lacks a library of the system."""
+    """Import pyrealsense2. Raises CameraError: the module is not installed, or a system library is missing."""
     try:
         import pyrealsense2
     except ModuleNotFoundError as error:
         raise CameraError(
             f"pyrealsense2, the maker's library, is not installed; {install_extra('realsense')}"
         ) from error
-    except ImportError as error:  # a library that pyrealsense2 needs is missing
+    except ImportError as error:  # a library required by pyrealsense2 is missing
         raise CameraError(f"pyrealsense2 cannot be loaded ({error}): sudo apt install libusb-1.0-0") from error
     return pyrealsense2
 
 
 def plugged_in() -> list[Any]:
-    """List librealsense's devices; empty without the library."""
+    """List librealsense's devices; empty if pyrealsense2 cannot be imported."""
     try:
         rs = library()
     except CameraError:
@@ -49,7 +49,7 @@ def plugged_in() -> list[Any]:
 
 
 def info(device: Any, name: str) -> str | None:
-    """Read a text of a device, such as "serial_number"; None if the device does not have this text."""
+    """Return an information string of a device, such as "serial_number"; None if the device does not provide it."""
     key = getattr(library().camera_info, name)
     return device.get_info(key) if device.supports(key) else None
 
@@ -60,23 +60,23 @@ def serials(device: Any) -> tuple[str | None, str | None]:
 
 
 def modes_of(device: Any, kind: Any) -> list[tuple[int, int, int]]:
-    """List width, height and rate of the streams of a kind (`stream.color`, `stream.depth`), small to large."""
+    """List width, height and rate of all streams of a kind (`stream.color`, `stream.depth`), in ascending order."""
     profiles = [p for sensor in device.query_sensors() for p in sensor.get_stream_profiles() if p.stream_type() == kind]
     videos = [p.as_video_stream_profile() for p in profiles]
     return sorted({(v.width(), v.height(), v.fps()) for v in videos})
 
 
 class RealSenseSource:
-    """Open RealSense: a `PictureSource` with colour and depth of one moment.
+    """Open RealSense: a `PictureSource` with simultaneous colour and depth.
 
     Args:
-        device: a device of `plugged_in`.
+        device: a device returned by `plugged_in`.
         wanted: streams, size, rate and controls.
-        seen: the same camera in sysfs; None if sysfs does not have it.
+        seen: the same camera in sysfs; None if sysfs does not list the camera.
 
     Raises:
-        ConfigError: the camera does not offer a size, rate or value; the message says what it offers.
-        CameraError: the camera is in use, or may not be opened.
+        ConfigError: the camera does not support a size, rate or value; the message lists the supported values.
+        CameraError: the camera is in use, or access is denied.
     """
 
     def __init__(self, device: Any, wanted: Wanted, seen: VideoDevice | None = None):
@@ -135,12 +135,12 @@ class RealSenseSource:
         if self._wanted.depth:
             frame = frames.get_depth_frame()
             depth, unit = np.array(frame.get_data())[..., np.newaxis], frame.get_units()
-            if not np.isclose(unit, _MM):  # a D405 counts in 0.1 mm
+            if not np.isclose(unit, _MM):  # a D405 uses units of 0.1 mm
                 depth = np.round(depth * (unit / _MM)).astype(np.uint16)
         return Picture(stamp_s, colour, depth)
 
     def _sensor(self, name: str) -> Any:
-        """Find the module that gives colour. Raises CameraError: the module does not have this option."""
+        """Return the module that provides colour. Raises CameraError: this module does not have option `name`."""
         colour = self._rs.stream.color
         for sensor in self._device.query_sensors():
             if any(p.stream_type() == colour for p in sensor.get_stream_profiles()) and sensor.supports(

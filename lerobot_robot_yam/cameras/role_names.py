@@ -1,4 +1,4 @@
-"""Cameras by their roles (top, wrist_left, …) in a YAML file. Edits keep the rest of the file, comments too."""
+"""Cameras by role (top, wrist_left, …) in a YAML file. Edits preserve the rest of the file, including comments."""
 
 import io
 from collections.abc import Mapping
@@ -15,11 +15,11 @@ from ruamel.yaml.util import load_yaml_guess_indent
 from lerobot_robot_yam.errors import ConfigError, SetupError
 
 ROLES = ("top", "wrist_left", "wrist_right")
-_NO_LIMIT = 10**6  # longest line that is written without a break, characters
+_NO_LIMIT = 10**6  # maximum length of a line that is written without a break, characters
 
 
 def read_config(path: Path) -> str:
-    """Read the text of a file, empty without a file. Raises SetupError: the file cannot be read."""
+    """Return the text of a file, empty if the file does not exist. Raises SetupError: the file cannot be read."""
     try:
         return path.read_text()
     except FileNotFoundError:
@@ -29,7 +29,7 @@ def read_config(path: Path) -> str:
 
 
 def named_cameras(text: str) -> dict[str, Mapping[str, Any]]:
-    """Read the options of each camera of a run config, by role. Raises ConfigError: the text is no YAML."""
+    """Return the options of each camera of a run config, by role. Raises ConfigError: the text is not YAML."""
     cameras: Any = _loaded(text)
     for key in _place(cameras):
         cameras = cameras.get(key) if isinstance(cameras, Mapping) else None
@@ -40,10 +40,10 @@ def named_cameras(text: str) -> dict[str, Mapping[str, Any]]:
 def with_cameras(text: str, cameras: Mapping[str, Mapping[str, Any]]) -> str:
     """Add cameras, by role, to the text of a run config, under `robot.cameras` or, without `robot`, under `cameras`.
 
-    A role that exists keeps its other fields, unless it is of another type.
+    An existing role keeps its other fields, unless the type differs.
 
     Raises:
-        ConfigError: the text is no YAML, or written in a way that cannot be edited.
+        ConfigError: the text is not YAML, or is written in a form that cannot be edited.
     """
     if not _loaded(text):  # empty, or only comments
         text = f"{text.rstrip()}\ncameras:\n".lstrip()
@@ -53,12 +53,12 @@ def with_cameras(text: str, cameras: Mapping[str, Mapping[str, Any]]) -> str:
     try:
         _, indent, offset = load_yaml_guess_indent(text)
         document = editor.load(text)
-    except YAMLError as error:  # such as a key that a group has twice
+    except YAMLError as error:  # such as a duplicate key in a group
         raise ConfigError(f"the file is no YAML: {error}") from error
     editor.indent(mapping=indent or 2, sequence=indent or 2, offset=offset or 0)
     place = _place(wanted)
     group = _group(document, place)
-    for role, fields in reversed(list(cameras.items())):  # each new role is put before the existing ones
+    for role, fields in reversed(list(cameras.items())):  # each new role is inserted before the existing roles
         same = before.get(role, {}).get("type") == fields.get("type")
         wanted = _put(wanted, [*place, role], {**(before[role] if same else {}), **fields})
         if not same:
@@ -75,11 +75,11 @@ def with_cameras(text: str, cameras: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def _group(document: Any, place: list[str]) -> CommentedMap:
-    """Find the group of keys at a place of the document; make it if it is missing."""
+    """Return the group of keys at a place of the document; create the group if it is missing."""
     group = document
     for depth, key in enumerate(["the file", *place]):
         if depth and group.get(key) is None:
-            _made(group, key, at=len(group) if depth == 1 else 0)  # a comment at a group's end is about the next group
+            _made(group, key, at=len(group) if depth == 1 else 0)  # a comment at a group's end is for the next group
         group = group[key] if depth else document
         if not isinstance(group, CommentedMap):
             raise ConfigError(f"{'.'.join(place[:depth]) or key} is no group of keys: correct it first")
@@ -87,7 +87,7 @@ def _group(document: Any, place: list[str]) -> CommentedMap:
 
 
 def _made(group: CommentedMap, key: str, at: int = 0, flow: bool = False) -> None:
-    """Put an empty group of keys into another one, in place of the key's old value; a new key goes to index `at`."""
+    """Set `key` of a group to an empty group; an existing value is replaced, a new key is inserted at index `at`."""
     new = CommentedMap()
     if flow:
         new.fa.set_flow_style()
@@ -98,7 +98,7 @@ def _made(group: CommentedMap, key: str, at: int = 0, flow: bool = False) -> Non
 
 
 def _put(group: Any, path: list[str], value: Any) -> dict[str, Any]:
-    """Return a copy of a group with a value at this path; other values with the same anchor stay."""
+    """Return a copy of a group with `value` at this path; other values with the same anchor are unchanged."""
     key, *rest = path
     group = group or {}
     return {**group, key: _put(group.get(key), rest, value) if rest else value}
@@ -109,7 +109,7 @@ def _place(config: Any) -> list[str]:
 
 
 def _scalar(value: Any) -> Any:
-    """Quote a text that YAML 1.1 (PyYAML's) would read as another type, such as a serial number of digits, or `on`."""
+    """Quote a text that YAML 1.1 (PyYAML) would read as another type, such as a serial number of digits, or `on`."""
     return SingleQuotedScalarString(value) if isinstance(value, str) and yaml.safe_load(value) != value else value
 
 

@@ -1,4 +1,4 @@
-"""Camera read as a USB video device through OpenCV: any webcam, and a RealSense without its library, colour only."""
+"""Camera read as a USB video device with OpenCV, colour only: any webcam, or a RealSense without librealsense."""
 
 import os
 import time
@@ -12,31 +12,31 @@ from lerobot_robot_yam.cameras.video_devices import VideoDevice, check_rights, i
 from lerobot_robot_yam.errors import CameraError, ConfigError
 from lerobot_robot_yam.system.own_commands import install_extra
 
-# OpenCV's longest wait for a picture of V4L2, s (10 by default). OpenCV reads this variable once, when it is loaded.
+# OpenCV's timeout for a V4L2 image, s (default 10). OpenCV reads this variable once, on import.
 os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 
-# Control of `Wanted` → V4L2's ids of the control and of its automatic mode, and the value that ends that mode.
+# Control of `Wanted` → V4L2 ids of the control and of its automatic mode, and the value that disables this mode.
 _CONTROLS = {
     "exposure": (v4l2.EXPOSURE, v4l2.AUTO_EXPOSURE, v4l2.MANUAL),
     "gain": (v4l2.GAIN, v4l2.AUTO_EXPOSURE, v4l2.MANUAL),
     "white_balance": (v4l2.WHITE_BALANCE, v4l2.AUTO_WHITE_BALANCE, v4l2.OFF),
 }
-_COLOUR = ("YUYV", "MJPG", "NV12", "RGB3", "BGR3")  # formats that OpenCV converts, the best first
+_COLOUR = ("YUYV", "MJPG", "NV12", "RGB3", "BGR3")  # formats that OpenCV converts, in order of preference
 _SIZE = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
-_OLDEST_S = 10.0  # greatest plausible age of a picture's own time stamp, s
-_UNITS_PER_STEP = 100  # µs per step of V4L2's exposure: on a D405, `Wanted.exposure` is in µs
+_OLDEST_S = 10.0  # maximum plausible age of an image's own timestamp, s
+_UNITS_PER_STEP = 100  # µs per step of V4L2's exposure; `Wanted.exposure` of a D405 is in µs
 
 
 class UvcSource:
-    """Open camera of `video_devices`: a `PictureSource` of colour only.
+    """Open camera of `video_devices`: a `PictureSource` that provides only colour.
 
     Args:
         device: the camera.
         wanted: size, rate and controls.
 
     Raises:
-        ConfigError: the camera does not offer a size, rate, depth or value; the message says what it offers.
-        CameraError: the camera is in use, may not be opened, or has no colour node.
+        ConfigError: the camera does not support a size, rate, depth or value; the message lists supported values.
+        CameraError: the camera is in use, access is denied, or there is no colour node.
     """
 
     def __init__(self, device: VideoDevice, wanted: Wanted):
@@ -74,7 +74,7 @@ class UvcSource:
         now_s = time.monotonic()
         if not read:
             raise CameraError(f"{self._device} gives no picture: unplugged, stalled, or read by another program")
-        # V4L2's stamp is the time at which the picture began, however long it waited in the queue.
+        # V4L2's stamp is the time at which the image began, independent of its wait in the queue.
         age_s = now_s - self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
         stamp_s = now_s - age_s if self._node.is_char_device() and 0.0 <= age_s < _OLDEST_S else now_s
         return Picture(stamp_s, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
@@ -97,9 +97,9 @@ class UvcSource:
         self._capture.release()
 
     def _control(self, name: str) -> tuple[Path, int, int, int]:
-        """Find the node that has a control, the unit of its steps, and the least and greatest step.
+        """Return the node that has a control, the unit of the control's steps, and the minimum and maximum step.
 
-        A D405 has its exposure on the node of depth, so all nodes are tried, the node of colour first.
+        A D405 has its exposure control on the depth node, so all nodes are tried, the colour node first.
         """
         unit = _UNITS_PER_STEP if name == "exposure" and self._device.stereo_colour else 1
         for node in dict.fromkeys((self._node, *self._device.nodes)):
@@ -113,10 +113,10 @@ class UvcSource:
 
 
 def _colour_node(device: VideoDevice) -> tuple[Path, list[v4l2.Mode]]:
-    """Find the node that gives colour, and list its formats; a plain file in a test's tree has no formats.
+    """Return the node that provides colour, and its formats; a plain file in a test's tree has no formats.
 
     Raises:
-        CameraError: no node gives colour, or this user has no right to open a node.
+        CameraError: no node provides colour, or this user has no access to a node.
     """
     if not device.nodes:
         raise CameraError(

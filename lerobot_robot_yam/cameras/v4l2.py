@@ -1,6 +1,6 @@
 """Formats, sizes, rates and controls of a V4L2 node, read with the ioctls of linux/videodev2.h.
 
-OpenCV reads pictures, but neither formats nor the ranges of controls. (linuxpy reads these, but is under the GPL.)
+OpenCV reads images, but neither formats nor control ranges. (linuxpy reads both, but is licensed under the GPL.)
 """
 
 import errno
@@ -16,7 +16,7 @@ from typing import Any
 
 from lerobot_robot_yam.errors import CameraError
 
-# Request numbers and structs, with their fields, of linux/videodev2.h on 64-bit computers, in native byte order.
+# Request numbers, structs and their fields from linux/videodev2.h, for 64-bit computers in native byte order.
 ENUM_FMT, FMT = 0xC0405602, struct.Struct("=III32sI16x")  # index, type, flags, description, fourcc
 ENUM_FRAMESIZES, SIZE = 0xC02C564A, struct.Struct("=IIIII16x8x")  # index, fourcc, type, width, height
 ENUM_FRAMEINTERVALS, INTERVAL = 0xC034564B, struct.Struct("=IIIIIII16x8x")  # …, width, height, type, rate
@@ -26,7 +26,7 @@ _CAPTURE, _DISCRETE = 1, 1  # V4L2_BUF_TYPE_VIDEO_CAPTURE, V4L2_FRMSIZE_TYPE_DIS
 _DISABLED = 0x1
 _NO_ANSWER = (errno.EINVAL, errno.ENOTTY, errno.ERANGE, errno.EACCES, errno.EBUSY)
 
-# V4L2's control ids; exposure is in 100 µs.
+# V4L2 control ids; the unit of exposure is 100 µs.
 EXPOSURE, GAIN, WHITE_BALANCE = 0x9A0902, 0x980913, 0x98091A
 AUTO_EXPOSURE, AUTO_WHITE_BALANCE = 0x9A0901, 0x98090C
 MANUAL, OFF = 1, 0  # values of AUTO_EXPOSURE and AUTO_WHITE_BALANCE
@@ -34,7 +34,7 @@ MANUAL, OFF = 1, 0  # values of AUTO_EXPOSURE and AUTO_WHITE_BALANCE
 
 @dataclass(frozen=True)
 class Mode:
-    """Picture format at a size: `fourcc` such as "YUYV", pixels, and pictures per second."""
+    """Image format and size: `fourcc` such as "YUYV", width and height in pixels, and frames per second."""
 
     fourcc: str
     width: int
@@ -46,7 +46,7 @@ class Mode:
 
 
 def modes(node: Path) -> list[Mode]:
-    """List a node's formats with discrete sizes; empty for a node that is no V4L2 capture node.
+    """List a node's formats with discrete sizes; empty if the node is not a V4L2 capture node.
 
     Raises:
         CameraError: the node cannot be opened.
@@ -62,7 +62,7 @@ def modes(node: Path) -> list[Mode]:
 
 
 def control_range(node: Path, number: int) -> tuple[int, int] | None:
-    """Read least and greatest value of a node's control, in its own unit; None if the node has no such control.
+    """Return minimum and maximum of a node's control, in the control's unit; None if the node lacks the control.
 
     Raises:
         CameraError: the node cannot be opened.
@@ -86,7 +86,7 @@ def _rates(device: int, fourcc: int, width: int, height: int) -> tuple[float, ..
 
 
 def _enumerated(device: int, request: int, form: struct.Struct, *values: Any) -> Iterator[tuple[Any, ...]]:
-    """Generate the answers of an ioctl whose request begins with an index."""
+    """Yield the results of an ioctl whose request begins with an index, for increasing indices."""
     for index in count():
         answer = _ask(device, request, form, index, *values)
         if answer is None:
@@ -95,7 +95,7 @@ def _enumerated(device: int, request: int, form: struct.Struct, *values: Any) ->
 
 
 def _ask(device: int, request: int, form: struct.Struct, *values: Any) -> tuple[Any, ...] | None:
-    """Run an ioctl and return its answer; None if the device does not know it, or has nothing more."""
+    """Run an ioctl and return the result; None if the device does not support the request, or has no more entries."""
     buffer = bytearray(form.pack(*values))
     try:
         fcntl.ioctl(device, request, buffer)

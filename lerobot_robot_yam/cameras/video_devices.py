@@ -1,7 +1,7 @@
-"""Cameras that are plugged in, and rights and users of their device files. No camera is opened.
+"""Cameras that are plugged in, and access rights and users of their device files. No camera is opened.
 
-Serial numbers here are those of the USB device, which librealsense calls `asic_serial_number`. The label of a RealSense
-has another number, librealsense's `serial_number` (librealsense's issue 4369).
+Serial numbers in this module are those of the USB device, which librealsense calls `asic_serial_number`. The label of a
+RealSense shows a different number, librealsense's `serial_number` (librealsense issue 4369).
 """
 
 import grp
@@ -29,9 +29,9 @@ class VideoDevice:
     Attributes:
         name: the kernel's name; None if sysfs has no name.
         usb: USB device of the camera; None for other buses.
-        nodes: /dev/video0, …; several per camera are usual.
+        nodes: /dev/video0, …; a camera usually has several.
         links: stable paths of the nodes below /dev/v4l, by-id first.
-        usb_node: /dev/bus/usb/001/004, which librealsense opens; None if sysfs has no numbers.
+        usb_node: /dev/bus/usb/001/004, which librealsense opens; None if sysfs has no bus and device number.
     """
 
     name: str | None
@@ -45,7 +45,7 @@ class VideoDevice:
 
     @property
     def place(self) -> str:
-        """Place of the camera: the USB port, else its nodes."""
+        """Location of the camera: the USB port, else its nodes."""
         return f"USB {self.usb.port}" if self.usb else ", ".join(map(str, self.nodes))
 
     @property
@@ -56,17 +56,17 @@ class VideoDevice:
 
     @property
     def model(self) -> str:
-        """Model: "D405" for a RealSense, else the maker's name of the camera."""
+        """Model: "D405" for a RealSense, else the manufacturer's name of the camera."""
         return model_of((self.usb.product if self.usb else None) or self.name or "camera")
 
     @property
     def serial(self) -> str | None:
-        """Serial number of the USB device, None without one."""
+        """Serial number of the USB device, None if it has none."""
         return self.usb.serial if self.usb else None
 
     @property
     def speed_mbit(self) -> float | None:
-        """Negotiated speed of the camera's USB link, Mbit/s; None if sysfs has no speed."""
+        """Negotiated speed of the camera's USB link, Mbit/s; None if sysfs does not list a speed."""
         return self.usb.speed_mbit if self.usb else None
 
     @property
@@ -81,17 +81,17 @@ class VideoDevice:
 
     @property
     def stereo_colour(self) -> bool:
-        """Whether the camera's colour comes from the stereo module: a D405 has no module for colour."""
+        """Whether the stereo module provides the camera's colour: a D405 has no colour module."""
         return self.realsense and self.model == "D405"
 
 
 def video_devices(root: Path = ROOT, sysfs: Path | None = None) -> list[VideoDevice]:
-    """List every camera: each device with a video node, and each RealSense without one (librealsense may have taken
-    it).
+    """List all cameras: each device with a video node, and each RealSense without one (librealsense may have claimed
+    the RealSense).
 
     Args:
-        root: root of the computer's files.
-        sysfs: root of sysfs; by default `sys` below the root.
+        root: file system root; tests pass a temporary folder.
+        sysfs: root of sysfs; by default `sys` below `root`.
     """
     sysfs = sysfs or root / "sys"
     found: dict[str, tuple[str | None, UsbDevice | None, list[Path]]] = {}
@@ -120,13 +120,13 @@ def video_devices(root: Path = ROOT, sysfs: Path | None = None) -> list[VideoDev
 
 
 def model_of(name: str) -> str:
-    """Shorten a RealSense's name on the USB bus or in librealsense, such as to "D435i"; other names stay."""
+    """Shorten a RealSense's USB or librealsense name to the model, such as "D435i"; return other names unchanged."""
     number = _REALSENSE.search(name)
     return f"D{number[1].lower()}" if number else name
 
 
 def holders(paths: Sequence[Path]) -> list[tuple[int, str]]:
-    """List number and name of other processes that have one of these files open; only root sees other users' ones."""
+    """List pid and name of other processes that have one of the files open; root is needed to see other users'."""
     wanted = {os.path.realpath(path) for path in paths}
     found = []
     for process in Path("/proc").glob("[0-9]*"):
@@ -140,7 +140,7 @@ def holders(paths: Sequence[Path]) -> list[tuple[int, str]]:
 
 
 def in_use(paths: Sequence[Path]) -> str:
-    """Say which processes have the files open, and what to do."""
+    """Explain which processes have the files open, and what to do."""
     who = [f"process {pid} ({name})" for pid, name in holders(paths)]
     if not who:
         return "no process of yours has it open; `sudo fuser -v /dev/video*` shows others. Else plug it in again"
@@ -148,10 +148,10 @@ def in_use(paths: Sequence[Path]) -> str:
 
 
 def check_rights(path: Path) -> None:
-    """Refuse a device file that this user may not read and write.
+    """Check that this user may read and write a device file.
 
     Raises:
-        CameraError: the file is missing, or this user has no right to it; the message names the group that has.
+        CameraError: the file is missing, or this user has no access; the message names the group with access.
     """
     try:
         status = path.stat()
