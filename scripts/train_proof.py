@@ -1,9 +1,9 @@
-"""Proof that the whole loop works: record → train → evaluate, with the stock commands, and a report with the numbers.
+"""End-to-end proof with the stock commands: record, train and evaluate, then write a report with the results.
 
     python scripts/train_proof.py --out outputs/lift_and_place --episodes 200 --steps 4000
 
-Each step shows its own progress and is left out when it is done already: run it again after an interruption and it
-goes on. Everything ends up in --out: data, checkpoints, evaluation with videos, report.md with its plots.
+Each step shows its progress and is skipped if it is already done: after an interruption, run the same command again to
+continue. All results go to --out: data, checkpoints, evaluation with videos, report.md with its plots.
 """
 
 import argparse
@@ -27,10 +27,10 @@ LAST_WRITTEN = Path("training_state", "scheduler_state.json")
 
 
 def run(out: Path, name: str, *command: str) -> None:
-    """Run a command, its output on the terminal and in NAME.log; adds the time that it took to times.json.
+    """Run a command with its output on the terminal and in NAME.log; add its duration to times.json.
 
     Raises:
-        SystemExit: it failed.
+        SystemExit: the command failed.
     """
     begin = time.monotonic()
     program = Path(sys.executable).parent / command[0]
@@ -39,10 +39,10 @@ def run(out: Path, name: str, *command: str) -> None:
         copy_output(process, out / f"{name}.log")
         status = process.wait()
     except KeyboardInterrupt:
-        copy_output(process, out / f"{name}.log")  # it has been interrupted too, and finishes what must be whole
+        copy_output(process, out / f"{name}.log")  # Ctrl-C interrupted the command too, which still completes its files
         process.wait()
         raise
-    finally:  # what it has done so far counts
+    finally:  # also count the time of a failed or interrupted command
         path = out / "times.json"
         times = json.loads(path.read_text()) if path.exists() else {}
         times[name] = times.get(name, 0.0) + time.monotonic() - begin
@@ -52,7 +52,7 @@ def run(out: Path, name: str, *command: str) -> None:
 
 
 def copy_output(process: subprocess.Popen[bytes], log: Path) -> None:
-    """As it comes, progress bars too, until the process has ended."""
+    """Copy the output of a process, including progress bars, as it arrives, until the process ends."""
     assert process.stdout is not None
     with log.open("ab") as file:
         while text := process.stdout.read1():  # type: ignore[attr-defined]
@@ -62,7 +62,7 @@ def copy_output(process: subprocess.Popen[bytes], log: Path) -> None:
 
 
 def gather(out: Path, task: str, episodes: int) -> None:
-    """Demonstrations, until there are enough."""
+    """Gather demonstrations until there are at least `episodes`."""
     info = out / "data" / "meta" / "info.json"
     mend(out)
     if info.exists() and json.loads(info.read_text())["total_episodes"] >= episodes:
@@ -75,9 +75,9 @@ def gather(out: Path, task: str, episodes: int) -> None:
 
 
 def mend(out: Path) -> None:
-    """Bring back what a kill has left of the demonstrations; the original stays beside them."""
+    """Repair the demonstrations after a kill; the original data set is kept beside the repaired one."""
     data, killed, repaired = (out / name for name in ("data", "data_killed", "data_repaired"))
-    if not data.exists() and repaired.exists():  # killed in the midst of this
+    if not data.exists() and repaired.exists():  # this function was killed between its two renames
         repaired.rename(data)
     if not damage(data):
         return
@@ -93,7 +93,7 @@ def mend(out: Path) -> None:
 
 
 def train(out: Path, task: str, steps: int, overrides: list[str]) -> Path:
-    """Train, or go on training; returns the last checkpoint's policy."""
+    """Train, or resume training; return the policy of the last checkpoint."""
     last = newest_checkpoint(out)
     whole = (f"--steps={steps}", f"--scheduler.num_decay_steps={steps}")
     given = out / "overrides.json"
@@ -102,7 +102,7 @@ def train(out: Path, task: str, steps: int, overrides: list[str]) -> Path:
     given.write_text(json.dumps(overrides))
     data = (f"--dataset.root={out / 'data'}", f"--output_dir={out / 'train'}")
     if last is None:
-        shutil.rmtree(out / "train", ignore_errors=True)  # ended before its first checkpoint; LeRobot wants it gone
+        shutil.rmtree(out / "train", ignore_errors=True)  # no checkpoint yet; LeRobot requires a new folder
         (out / "train.log").unlink(missing_ok=True)
         config = (f"--config_path=configs/train/{task}_train.yaml", f"--dataset.repo_id=local/{task}")
         run(out, "train", "lerobot-train", *config, *data, *whole, *overrides)
@@ -116,13 +116,13 @@ def train(out: Path, task: str, steps: int, overrides: list[str]) -> Path:
 
 
 def newest_checkpoint(out: Path) -> Path | None:
-    """The newest whole one; LeRobot's link to it, `last`, is missing for a moment each time."""
+    """Return the newest complete checkpoint; LeRobot's link `last` is missing briefly during each save."""
     whole = [path.parent.parent for path in out.glob(f"train/checkpoints/[0-9]*/{LAST_WRITTEN}")]
     return max(whole, key=lambda path: int(path.name), default=None)
 
 
 def evaluate(out: Path, task: str, policy: Path, episodes: int, seed: int) -> Path:
-    """Evaluate, unless that has been done for this very policy and these seeds; returns the folder of the outcome."""
+    """Evaluate, unless this policy was already evaluated with these seeds; return the folder of the results."""
     path = f"configs/train/{task}_eval.yaml"
     parts = (policy / "model.safetensors", policy / "config.json", ROOT / path)
     mark = hashlib.sha256(b"".join(part.read_bytes() for part in parts)).hexdigest()[:8]
@@ -136,7 +136,7 @@ def evaluate(out: Path, task: str, policy: Path, episodes: int, seed: int) -> Pa
 
 
 def main() -> int:
-    """Entry point."""
+    """Run all steps; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, help="folder of everything")
     parser.add_argument("--task", default="lift_and_place", help="has configs/train/TASK_train.yaml and TASK_eval.yaml")

@@ -1,1 +1,1 @@
-"""The parts of scripts/soak.py."""
+"""Parts of scripts/soak.py."""

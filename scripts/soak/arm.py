@@ -1,4 +1,4 @@
-"""One arm under the monitor's eyes: its newest state record, and its limits."""
+"""One arm as the monitor sees it: latest state record, history and limits."""
 
 import contextlib
 from collections import deque
@@ -13,13 +13,13 @@ from lerobot_robot_yam.state.records import STATE_DTYPE, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from soak.checks import GRIPPER, SetPointCheck, mode_of
 
-_KEPT = 500  # newest records
-_AROUND_S = 0.3  # before and after a violation: these records are reported with it, s
+_KEPT = 500  # number of latest records kept
+_AROUND_S = 0.3  # span before and after a violation whose records are reported, s
 _TOLD = ("stamp_s", "motor_stamp_s", "q", "dq", "tau", "setpoint", "action", "action_dq", "action_stamp_s")
 
 
 def newest_record(key: str) -> Any:
-    """The newest state record of the arm whose blocks have this key; None without one."""
+    """Return the latest state record of the arm whose blocks have this key; None if there is none."""
     with contextlib.suppress(FileNotFoundError, YamError):
         block = SharedBlock(state_path(key), STATE_DTYPE, create=False)
         try:
@@ -30,13 +30,13 @@ def newest_record(key: str) -> Any:
 
 
 class Arm:
-    """One arm.
+    """State records and limits of one arm.
 
     Args:
-        channel: its CAN channel.
-        job: role; key of its blocks; speed_limit (7,) of the set-point; motor_speed_limit, torque_limit, kp and kd
-            (n,) rad/s, Nm, Nm/rad and Nm s/rad at the motors, gripper last; rest_q (6,) rad; peer, channel of the
-            robot's other arm; leads, channel of the follower that follows this arm at loop rate, None: of none.
+        channel: CAN channel of the arm.
+        job: role; key of the arm's blocks; speed_limit (7,) of the set-point; motor_speed_limit, torque_limit, kp and
+            kd (n,) rad/s, Nm, Nm/rad and Nm s/rad at the motors, gripper last; rest_q (6,) rad; peer, channel of the
+            robot's other arm; leads, channel of the follower that this arm leads at loop rate, or None.
     """
 
     def __init__(self, channel: str, job: dict[str, Any]):
@@ -58,7 +58,7 @@ class Arm:
         self._sequence = 0
 
     def read(self) -> Any:
-        """The newest record; None when there is no new one."""
+        """Return the latest record; None if there is no new one."""
         if self._block is None or not self._block.current:
             self._open()
         block = self._block
@@ -82,7 +82,7 @@ class Arm:
             self._block = SharedBlock(self._path, STATE_DTYPE, create=False)
 
     def history(self, at_s: float) -> list[dict[str, Any]]:
-        """Every state around a monotonic time, as far as it is kept: what a violation is understood from."""
+        """Return all kept states around the monotonic time `at_s`, for the analysis of a violation."""
         found = []
         for record in self._history:
             if abs(float(record["stamp_s"]) - at_s) < _AROUND_S:
@@ -91,7 +91,7 @@ class Arm:
         return found
 
     def reading_age_s(self, since_s: float, until_s: float) -> np.ndarray:
-        """(slots,) how old what the loop knew of each motor was at most, in what is kept of this time."""
+        """Return the maximum age (slots,) of each motor's reading in the loop, over the kept records of this span."""
         ages = [
             record["stamp_s"] - record["motor_stamp_s"]
             for record in self._history
@@ -101,11 +101,11 @@ class Arm:
 
     @property
     def driven(self) -> bool:
-        """Whether a control loop says that it drives the arm."""
+        """Whether the record says that a control loop drives the arm."""
         return self.record is not None and mode_of(self.record) not in (Mode.OFF, Mode.OFFLINE)
 
     def close(self) -> None:
-        """Let go of the block."""
+        """Close the state block."""
         block, self._block = self._block, None
         if block is not None:
             block.close()

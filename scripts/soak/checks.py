@@ -1,4 +1,4 @@
-"""What must hold in every state of an arm, as pure functions of its consecutive state records."""
+"""Invariants of each arm, as pure functions of its consecutive state records."""
 
 import math
 from collections import Counter, deque
@@ -17,24 +17,24 @@ from lerobot_robot_yam.state.records import Limited
 from soak.seeds import Seed
 
 GRIPPER = load_arm("yam").joint_count
-"""Slot of the gripper in the records of the soak's arms: the one behind the joints."""
+"""Index of the gripper's slot in the records of the soak's arms: the one after the joints."""
 READY = frozenset({Mode.HOLD, Mode.TRACK, Mode.FLOAT})
 _STANDS = frozenset({Mode.FAULT, Mode.STOPPED})
-MOVES = frozenset({Mode.TRACK, Mode.FLOAT})  # the arm may move: its caller or a hand moves it
-_WINDOW_S = 0.2  # over which a speed is taken
-_TICK_S = 0.008  # how far a record's stamp may be from the tick that moved its set-point: one tick, and a late one
-_JITTER_S = 0.012  # between a record's stamp and the clock that its tick went by: no tick moves farther
+MOVES = frozenset({Mode.TRACK, Mode.FLOAT})  # modes in which a caller or a hand may move the arm
+_WINDOW_S = 0.2  # window over which a speed is measured
+_TICK_S = 0.008  # maximum offset of a record's stamp from the tick that moved its set-point: one tick and a late one
+_JITTER_S = 0.012  # maximum difference between a record's stamp and the clock time used by its tick
 _SMALL = 2e-3  # rad or strokes
-_AT_MEASURED = 0.03  # rad or strokes: a set-point so near to the measured pose has been seeded from it
-_MISSED_S = 0.03  # more between two records: the judge got no time to look
-_SETTLED_S = 0.15  # an arm that begins to land brakes from full speed first
+_AT_MEASURED = 0.03  # rad or strokes: a set-point this close to the measured pose was seeded from it
+_MISSED_S = 0.03  # a larger interval between two records means that the monitor missed some
+_SETTLED_S = 0.15  # an arm that begins to land first brakes from full speed
 _CAME_FREE = "a joint that came free"
-_PEER_S = 0.15  # a peer has been told by then
+_PEER_S = 0.15  # time within which a peer has been informed
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that must not be: which invariant, where, and by how much."""
+    """Violation of an invariant: which invariant, when, where, and a description with numbers."""
 
     invariant: str
     at_s: float
@@ -43,40 +43,40 @@ class Finding:
 
 
 def mode_of(record: Any) -> Mode:
-    """Life-cycle state of a record."""
+    """Return the life-cycle state of a record."""
     return Mode(int(record["mode"]))
 
 
 def trouble_of(record: Any) -> Trouble | None:
-    """Trouble of a record, None when all is well."""
+    """Return the trouble of a record, None if there is none."""
     text = bytes(record["trouble"]).rstrip(b"\0").decode()
     return Trouble(text) if text else None
 
 
 def _stopped_in_fault(record: Any, before: Any) -> bool:
-    """Whether the emergency stop was latched between two records of an arm that holds in trouble: it presses less."""
+    """Return whether the emergency stop was latched between two records of an arm in FAULT, which then presses less."""
     latched = [bool(int(row["limited"]) & Limited.EMERGENCY_STOP) for row in (before, record)]
     return mode_of(before) is mode_of(record) is Mode.FAULT and latched == [False, True]
 
 
 class SetPointCheck:
-    """No set-point moves faster than its limit, none jumps, and no landing is faster than a landing may be.
+    """Checks that set-points neither exceed their speed limits nor jump, and that landings are not too fast.
 
-    A jump is allowed where the set-point is seeded from the measured pose on purpose: when the arm's mode changes
-    (re-arm, end of an emergency stop, floating to holding), when another process takes the arm over, where a landing
-    gives way to what it has met, where a joint has come free, where an emergency stop finds the arm in trouble, and of
-    the gripper when its force limiter lets go. It then has to lie on the measured pose, or as near to it as what an
-    emergency stop holds presses. A joint in trouble whose torque is clipped keeps to what it was sent once its readings
-    are refused, which is nearer. That of a floating arm follows the arm and moves nothing, and neither does that of a
-    joint without torque.
+    A jump is allowed where the set-point is deliberately seeded from the measured pose: when the mode changes (re-arm,
+    end of an emergency stop, float to hold), when another process takes the arm over, when a landing meets an obstacle,
+    when a joint has come free, when an emergency stop is latched for an arm in trouble, and for the gripper when its
+    force limiter releases. The set-point must then be at the measured pose, or, in an emergency stop, at most the
+    pressing distance `press_rad` away. In FAULT, a joint with clipped torque may also return to its last sent
+    set-point, which is nearer to the arm, once its readings are rejected. Set-points of floating arms follow the arm
+    and are not checked, nor are those of joints without torque, because they move nothing.
 
-    Whether the arm truly was there, and truly came free, no record can tell: `take_seeds` gives what must be asked.
+    No record can prove where the arm really was, or that a joint came free: `take_seeds` returns what must be checked.
 
     Args:
-        channel: the arm's.
+        channel: channel of the arm.
         limits: (7,) rad/s, the gripper's in strokes/s.
-        floats: it floats while it is stopped, too.
-        press_rad: (7,) how far what is stopped may stay ahead of the arm.
+        floats: whether the arm also floats while it is stopped.
+        press_rad: (7,) maximum distance between the set-point of a stopped arm and the arm.
     """
 
     def __init__(self, channel: str, limits: np.ndarray, floats: bool = False, press_rad: np.ndarray | float = 0.0):
@@ -84,7 +84,7 @@ class SetPointCheck:
         self._floating = {Mode.FLOAT, Mode.STOPPED} if floats else {Mode.FLOAT}
         self._limits_landing = limits.copy()
         self._limits_landing[:GRIPPER] = np.minimum(limits[:GRIPPER], LANDING_SPEED_RAD_S)
-        self._window: deque[tuple[float, float, np.ndarray]] = deque()  # stamp before, stamp, set-point
+        self._window: deque[tuple[float, float, np.ndarray]] = deque()  # previous stamp, stamp, set-point
         self._before: Any = None
         self._earlier_s = -math.inf
         self._landing_since: float | None = None
@@ -93,21 +93,21 @@ class SetPointCheck:
         self.largest_landing_ratio = 0.0
 
     def take_seeds(self) -> list[Seed]:
-        """The jumps since the last call that are right if the records are."""
+        """Return and clear the jumps since the last call that are valid if the records are correct."""
         seeds, self._unproven = self._unproven, []
         return seeds
 
     def forget(self) -> None:
-        """A new session begins."""
+        """Discard the history, because a new session begins."""
         self._before, self._landing_since, self._earlier_s = None, None, -math.inf
         self._window.clear()
 
     def look(self, record: Any) -> list[Finding]:
-        """Check one record against those before it."""
+        """Check one record against the previous ones."""
         before, mode = self._before, mode_of(record)
         now, setpoint = float(record["stamp_s"]), self._of(record, "setpoint").copy()
         if mode is Mode.BRING_UP:
-            setpoint[GRIPPER] = math.nan  # its stops are being looked for: a stroke has no meaning yet
+            setpoint[GRIPPER] = math.nan  # a stroke has no meaning while the gripper stops are being searched
         self._before = record
         if mode is not Mode.LAND:
             self._landing_since = None
@@ -133,11 +133,11 @@ class SetPointCheck:
         return self._judge_speed(setpoint, mode, self._earlier_s, now)
 
     def _of(self, record: Any, field: str) -> np.ndarray:
-        """(7,) of a record's field: the slots that an arm has limits for."""
+        """Return the slots (7,) of a record's field for which the arm has limits."""
         return record[field][: len(self._limits)]
 
     def _limp(self, record: Any, before: Any) -> np.ndarray:
-        """(7,) which motors have had no torque since the record before: no set-point moves them."""
+        """Return (7,) whether each motor had no torque in both records, so that its set-point moves nothing."""
         limp: np.ndarray = (self._of(record, "fault") != Fault.NORMAL) & (self._of(before, "fault") != Fault.NORMAL)
         return limp
 
@@ -157,12 +157,12 @@ class SetPointCheck:
         elif caught:
             why = _CAME_FREE
         if seeded and why:
-            if new is not Mode.FLOAT:  # nothing is sent to where a floating joint is said to be
+            if new is not Mode.FLOAT:  # a floating joint receives no set-point
                 self._note_seed(record, before, jumped, why)
             return []
         clipped = old is new is Mode.FAULT and bool(int(before["limited"]) & Limited.TORQUE)
         if (new is Mode.LAND or clipped) and self._presses_less(record, before)[jumped].all():
-            return []  # a landing meets something; or readings are refused: a joint keeps to what it was sent
+            return []  # a landing met an obstacle, or readings were rejected and the joint kept its last sent set-point
         slot = int(np.nanargmax(np.where(jumped, moved, 0.0)))
         way = f"{before['setpoint'][slot]:.3f} to {record['setpoint'][slot]:.3f}, measured {record['q'][slot]:.3f}"
         took_s = now - float(before["stamp_s"])
@@ -184,13 +184,13 @@ class SetPointCheck:
         )
 
     def _presses_less(self, record: Any, before: Any) -> np.ndarray:
-        """(7,) which set-points went nearer to where the arm is, and not past it."""
+        """Return (7,) whether each set-point moved closer to the arm's pose, and not past it."""
         here, now, then = self._of(record, "q"), self._of(record, "setpoint"), self._of(before, "setpoint")
         nearer: np.ndarray = (now - here) * (now - then) <= 0.0
         return nearer
 
     def _on_measured(self, record: Any, before: Any) -> np.ndarray:
-        """(7,) which set-points lie where the arm is, or was a record ago; or between, where records were missed."""
+        """Return (7,) whether each set-point is at the arm's pose in either record; between both, if records are missing."""
         setpoint, here, there = self._of(record, "setpoint"), self._of(record, "q"), self._of(before, "q")
         beside = np.minimum(np.abs(setpoint - here), np.abs(setpoint - there))
         if float(record["stamp_s"]) - float(before["stamp_s"]) > _MISSED_S:
@@ -199,7 +199,7 @@ class SetPointCheck:
         return on_measured
 
     def _within_rad(self, record: Any, before: Any) -> np.ndarray:
-        """(7,) how far from the arm a set-point may be that has been seeded from it."""
+        """Return (7,) the maximum distance from the arm for a set-point that was seeded from the arm's pose."""
         moving = np.nan_to_num(np.abs(self._of(record, "dq"))) * _JITTER_S
         presses = mode_of(record) is Mode.STOPPED or _stopped_in_fault(record, before)
         within: np.ndarray = _AT_MEASURED + moving + (self._press_rad if presses else 0.0)
@@ -210,7 +210,7 @@ class SetPointCheck:
         window.append((before_s, now, setpoint))
         while len(window) > 2 and now - window[1][1] >= _WINDOW_S:
             window.popleft()
-        # A record shows what the tick before it has set: the way began with the record before the first one.
+        # A record shows the set-point of the previous tick, so the motion began with the record before the first.
         since, stamp, first = window[0]
         if now - stamp < _WINDOW_S:
             return []
@@ -234,7 +234,7 @@ class SetPointCheck:
 
 
 class PolicyCheck:
-    """An arm in trouble, and the other arm of its robot, do what `faults.RESPONSES` says.
+    """Checks that an arm in trouble, and the robot's other arm, respond as `faults.RESPONSES` specifies.
 
     Args:
         peers: the other arm of the same robot, by channel.
@@ -244,16 +244,16 @@ class PolicyCheck:
         self._peers = peers
         self._trouble: dict[str, Trouble | None] = {}
         self._since: dict[str, float] = {}
-        self._landing_s: dict[str, float] = {}  # when it began to land
-        self._told: set[str] = set()  # or not to be told
+        self._landing_s: dict[str, float] = {}  # when the arm began to land
+        self._told: set[str] = set()  # channels whose present trouble is reported or exempt
         self.outcomes: Counter[tuple[str, str]] = Counter()
 
     def look(self, channel: str, record: Any, peer: Any) -> tuple[list[Finding], tuple[Trouble, float] | None]:
-        """Check one record of an arm against the newest of its peer (None without one).
+        """Check one record of an arm against the latest record of its peer (None without one).
 
         Returns:
-            What must not be; trouble that has just been told, and since when it may be there. An arm that lands keeps
-            to itself whom it does not believe any more, until its landing is stopped.
+            Violations; newly reported trouble and the earliest time at which it may have begun. A landing arm does not
+            report motors whose readings it rejects until the landing is stopped.
         """
         trouble, mode, now = trouble_of(record), mode_of(record), float(record["stamp_s"])
         found: list[Finding] = []
@@ -272,7 +272,7 @@ class PolicyCheck:
         if trouble is None or RESPONSES[trouble].peer is not Response.HOLD or channel in self._told or peer is None:
             return found, news
         there = mode_of(peer)
-        if trouble_of(peer) is not None:  # the operator re-arms both, one after the other
+        if trouble_of(peer) is not None:  # the operator re-arms both arms, one after the other
             self._told.add(channel)
         elif now - self._since[channel] > _PEER_S and there in MOVES and float(peer["stamp_s"]) > now - _TICK_S:
             self._told.add(channel)
@@ -287,6 +287,6 @@ def _judge_arm(channel: str, trouble: Trouble, mode: Mode, now: float) -> list[F
         Response.LOST: {Mode.FAULT},
         Response.LAND: {Mode.LAND, Mode.OFF, Mode.STOPPED},
     }.get(RESPONSES[trouble].arm, set())
-    if mode in expected | {Mode.LAND, Mode.OFF}:  # an arm that lands already goes on
+    if mode in expected | {Mode.LAND, Mode.OFF}:  # an arm that is already landing continues
         return []
     return [Finding("the arm as the policy says", now, channel, f"{trouble}: it is in {mode.name}")]

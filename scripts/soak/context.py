@@ -1,4 +1,4 @@
-"""What the rig and the soak say has happened: which motors have torque, what was injected, when somebody pushed."""
+"""History according to the rig and the soak: motors with torque, injected faults, and pushes."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,21 +9,21 @@ from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.state.faults import FAULT_TROUBLE, Trouble
 from soak.injected_faults import RANDOM
 
-WATCHDOG_S = 0.4  # a motor without a command for so long switches itself off
-_WATCHDOG_SLACK_S = 0.03  # between the rig's simulated time and the clock
+WATCHDOG_S = 0.4  # a motor without a command for this long switches itself off
+_WATCHDOG_SLACK_S = 0.03  # difference between the rig's simulated time and the clock
 _DEATHS = frozenset({"kill_control", "stop_control"})
-# A destroyed answer makes those that follow count for older ones, until a loss is told from a delay. Held back as well,
-# they are older than a silence may be.
+# After a destroyed reply, the following replies count for older requests until a loss is told from a delay. If frames
+# are held back as well, these replies are older than the limit for a silence.
 _SILENCING = frozenset({"held_back", "garbled"})
 _SILENCES = (Trouble.BUS_SILENT, Trouble.MOTOR_SILENT)
-_AFTER_S = 3.0  # so long after its end something may still be the cause of trouble
-_COOLS_S = 120.0  # a motor that was heated without torque is hot for so long, for whoever connects its arm
+_AFTER_S = 3.0  # time after its end during which an injection may still cause trouble
+_COOLS_S = 120.0  # cooling time of a motor heated without torque; until then it is hot for the next connection too
 _HEAT = frozenset({Trouble.HOT, Trouble.MOS_TOO_HOT, Trouble.ROTOR_TOO_HOT})
 
 
 @dataclass
 class Cause:
-    """Something that was injected, from when to when (infinite: it goes on)."""
+    """An injected fault with start and end time; the end is infinite while the fault lasts."""
 
     number: int
     kind: str
@@ -36,46 +36,46 @@ class Cause:
 
 @dataclass
 class ArmContext:
-    """One arm, as the rig knows it."""
+    """State of one arm according to the rig."""
 
     causes: list[Cause] = field(default_factory=list)
     enabled: set[str] = field(default_factory=set)
-    changed_s: float = -math.inf  # when a motor last gained or lost torque
-    faulty: dict[str, float] = field(default_factory=dict)  # motor → since when
+    changed_s: float = -math.inf  # time at which a motor last gained or lost torque
+    faulty: dict[str, float] = field(default_factory=dict)  # motor → time of its fault
 
 
 class Context:
-    """Built from the rig's event log, in order.
+    """History built from the rig's event log, in order.
 
     Args:
         channels: all arms.
-        robots: channels that one control process drives, in groups.
+        robots: groups of channels that are driven by one control process.
     """
 
     def __init__(self, channels: Sequence[str], robots: Sequence[Sequence[str]]):
         self.arms = {channel: ArmContext() for channel in channels}
         self._robots = [tuple(robot) for robot in robots]
-        self.position = -1  # number of the newest injection
+        self.position = -1  # number of the latest injection
         self._stalls: list[tuple[float, float]] = []
 
     def stalled(self, start_s: float, end_s: float) -> None:
-        """The machine, or one of its processors, stood still: what does next to nothing there has not run."""
+        """Record a stall of the machine or of a processor, in which processes did not run."""
         self._stalls.append((start_s, end_s))
 
     @property
     def stalls(self) -> int:
-        """How often the machine stood still."""
+        """Number of stalls of the machine."""
         return len(self._stalls)
 
     def stood_still(self, since_s: float, until_s: float, at_least_s: float = 0.05) -> bool:
-        """Whether the machine stood still for at least so long at some time between."""
+        """Return whether the machine stalled for at least `at_least_s` at some time in this span."""
         return any(a < until_s and b > since_s and b - a >= at_least_s for a, b in self._stalls)
 
     def take(self, event: Mapping[str, Any]) -> list[tuple[float, str, str]]:
-        """One event of the rig.
+        """Process one event of the rig.
 
         Returns:
-            (monotonic s, channel, motor) of a motor that has lost communication without a reason, or nothing.
+            (monotonic s, channel, motor) of a motor that has lost communication without a reason, or an empty list.
         """
         kind, at_s = event["kind"], float(event["monotonic_s"])
         if kind == "injected":
@@ -85,7 +85,7 @@ class Context:
                 for cause in arm.causes:
                     if cause.number == event["injection"]:
                         cause.end_s = at_s
-        elif kind == "slipped":  # the rig itself did not run: its motors were silent
+        elif kind == "slipped":  # the rig itself was not running, so its motors were silent
             self.stalled(at_s - float(event["seconds"]), at_s)
         elif kind in ("motor_enabled", "motor_disabled", "motor_fault"):
             return self._motor(kind, event, at_s)
@@ -118,14 +118,14 @@ class Context:
         return []
 
     def _cut_off(self, channel: str, motor: str, at_s: float) -> bool:
-        """Whether the schedule has kept commands from a motor for longer than its watchdog, or failed it itself."""
+        """Return whether injections kept commands from a motor for longer than its watchdog, or caused its fault."""
         for cause in self.arms[channel].causes:
             concerned = cause.motor in ("", motor) and cause.start_s <= at_s
             if concerned and cause.kind == "motor_fault" and at_s - cause.start_s < 0.5:
                 return True
-            # The adapter's return does not bring a socket back that was opened before.
+            # Sockets opened before an adapter was unplugged stay dead after its return.
             end_s = math.inf if cause.kind == "adapter_gone" else cause.end_s
-            # A shorter one is enough if it began as its arm was switched off: the motor has not heard of it.
+            # A shorter cut is enough if the arm was switched off as the cut began: the motor missed the command.
             unheard = not self.arms[channel].enabled and at_s - cause.start_s < WATCHDOG_S + _WATCHDOG_SLACK_S
             least_s = 0.0 if unheard else WATCHDOG_S - _WATCHDOG_SLACK_S
             if concerned and RANDOM[cause.kind].cuts and min(at_s, end_s) - cause.start_s > least_s:
@@ -133,11 +133,11 @@ class Context:
         return False
 
     def explained(self, channel: str, trouble: Trouble, at_s: float, for_s: float = 0.0) -> bool:
-        """Whether something was injected into the arm that can be the cause of trouble that is told at that time.
+        """Return whether an injection into the arm can be the cause of trouble reported at `at_s`.
 
-        It may have been there for `for_s` before.
+        The trouble may have existed for `for_s` before the report.
 
-        A motor that has fallen into a fault tells of it for as long as it is in it, anew in each mode.
+        A motor reports its fault while the fault lasts, anew in each mode.
         """
         arm = self.arms[channel]
         if trouble in FAULT_TROUBLE.values() and any(since_s <= at_s for since_s in arm.faulty.values()):
@@ -150,13 +150,13 @@ class Context:
         return any(trouble in RANDOM[kind].troubles for kind in acting)
 
     def undisturbed(self, channel: str, since_s: float, until_s: float, kinds: frozenset[str]) -> bool:
-        """Whether every motor of the arm had torque all the time, and nothing of `kinds` was going on."""
+        """Return whether all motors of the arm had torque in this span, and no fault of `kinds` was active."""
         arm = self.arms[channel]
         if not arm.enabled or arm.faulty or arm.changed_s > since_s:
             return False
         return not any(c.kind in kinds and c.start_s < until_s and c.end_s > since_s for c in arm.causes)
 
     def forget_before(self, at_s: float) -> None:
-        """Causes that ended before then can explain nothing any more."""
+        """Forget causes that ended before `at_s`, because they can no longer explain anything."""
         for arm in self.arms.values():
             arm.causes = [c for c in arm.causes if c.end_s > at_s or (c.kind == "adapter_gone" and c.start_s > at_s)]

@@ -1,4 +1,4 @@
-"""A follower that follows its leader at loop rate: only with its caller's leave, only while that leads, and only it."""
+"""Check of a follower coupled at loop rate: permitted by its caller, led by an active leader, and following only it."""
 
 import math
 from collections import Counter
@@ -9,42 +9,42 @@ import numpy as np
 from lerobot_robot_yam.state.modes import Gate, Mode
 from soak.checks import GRIPPER, Finding, mode_of
 
-_LEAVE_S = 0.2  # 0.1 s and one frame of the caller, which counts as 0.1 s at most
-_LOST_S = 0.08  # a state counts for 0.03 s, and a follower comes to rest within 0.05 s after that
-_LATE_S = 0.03  # some late ticks, after which a loop looks at the clock anew
+_LEAVE_S = 0.2  # validity of the caller's permission: 0.1 s plus one caller frame, at most 0.1 s
+_LOST_S = 0.08  # a leader state is valid for 0.03 s, and the follower comes to rest within another 0.05 s
+_LATE_S = 0.03  # a few late ticks, after which a loop reads the clock again
 _LEADS = (Mode.FLOAT, Mode.HOLD, Mode.TRACK)
-_JOINED_S = 4.0  # a gap of 1.5 rad is closed by then
-_ASKED_RAD, _ASKED_S = 0.02, 0.05  # between what both say: ticks that lie apart, and a speed that changes meanwhile
-_STEP_S = 0.1  # a gate that opens, or closes, may have its target step: the follower is asked so a tick later
+_JOINED_S = 4.0  # time within which a gap of 1.5 rad is closed
+_ASKED_RAD, _ASKED_S = 0.02, 0.05  # tolerance between both records, whose ticks and speeds may differ
+_STEP_S = 0.1  # an opening or closing gate may make the target jump; the follower receives the jump a tick later
 
 
 class CouplingCheck:
-    """Feed it the records of one follower, in order, with the newest one of its leader that was read after it.
+    """Check of one follower, fed with its records in order, each with the leader's latest record, read afterwards.
 
-    It does not see all of them: who reads them is late now and then. So it knows by their ticks where one is missing.
+    The check misses some records, because the reader is sometimes late. It detects missing records by their ticks.
 
     Args:
-        channel: the follower's.
+        channel: channel of the follower.
 
     Attributes:
-        records: of it while it was coupled.
-        unseen: how often it may have come apart and joined again in a record that is missing.
-        gates: how often its leader's gate became each.
+        records: number of records while the follower was coupled.
+        unseen: number of times that the follower may have separated and rejoined in a missing record.
+        gates: number of times that the leader's gate entered each state.
     """
 
     def __init__(self, channel: str):
         self._channel = channel
         self._target, self._target_s = -1, -math.inf
-        self._led_s = self._apart_s = -math.inf  # when the leader last led; when it last was asked what that asks
-        self._joined_s = math.inf  # since when it has been coupled
-        self._tick, self._is_apart = 0, False  # at the last look
+        self._led_s = self._apart_s = -math.inf  # when the leader last led; when both targets last agreed
+        self._joined_s = math.inf  # time at which the coupling began
+        self._tick, self._is_apart = 0, False  # at the previous record
         self._gate: Gate | None = None
-        self._told: set[str] = set()  # what has been said of this time of being coupled
+        self._told: set[str] = set()  # findings already reported for this coupling
         self.records = self.unseen = 0
         self.gates: Counter[str] = Counter()
 
     def look(self, record: Any, leader: Any) -> list[Finding]:
-        """Check one record; `leader`: None while it has none, before the first one and after its process was killed."""
+        """Check one record. leader: its leader's record, None before the first and after the leader's process died."""
         now = float(record["stamp_s"])
         missed = int(record["tick"]) - self._tick > 1
         self._tick = int(record["tick"])
@@ -60,7 +60,7 @@ class CouplingCheck:
         self.records += 1
         if self._joined_s == math.inf:
             self._joined_s = self._apart_s = now
-            self._led_s = max(self._led_s, now)  # it joins a leader that may lead no more in the record read after it
+            self._led_s = max(self._led_s, now)  # the record read afterwards may show a leader that no longer leads
         wrong = {}
         if now - self._target_s > _LEAVE_S + _LATE_S:
             wrong["a follower is led with its caller's leave"] = f"the last one is {now - self._target_s:.3f} s old"
@@ -78,7 +78,7 @@ class CouplingCheck:
         self._gate = gate
 
     def _apart(self, record: Any, leader: Any, now: float, missed: bool) -> str:
-        """What a follower that has caught up is asked for too long, and its leader does not ask; empty: nothing."""
+        """Return how the target of a follower that has caught up differs from its leader's for too long, or ""."""
         joints = slice(GRIPPER)
         if now - self._joined_s < _JOINED_S or leader is None:
             self._apart_s = now
@@ -89,7 +89,7 @@ class CouplingCheck:
         before, self._is_apart = self._is_apart, bool((gap > _ASKED_RAD + _ASKED_S * np.abs(rate)).any())
         if not self._is_apart:
             self._apart_s = now
-        elif missed and not before:  # its leader was late, it has come apart, and joined again: it has to catch up
+        elif missed and not before:  # the leader was late, the follower separated and rejoined: it must catch up again
             self._joined_s = self._apart_s = now
             self.unseen += 1
         if now - self._apart_s < _STEP_S:

@@ -1,4 +1,4 @@
-"""The devices of the soak: the shipped LeRobot classes as in configs/sim/teleoperate.yaml."""
+"""Devices of the soak: the shipped LeRobot classes, configured as in configs/sim/teleoperate.yaml."""
 
 import time
 from collections.abc import Sequence
@@ -20,31 +20,31 @@ from soak.arm import newest_record
 from soak.checks import GRIPPER, mode_of, trouble_of
 from soak.injected_faults import CHANNELS, FOLLOWERS, LEADERS
 
-_TORQUE_LIMIT_NM = [20.0, 24.0, 20.0, 7.0, 7.0, 7.0]  # per joint; below the motors' own, so that the clip acts
-_HUNG_S = 0.3  # age of a state from which on its control process is taken to hang, s
-_BILATERAL = 0.15  # gain of the force feedback, usual in labs
+_TORQUE_LIMIT_NM = [20.0, 24.0, 20.0, 7.0, 7.0, 7.0]  # per joint; below the motors' limits, so that the clip acts
+_HUNG_S = 0.3  # state age from which the arm's control process counts as hung, s
+_BILATERAL = 0.15  # gain of the force feedback; common in labs
 
 
 def keys(rig: str) -> dict[str, str]:
-    """Names of the arms' shared blocks, by channel."""
+    """Return the names of the arms' shared blocks, by channel."""
     return {channel: channel_key("yam_sim", channel, rig) for channel in CHANNELS}
 
 
 class Device:
-    """The robot or the teleoperator, with the arms' state blocks and the stamps of what was last returned.
+    """Robot or teleoperator, with the arms' state blocks and the stamps of the states returned last.
 
     Args:
-        device: of LeRobot.
-        channels: its arms, in canonical order.
+        device: LeRobot device.
+        channels: channels of the device's arms, in canonical order.
         rig: name of the rig.
     """
 
     def __init__(self, device: Any, channels: Sequence[str], rig: str):
         self.device, self.channels = device, tuple(channels)
         self.name = device.name
-        self.stamps_s: list[float] = []  # of the arms' states that were last returned
+        self.stamps_s: list[float] = []  # stamps of the arms' states returned last
         self._keys = keys(rig)
-        group = device._arms  # what a caller is given carries no stamp: it is noted on the way
+        group = device._arms  # returned observations have no stamp, so `observe` is wrapped to note the stamps
         observe = group.observe
 
         def noted() -> Any:
@@ -56,11 +56,11 @@ class Device:
 
     @property
     def max_state_age_s(self) -> float:
-        """Age from which on a state is an error."""
+        """Age from which a state counts as stale and raises an error."""
         return float(next(iter(self.device.config.arms().values())).max_state_age_s)
 
     def jobs(self) -> dict[str, dict[str, Any]]:
-        """What the monitor has to know of the arms, by channel."""
+        """Return what the monitor needs to know about the arms, by channel."""
         found = {}
         arms = self.device.config.arms()
         for channel, config in zip(self.channels, arms.values(), strict=True):
@@ -86,7 +86,7 @@ class Device:
         return found
 
     def remedy(self) -> str:
-        """What the policy says has to be done: "nothing", "wait", "re-arm" or "reconnect"."""
+        """Return the recovery that the policy requires: "nothing", "wait", "re-arm" or "reconnect"."""
         remedy = "nothing"
         for channel in self.channels:
             record = newest_record(self._keys[channel])
@@ -102,18 +102,18 @@ class Device:
         return remedy
 
     def observe(self) -> None:
-        """Look at the arms.
+        """Read the states of the arms.
 
         Raises:
-            YamError: one is silent or has failed.
+            YamError: an arm is silent or has failed.
         """
         self.device._arms.observe()
 
     def rearm(self) -> None:
-        """Re-arm in place; leaders float again.
+        """Re-arm in place; leaders then float again.
 
         Raises:
-            YamError: it does not work.
+            YamError: re-arming failed.
         """
         self.device.rearm()
         if self.channels == LEADERS:
@@ -121,7 +121,7 @@ class Device:
 
 
 def make_devices(rig: str, folder: Path, coupled: bool = False) -> tuple[Device, Device]:
-    """Make robot and teleoperator, with a torque clip; `coupled`: with coupling, gate and force feedback."""
+    """Create robot and teleoperator with a torque clip; `coupled` adds coupling, gate and force feedback."""
     common: dict[str, Any] = {
         "interface": "yam_sim",
         "gravity_factor": [1.0] * 6,

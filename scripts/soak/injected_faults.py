@@ -1,7 +1,7 @@
-"""The one table of faults that the tests and the soak cause: how, in which modes, and which trouble comes of it.
+"""Table of the faults that tests and soak inject: the injection, the modes, and the resulting trouble.
 
-`MATRIX` is what tests/control/test_fault_matrix.py causes, `ELSEWHERE` what other tests cause, and `RANDOM` what the
-soak causes by chance. A trouble of `state.faults` is in `MATRIX` or in `ELSEWHERE`.
+`MATRIX` lists the faults injected by tests/control/test_fault_matrix.py, `ELSEWHERE` the tests that cause other
+troubles, and `RANDOM` the random faults of the soak. Each trouble of `state.faults` is in `MATRIX` or `ELSEWHERE`.
 """
 
 import math
@@ -25,16 +25,16 @@ _HOT = {"rate_c_per_s": 0.1, "from_c": 96.0}
 
 @dataclass(frozen=True)
 class Injected:
-    """A fault of the rig that makes one trouble.
+    """A fault of the rig that causes one trouble.
 
     Attributes:
-        kind, value, details: as `RigOperations.fault` takes them.
-        phases: what the arm does when it is caused.
-        lockstep: that one of the phases which every run of the tests checks; the long tier checks all.
-        refused: pattern of what a start says of it; None: it is no obstacle.
-        channel: whose arm.
-        motor: the motor concerned; None: the whole channel.
-        names: what an error names; by default the motor or the channel.
+        kind, value, details: arguments of `RigOperations.fault`.
+        phases: phases of the arm in which the fault is injected.
+        lockstep: the phase that every test run checks; the long tier checks all phases.
+        refused: pattern in the error of a start with this fault; None if the fault does not prevent a start.
+        channel: channel of the affected arm.
+        motor: affected motor; None for the whole channel.
+        names: what an error must name; by default the motor or the channel.
     """
 
     trouble: Trouble
@@ -50,16 +50,16 @@ class Injected:
 
     @property
     def named(self) -> str:
-        """What an error names."""
+        """What an error must name."""
         return self.names or self.motor or self.channel
 
     def inject(self, rig: RigOperations) -> None:
-        """Cause it."""
+        """Inject this fault."""
         rig.fault(self.channel, self.motor, self.kind, self.value, **self.details)
 
 
 _CODES_IN_LOCKSTEP = {Fault.OVER_CURRENT: "track", Fault.COMMUNICATION_LOST: "bring_up"}
-_CODES = {  # every fault code of a motor
+_CODES = {  # all fault codes of a motor
     code.name.lower().replace("_", "-"): Injected(
         FAULT_TROUBLE[code],
         "nibble",
@@ -96,7 +96,7 @@ MATRIX = _CODES | {
     ),
     "leap": Injected(Trouble.IMPLAUSIBLE, "reading", {"position_rad": 2.0}, _MOVING, "track"),
     "turn": Injected(Trouble.IMPLAUSIBLE, "reading", {"position_rad": -2 * math.pi}, _MOVING),
-    # An answer with another motor's number in it counts as a missing one.
+    # A reply that contains another motor's number counts as missing.
     "garbled": Injected(Trouble.IMPLAUSIBLE, "corrupt_rate", 0.3, _MOVING),
     "foreign-driver": Injected(
         Trouble.FOREIGN_DRIVER,
@@ -120,7 +120,7 @@ MATRIX = _CODES | {
     "warm": Injected(Trouble.WARM, "temperature_ramp", _HOT | {"from_c": 88.0}, ("bring_up", "track"), refused=None),
     "hot": Injected(Trouble.HOT, "temperature_ramp", _HOT, ("hold", "track"), "hold"),
 }
-ELSEWHERE = {  # trouble → the test that causes it
+ELSEWHERE = {  # trouble → test that causes it
     Trouble.CONTROL_DEAD: "tests/control/process/test_stand_by.py",
     Trouble.CONTROL_HUNG: "tests/control/process/test_stand_by.py",
     Trouble.STAND_BY_DEAD: "tests/control/process/test_stand_by.py",
@@ -142,17 +142,17 @@ ELSEWHERE = {  # trouble → the test that causes it
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of the soak's random faults.
+    """One kind of random fault in the soak.
 
     Attributes:
-        gap_s: mean seconds between two.
-        draw: channel, motor, value and seconds of the next one: the fields of `schedule.Injection`.
-        rig: kind of the rig's fault; empty: something else goes wrong, which the `Injector` knows.
-        usual: the value that ends a fault of the rig.
-        details: of the rig's fault.
-        explains_all: it can be the cause of any trouble; else only of those that `MATRIX` gives for the same fault.
-        also: further troubles that it explains.
-        cuts: it keeps commands from motors.
+        gap_s: mean interval between two faults of this kind, s.
+        draw: draws channel, motor, value and seconds of the next fault: fields of `schedule.Injection`.
+        rig: kind of the rig's fault; empty for other faults, which `Injector` implements.
+        usual: value that ends the rig's fault.
+        details: details of the rig's fault.
+        explains_all: whether the fault can cause any trouble, not only those that `MATRIX` lists for this fault.
+        also: additional troubles that the fault explains.
+        cuts: whether the fault keeps commands from motors.
     """
 
     gap_s: float
@@ -166,14 +166,14 @@ class Kind:
 
     @property
     def troubles(self) -> frozenset[Trouble]:
-        """The troubles that it can be the cause of."""
+        """Troubles that the fault can cause."""
         if self.explains_all or self.cuts:
             return frozenset(Trouble)
         return self.also | {row.trouble for row in MATRIX.values() if row.kind == self.rig}
 
 
 _JOINTS = load_arm("yam").joint_count
-_BEYOND_RAD = 0.8  # what no motor can turn by within the four answers after which it is not believed any more
+_BEYOND_RAD = 0.8  # more than a motor can turn within the four replies after which its readings are rejected
 _PUSHED = ("link2", "link3", "link4", "gripper")
 
 
@@ -198,7 +198,7 @@ def _push(rng: random.Random) -> dict[str, Any]:
 
 
 def _glitch(rng: random.Random) -> dict[str, Any]:
-    """Fewer answers than make a fault, wrong by more than a joint can have moved between them."""
+    """Return fewer false replies than trigger a fault, with errors larger than a possible motion between replies."""
     value = {"position_rad": _offset(rng, _BEYOND_RAD, 13.0), "answers": rng.randint(1, 3)}
     if rng.random() < 0.5:
         value |= {"velocity_rad_s": _offset(rng, 0.0, 30.0), "torque_nm": _offset(rng, 0.0, 30.0)}
@@ -206,7 +206,7 @@ def _glitch(rng: random.Random) -> dict[str, Any]:
 
 
 def _lie(rng: random.Random) -> dict[str, Any]:
-    turn = rng.choice((0.0, 0.0, 2 * math.pi))  # a turn that was miscounted, or anything
+    turn = rng.choice((0.0, 0.0, 2 * math.pi))  # a miscounted turn, or a random offset
     value = {"position_rad": math.copysign(turn, rng.uniform(-1, 1)) if turn else _offset(rng, _BEYOND_RAD, 9.0)}
     return _on_motor(rng, value, rng.uniform(0.1, 1.0))
 
@@ -228,13 +228,13 @@ def _hot(rng: random.Random) -> dict[str, Any]:
     return {"channel": rng.choice(CHANNELS), "motor": "joint_2", "value": _HOT, "seconds": 2.0}
 
 
-_CODE = sorted(map(int, FAULT_TROUBLE))  # every way in which a motor switches itself off
-_TWO_ARMS = frozenset({Trouble.IMPLAUSIBLE, Trouble.DISABLED})  # the second one's motors are limp, and say so for ours
+_CODE = sorted(map(int, FAULT_TROUBLE))  # every fault code with which a motor switches off
+_TWO_ARMS = frozenset({Trouble.IMPLAUSIBLE, Trouble.DISABLED})  # the second arm's limp motors reply for ours
 EVEN = "motor_fault"
-"""The kind that comes at even intervals."""
+"""Kind that occurs at even intervals."""
 RANDOM = {
     EVEN: Kind(30.0, lambda rng: _on_motor(rng, rng.choice(_CODE)), "nibble", explains_all=True),
-    # No silence (0.1 s), even of ticks that take three times as long as they should.
+    # Too short for a silence (0.1 s), even if ticks take three times as long as they should.
     "lost_replies": Kind(2.0, lambda rng: _on_motor(rng, rng.randint(1, 8)), "drop_next"),
     "motor_silent": Kind(75.0, lambda rng: _on_motor(rng, seconds=rng.uniform(0.03, 1.5)), "silent", cuts=True),
     "reading_glitch": Kind(4.0, _glitch, "reading"),

@@ -1,4 +1,4 @@
-"""Makes things go wrong on time, and puts them right again."""
+"""Thread that injects faults on schedule, and ends them."""
 
 import contextlib
 import logging
@@ -21,23 +21,23 @@ from soak.schedule import Injection
 logger = logging.getLogger("soak")
 
 _POLL_S = 0.01
-_SEEN_S = 0.05  # a loop sees the release of an emergency stop at its next tick, however late that is
-_GAP_S = 0.2  # at least, between two that were kept waiting
-_LOSS_RATE = 0.01  # share of all frames to and from all motors that get lost, all the time
+_SEEN_S = 0.05  # a loop sees the release of an emergency stop at the next tick, however late this tick is
+_GAP_S = 0.2  # minimum interval between injections that were delayed
+_LOSS_RATE = 0.01  # fraction of all frames to and from all motors that are always lost
 _SIGNALS = {"kill_control": signal.SIGKILL, "stop_control": signal.SIGSTOP}
 _FOR_CALLER = frozenset({"caller_stall", "far_action"})
 
 
 class Injector(threading.Thread):
-    """Carries out a schedule, on its own thread and connection.
+    """Executes a schedule in its own thread, with its own connection to the rig.
 
-    What concerns the caller (it stalls, it asks for far poses) is put into `for_caller`; the caller does it and calls
-    `began`.
+    Faults of the caller (it stalls, or requests distant poses) are put into `for_caller`; the caller carries them out
+    and calls `began`.
 
     Args:
         rig: name of the rig.
-        keys: of the state blocks, by channel.
-        schedule: what and when.
+        keys: keys of the state blocks, by channel.
+        schedule: the injections, in order of time.
     """
 
     def __init__(self, rig: str, keys: Mapping[str, str], schedule: Sequence[Injection]):
@@ -47,38 +47,38 @@ class Injector(threading.Thread):
         self._begin_s = math.inf
         self.for_caller: queue.SimpleQueue[Injection] = queue.SimpleQueue()
         self.injected: Counter[str] = Counter()
-        self.log: list[tuple[float, Injection]] = []  # when what really happened, monotonic s
+        self.log: list[tuple[float, Injection]] = []  # injections that really happened, with their monotonic times, s
         self.error: BaseException | None = None
         self._active: list[tuple[float, Injection]] = []
-        self._lock = threading.RLock()  # of the connection and the list
+        self._lock = threading.RLock()  # protects the connection and the list of active injections
         self._paused = threading.Event()
         self._ended = threading.Event()
         self.lossy()
 
     def lossy(self) -> None:
-        """`_LOSS_RATE` of all frames get lost, either way, from now on."""
+        """From now on, lose a fraction `_LOSS_RATE` of all frames in both directions."""
         with self._lock:
             for channel in CHANNELS:
                 self._rig.fault(channel, None, "loss_rate", _LOSS_RATE)
                 self._rig.fault(channel, None, "command_loss_rate", _LOSS_RATE)
 
     def begin(self, now_s: float) -> None:
-        """The schedule's time 0 is now."""
+        """Start the schedule; `now_s` is its time 0."""
         self._begin_s = now_s
         self.start()
 
     @property
     def position(self) -> int:
-        """Number of the newest injection, -1 before the first."""
+        """Number of the latest injection, -1 before the first."""
         return self.log[-1][1].number if self.log else -1
 
     @property
     def left(self) -> int:
-        """How many of the schedule are still to come, or were kept waiting."""
+        """Number of injections that have not happened yet, including delayed ones."""
         return len(self._schedule) + self.for_caller.qsize()
 
     def run(self) -> None:
-        """The thread."""
+        """Inject and undo faults until `end`; runs in the thread."""
         try:
             last_s = 0.0
             while not self._ended.wait(_POLL_S):
@@ -102,13 +102,13 @@ class Injector(threading.Thread):
 
     @contextlib.contextmanager
     def quiet(self) -> Iterator[None]:
-        """Inside the block nothing is wrong that can be put right, and nothing new goes wrong."""
+        """Inside the block, suspend injections and keep all faults undone."""
         self._paused.set()
         try:
             while self._active and not self._ended.is_set():
                 time.sleep(_POLL_S)
             time.sleep(_SEEN_S)
-            with self._lock:  # answers that were not asked for yet: they would still get lost, or lie
+            with self._lock:  # faults that wait for further replies would still drop or falsify these
                 for channel in CHANNELS if not self._ended.is_set() else ():
                     self._rig.fault(channel, None, "drop_next", 0)
                     self._rig.fault(channel, None, "reading", False)
@@ -117,7 +117,7 @@ class Injector(threading.Thread):
             self._paused.clear()
 
     def began(self, injection: Injection) -> None:
-        """Note in the rig's log that this happens now."""
+        """Record in the rig's log that this injection happens now."""
         self.injected[injection.kind] += 1
         self.log.append((time.monotonic(), injection))
         logger.info("%s", injection)
@@ -169,7 +169,7 @@ class Injector(threading.Thread):
         self._rig.log("undone", injection=injection.number)
 
     def _control_pid(self, channel: str) -> int:
-        """The control process that drives a channel, not its stand-by; 0 when it has ended or never ran."""
+        """Return the pid of the control process that drives a channel, not of its stand-by; 0 if there is none."""
         record = newest_record(self._keys[channel])
         pid = 0 if record is None else int(record["owner_pid"])
         try:
@@ -179,7 +179,7 @@ class Injector(threading.Thread):
         return pid if int(fields[1]) == os.getpid() and fields[0] not in "ZT" else 0
 
     def end(self) -> None:
-        """Stop, put everything right. Idempotent."""
+        """Stop the thread and undo all faults. Idempotent."""
         self._ended.set()
         if self.is_alive():
             self.join()

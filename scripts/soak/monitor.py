@@ -1,7 +1,7 @@
-"""The soak's judge, in a separate process: reads the state records, most of them, and asks the rig for the truth.
+"""Judge of the soak, in a separate process: reads most state records, and gets the true state from the rig.
 
-It gets one JSON object on standard input (rig, arms by channel), prints one JSON object per violation, and the summary
-when its standard input ends. It knows of the soak only what the rig's event log says.
+The process reads one JSON object from standard input (rig, arms by channel), prints one JSON object per violation, and
+prints the summary when standard input ends. It learns about injected faults only from the rig's event log.
 """
 
 import json
@@ -25,8 +25,8 @@ from soak.truth import Truth
 
 _PERIOD_S = 0.004
 _RIG_PERIOD_S = 0.2
-_REMEMBERED_S = 180.0  # what may still be the cause of something
-# Nobody but the machine is to blame for these when it has stood still; the others are judged by their own stamps.
+_REMEMBERED_S = 180.0  # time for which an injected fault may still be a cause, s
+# Findings excused after the machine has stalled, which alone explains them. Other findings are judged by their stamps.
 _EXCUSABLE = frozenset(
     {
         "no communication loss but where the link was cut",
@@ -43,7 +43,7 @@ _EXCUSABLE = frozenset(
 
 
 class Monitor:
-    """Checks one rig until told to end."""
+    """Checks one rig until standard input ends."""
 
     def __init__(self, job: dict[str, Any]):
         self._arms = {channel: Arm(channel, row) for channel, row in job["arms"].items()}
@@ -63,7 +63,7 @@ class Monitor:
         self._processors = ProcessorWatch()
 
     def run(self) -> None:
-        """Until standard input ends."""
+        """Check until standard input ends, then print the summary."""
         next_rig_s = time.monotonic()
         while True:
             if select.select([sys.stdin], [], [], _PERIOD_S)[0] and not sys.stdin.readline():
@@ -80,8 +80,8 @@ class Monitor:
         self._rig.close()
 
     def _look(self) -> None:
-        records = {channel: arm.read() for channel, arm in self._arms.items()}  # of followers before their leaders
-        if not self._stop.latched:  # later than what has been read: it was latched then, too
+        records = {channel: arm.read() for channel, arm in self._arms.items()}  # followers before their leaders
+        if not self._stop.latched:  # read after the records, so that a released stop does not count for them
             self._stopped_since_s = None
         elif self._stopped_since_s is None:
             self._stopped_since_s = time.monotonic()
@@ -115,7 +115,7 @@ class Monitor:
             self._truth.take(event)
         for finding in [*self._truth.judge(), *self._truth.judge_seeds()]:
             self._report(finding)
-        for at_s, channel, trouble, since_s in self._news:  # what obstructs may be the arm itself, or the table
+        for at_s, channel, trouble, since_s in self._news:  # an arm may obstruct itself: OBSTRUCTED needs no injection
             explained = self._context.explained(channel, trouble, at_s, at_s - since_s)
             if trouble is not Trouble.OBSTRUCTED and not explained:
                 self._report(Finding("no trouble without a cause", at_s, channel, f"{trouble}"))
@@ -146,7 +146,7 @@ class Monitor:
         sys.stdout.flush()
 
     def _summary(self) -> dict[str, dict[str, Any]]:
-        """Figures by title and name."""
+        """Return figures by title and name."""
         checks = [arm.check for arm in self._arms.values()]
         found = {
             "seen": {
@@ -179,7 +179,7 @@ class Monitor:
 
 
 def main() -> int:
-    """Entry point of the process."""
+    """Run the monitor process; return the exit status."""
     monitor = Monitor(json.loads(sys.stdin.readline()))
     request_realtime(1)
     sys.stdout.write(json.dumps({"ready": True}) + "\n")

@@ -1,5 +1,5 @@
-"""The soak's operator: what a person does when teleoperation breaks. Re-arm where the policy says so, else disconnect,
-which lands the arms, and connect again. Also the hands on the leaders.
+"""Operator of the soak: acts like a person when teleoperation breaks. Re-arms where the policy says so; otherwise
+disconnects, which lands the arms, and connects again. Also moves the leaders by hand.
 """
 
 import logging
@@ -18,24 +18,24 @@ from soak.schedule import BACK_S, hand_path, lift_and_return
 
 logger = logging.getLogger("soak")
 
-PATIENCE_S = 1.5  # a control process that is silent for longer is ended by connecting anew
+PATIENCE_S = 1.5  # a control process that is silent for longer is ended by reconnecting
 _HAND_S = 40.0
-_LIFTED_S, _HOME_S = (6.0, 20.0), (0.2, 5.0)  # some stays at home are too short to release, or to get there
+_LIFTED_S, _HOME_S = (6.0, 20.0), (0.2, 5.0)  # some stays at home are too short to release the leader or to arrive
 _ATTEMPTS = 3
 _REST_RAD_S = 1.0
-_SETTLE_S = 0.6  # the motors' watchdog, and a little
-_LATE_LANDING_S = 15.0  # a stretched arm takes less
+_SETTLE_S = 0.6  # the motors' watchdog plus a margin
+_LATE_LANDING_S = 15.0  # a stretched arm lands in less time
 
 
 class Operator:
-    """Connects, repairs and disconnects the devices, and moves the leaders.
+    """Connects, recovers and disconnects the devices, and moves the leaders.
 
     Args:
-        rig: a connection that nobody else uses.
-        injector: keeps quiet while something is connected or re-armed.
-        seed: of the hands' ways.
-        violation: called with invariant, channel or device, and what.
-        coupled: leaders engage when they are lifted: bring them home now and then.
+        rig: a connection that no other thread uses.
+        injector: suspends faults while a device is connected or re-armed.
+        seed: seed of the hand paths.
+        violation: callback that receives invariant, channel or device, and description.
+        coupled: whether lifting a leader engages it; leaders are then returned to home from time to time.
     """
 
     def __init__(
@@ -49,19 +49,19 @@ class Operator:
         self._rig, self._injector, self._violation = rig, injector, violation
         self._coupled = coupled
         self._chance = random.Random(f"{seed} operator")
-        self._lands_late = False  # not when it is disconnected
-        self._guided_until_s = 0.0  # the hands know where to go until then
+        self._lands_late = False  # whether an arm lands only after `disconnect` has returned
+        self._guided_until_s = 0.0  # end of the present hand paths
         self._used: set[str] = set()  # devices that have been connected before
         self.counts: Counter[str] = Counter()
 
     def see_to(self, device: Device) -> None:
-        """Bring a device back that has raised an error. Whoever holds a leader lets go first."""
+        """Recover a device that has raised an error. The hands first release the leaders."""
         begin = time.monotonic()
         if device.channels == LEADERS or self._coupled:
             self.let_go()
         remedy = device.remedy()
         while remedy == "wait" and time.monotonic() - begin < PATIENCE_S:
-            time.sleep(0.05)  # a control process that hangs is ended and replaced by the stand-by
+            time.sleep(0.05)  # the stand-by ends and replaces a hung control process
             remedy = device.remedy()
         if remedy == "re-arm":
             with self._injector.quiet():
@@ -78,7 +78,7 @@ class Operator:
         self.connect(device)
 
     def _let_swing(self, device: Device) -> None:
-        """Wait for joints without torque to come to rest, as a person does: those of a wrist fall at 11 rad/s."""
+        """Wait until joints without torque are at rest, as a person would: wrist joints fall at 11 rad/s."""
         deadline = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline:
             arms = self._rig.state()["arms"]
@@ -106,7 +106,7 @@ class Operator:
         return True
 
     def disconnect(self, device: Device) -> None:
-        """Land; things may go wrong on the way."""
+        """Disconnect, which lands the arms; faults may occur meanwhile."""
         if device.channels == LEADERS:
             self.let_go()
         logger.info("%s: disconnecting", device.name)
@@ -115,12 +115,12 @@ class Operator:
             device.device.disconnect()
         except Exception as error:
             self._violation("each recovery succeeds", device.name, f"disconnect: {type(error).__name__}: {error}")
-        self._lands_late = EmergencyStop().latched  # its control loop lands it when the stop is released
+        self._lands_late = EmergencyStop().latched  # the control loop lands the arm when the stop is released
         self.counts["disconnected"] += 1
         logger.info("%s: disconnected in %.1f s", device.name, time.monotonic() - begin)
 
     def connect(self, device: Device) -> None:
-        """Once everything is right again, connecting works at the first attempt."""
+        """Connect without faults; the first attempt must succeed."""
         with self._injector.quiet():
             if device.name in self._used:
                 self.check_limp(device)
@@ -139,24 +139,24 @@ class Operator:
         self.counts["connected"] += 1
 
     def check_limp(self, device: Device) -> None:
-        """Nothing is energised after disconnecting, or soon after an emergency stop's release."""
+        """Check that no motor is energised after disconnecting, or soon after an emergency stop is released."""
         deadline = time.monotonic() + _LATE_LANDING_S
-        time.sleep(_SETTLE_S)  # what could not be reached lets go by itself
+        time.sleep(_SETTLE_S)  # motors that could not be reached disable themselves
         while self._lands_late and self._energised(device) and time.monotonic() < deadline:
             time.sleep(_SETTLE_S)
         if self._lands_late:
-            time.sleep(_SETTLE_S)  # who has landed it lets go of it
+            time.sleep(_SETTLE_S)  # the process that has landed the arm disables it
         for channel, energised in self._energised(device).items():
             self._violation("nothing energised afterwards", channel, ", ".join(energised))
 
     def _energised(self, device: Device) -> dict[str, list[str]]:
-        """Motors by channel, of channels that have some."""
+        """Return the enabled motors of each channel that has any."""
         arms = self._rig.state()["arms"]
         on = {c: [name for name, motor in arms[c]["motors"].items() if motor["enabled"]] for c in device.channels}
         return {channel: names for channel, names in on.items() if names}
 
     def guide(self) -> None:
-        """Tell the hands on the leaders where to go next, when they do not know."""
+        """Start new hand paths for the leaders when the present ones have ended."""
         if time.monotonic() < self._guided_until_s:
             return
         arms = self._rig.state()["arms"]
@@ -168,7 +168,7 @@ class Operator:
             q = arms[channel]["q"]
             if arms[channel]["resists"]:
                 self.counts["a leader had resisted its hand"] += 1
-            if self._coupled:  # who feels a force does not let go of a leader
+            if self._coupled:  # a person who feels a force does not release the leader
                 self._rig.hand(channel, *lift_and_return(self._chance, q, lifted_s, home_s), gives_way=False)
             else:
                 self._rig.hand(channel, *hand_path(self._chance, q, _HAND_S))
@@ -176,7 +176,7 @@ class Operator:
         self._guided_until_s = time.monotonic() + lasts_s
 
     def let_go(self) -> None:
-        """Both leaders."""
+        """Release both leaders."""
         for channel in LEADERS:
             self._rig.release(channel)
         self._guided_until_s = 0.0

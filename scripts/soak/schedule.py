@@ -1,4 +1,4 @@
-"""What goes wrong when: a random list of faults, the same for the same seed."""
+"""Schedule of the soak: a random list of faults that is identical for identical seeds."""
 
 import math
 import random
@@ -8,22 +8,22 @@ from typing import Any
 
 from soak.injected_faults import EVEN, RANDOM
 
-BACK_S = 2.0  # of a leader's way home
+BACK_S = 2.0  # duration of a leader's return to home
 
 
 @dataclass(frozen=True)
 class Injection:
-    """One thing that goes wrong.
+    """One scheduled fault.
 
     Attributes:
-        number: its place in the schedule.
-        at_s: seconds since the soak began; a little later when an arm is just being repaired.
+        number: index in the schedule.
+        at_s: seconds since the start of the soak; the fault is delayed slightly while an arm is being recovered.
         kind: a name in `RANDOM`.
-        channel: whose arm; empty when it concerns no arm in particular.
-        motor: of that arm; empty when it concerns no motor in particular.
-        value: fault code, number of answers, offsets of a reading, share of answers, latency in s, times at which
-            frames are held back, or force (3,) N.
-        seconds: how long it lasts; 0 when it is over at once.
+        channel: channel of the affected arm; empty if no particular arm is affected.
+        motor: affected motor; empty if no particular motor is affected.
+        value: fault code, number of replies, offsets of a reading, fraction of replies, latency in s, hold-back times,
+            or force (3,) N.
+        seconds: duration; 0 for an instantaneous fault.
     """
 
     number: int
@@ -44,18 +44,18 @@ class Injection:
 def make_schedule(
     duration_s: float, seed: int, pace: float = 1.0, kinds: Sequence[str] = tuple(RANDOM)
 ) -> list[Injection]:
-    """All injections of `duration_s` seconds, in order of time.
+    """Return all injections within `duration_s` seconds, in order of time.
 
     Args:
-        duration_s: length of the soak.
+        duration_s: duration of the soak.
         seed: the same seed gives the same list, and a longer soak begins like a shorter one.
-        pace: so many times as often as `RANDOM` says.
-        kinds: only these.
+        pace: factor on the frequencies in `RANDOM`.
+        kinds: kinds to include.
     """
     found = []
     for kind in kinds:
         gap_s, draw = RANDOM[kind].gap_s, RANDOM[kind].draw
-        rng = random.Random(f"{seed} {kind}")  # each kind has its own chance: leaving one out changes no other
+        rng = random.Random(f"{seed} {kind}")  # each kind has its own generator: omitting a kind changes no other
         at_s = rng.uniform(0.0, gap_s / pace) if kind == EVEN else rng.expovariate(pace / gap_s)
         while at_s < duration_s:
             found.append((round(at_s, 3), kind, draw(rng)))
@@ -67,11 +67,11 @@ def make_schedule(
 def hand_path(
     rng: random.Random, start: Sequence[float], seconds: float
 ) -> tuple[list[float], list[list[float]], list[float]]:
-    """A way for the hand on a leader: every joint swings, now slowly, now faster than the follower may go.
+    """Return a hand path for a leader: every joint swings, at times faster than the follower may move.
 
     Args:
-        start: (6,) rad, where the leader is.
-        seconds: how long.
+        start: (6,) rad, present joints of the leader.
+        seconds: duration.
 
     Returns:
         times (k,) s; joints (k, 6) rad; trigger (k,) 0 … 1.
@@ -94,7 +94,7 @@ def hand_path(
 def lift_and_return(
     rng: random.Random, start: Sequence[float], lifted_s: float, home_s: float
 ) -> tuple[list[float], list[list[float]], list[float]]:
-    """As `hand_path` for `lifted_s`, then home, where all joints are zero, in `BACK_S`, and there for `home_s`."""
+    """Return `hand_path` for `lifted_s`, then a return to all joints at zero in `BACK_S`, held there for `home_s`."""
     times, path, trigger = hand_path(rng, start, lifted_s)
     last, begin_s, squeeze = path[-1], times[-1], trigger[-1]
     for step in range(1, round(BACK_S / 0.1) + 1):

@@ -1,6 +1,6 @@
-"""Set-points that have jumped onto the arm: whether the arm was truly there, and truly came free where that is said.
+"""Checks of set-points that jumped onto the arm: was the arm really there, and did a joint really come free?
 
-A state record cannot tell: what it says of the arm may be what was wrong.
+A state record cannot prove either, because its description of the arm may be what was wrong.
 """
 
 from collections.abc import Mapping
@@ -8,23 +8,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-AROUND_S = 0.06  # from the sample that a record tells to the set-point that rests on it, at most: some late ticks
-_AFTER_S = 0.012  # a record's stamp may be before the tick that moved its set-point
-_SLOWER = 0.97  # of the speed above which a joint is taken to have come free: it brakes while that is noticed
+AROUND_S = 0.06  # maximum time from a recorded sample to the set-point based on that sample, s: some late ticks
+_AFTER_S = 0.012  # a record's stamp may precede the tick that moved its set-point by this much
+_SLOWER = 0.97  # factor on the come-free speed: the joint already brakes while coming free is detected
 
 
 @dataclass(frozen=True)
 class Seed:
-    """A jump that a record explains.
+    """A set-point jump that a record justifies.
 
     Attributes:
         at_s: stamp of the record.
-        why: what the record says.
-        free: it says that a joint came free.
-        joints: (n,) bool, those that jumped.
-        setpoint: (n,) rad, where to.
-        within_rad: (n,) how far from the arm that may be.
-        age_s: (n,) of the samples that the record tells, s.
+        why: justification in the record.
+        free: whether the record says that a joint came free.
+        joints: (n,) bool, joints that jumped.
+        setpoint: (n,) set-points after the jump, rad.
+        within_rad: (n,) allowed distance between set-point and arm.
+        age_s: (n,) age of the recorded samples, s.
     """
 
     at_s: float
@@ -37,17 +37,17 @@ class Seed:
 
     @property
     def since_s(self) -> float:
-        """From when on the truth is asked for."""
+        """Time from which the truth is needed."""
         return self.at_s - float(np.nan_to_num(self.age_s[self.joints]).max(initial=0.0)) - AROUND_S
 
 
 def judge_seed(seed: Seed, truth: Mapping[str, np.ndarray], free_speed: np.ndarray) -> str:
-    """What is wrong with a seed, empty if nothing is.
+    """Return a description of what is wrong with a seed, empty if nothing is wrong.
 
     Args:
-        seed: what the record says.
-        truth: of `RigControl.truth`, around it; nothing is judged that it does not cover.
-        free_speed: (n,) rad/s, above which a joint may be said to have come free.
+        seed: the jump and its justification.
+        truth: result of `recorders.truth` around the seed; times that it does not cover are not judged.
+        free_speed: (n,) rad/s, minimum speed of a joint that came free.
     """
     stamps = truth["stamp_s"]
     during = (stamps > seed.since_s) & (stamps < seed.at_s + _AFTER_S)

@@ -1,4 +1,4 @@
-"""Whether a processor stood still: whoever rents it out now and then takes one away, and all that runs on it waits."""
+"""Detection of processor stalls: a host may take a processor away, and everything running on that processor waits."""
 
 import contextlib
 import multiprocessing
@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from multiprocessing.connection import Connection
 
 _PERIOD_S = 0.01
-_PRIORITY = 90  # above everything of ours
+_PRIORITY = 90  # above all other threads of the soak
 _STALL_S = 0.05
 
 
 class ProcessorWatch:
-    """A process for each processor sleeps there, and tells when it wakes late; where it may not come first, nothing."""
+    """One sleeping process per processor that reports late wake-ups; reports nothing without real-time permission."""
 
     def __init__(self) -> None:
         self._telling, told = multiprocessing.Pipe(duplex=False)
@@ -25,12 +25,12 @@ class ProcessorWatch:
             process.start()
 
     def news(self) -> Iterator[tuple[float, float]]:
-        """(since, until) of what stood still since the last call, monotonic s."""
+        """Yield (since, until) of stalls since the last call, monotonic s."""
         while self._telling.poll():
             yield self._telling.recv()
 
     def close(self) -> None:
-        """End the processes."""
+        """Kill the processes."""
         for process in self._processes:
             process.kill()
             process.join()

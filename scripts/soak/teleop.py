@@ -1,4 +1,4 @@
-"""The soak's caller: a teleoperation loop over the shipped LeRobot classes that checks what it is given."""
+"""Caller of the soak: a teleoperation loop over the shipped LeRobot classes that checks the returned values."""
 
 import logging
 import math
@@ -17,18 +17,18 @@ logger = logging.getLogger("soak")
 
 _RATE_HZ = 45.0
 _FAR_TICKS = 8
-_OUTSIDE_RAD = 0.2  # a pose that is held, which is then what was sent, may lie so far outside the limits
-_NAMES = ("follower", "leader", "joint_", "gripper")  # one of them is in the text of each error
+_OUTSIDE_RAD = 0.2  # a held pose, which is returned as sent, may be this far outside the limits
+_NAMES = ("follower", "leader", "joint_", "gripper")  # each error text must contain one of these
 
 
 class Teleoperation:
-    """Runs robot and leader under fire.
+    """Drives robot and leader while faults are injected.
 
     Args:
         robot, leader: the devices.
-        operator: sees to what fails.
-        injector: puts what the caller itself does wrong into `for_caller`.
-        violation: called with invariant, channel or device, and what.
+        operator: recovers devices after errors.
+        injector: puts the caller's own faults into `for_caller`.
+        violation: callback that receives invariant, channel or device, and description.
     """
 
     def __init__(
@@ -47,12 +47,12 @@ class Teleoperation:
         self.oldest_state_s = 0.0
 
     def connect(self) -> None:
-        """Energise everything."""
+        """Energise both devices."""
         for device in (self._robot, self._leader):
             self._operator.connect(device)
 
     def run(self, until_s: float, on_tick: Callable[[], None]) -> None:
-        """Teleoperate until a monotonic time."""
+        """Teleoperate until the monotonic time `until_s`."""
         next_s = time.monotonic()
         while time.monotonic() < until_s:
             self._misbehave()
@@ -62,7 +62,7 @@ class Teleoperation:
             time.sleep(max(0.0, next_s - time.monotonic()))
 
     def disconnect(self) -> None:
-        """Land everything; nothing is energised afterwards."""
+        """Land both devices, and check that no motor is energised afterwards."""
         for device in (self._leader, self._robot):
             self._operator.disconnect(device)
             self._operator.check_limp(device)
@@ -84,7 +84,7 @@ class Teleoperation:
             self._operator.guide()
 
     def _call(self, device: Device, work: Callable[[], Any]) -> Any:
-        """The result; None when it failed and the operator has seen to it."""
+        """Return the result; None if the call failed, after the operator has recovered the device."""
         try:
             return work()
         except YamError as error:
@@ -118,7 +118,7 @@ class Teleoperation:
         age = now - min(device.stamps_s)
         self.oldest_state_s = max(self.oldest_state_s, age)
         limit = device.max_state_age_s
-        if age > limit + now - begin:  # the call judged it, and the machine may have held the call up since
+        if age > limit + now - begin:  # the call checked the age; the machine may have delayed the call since
             self._violation("no state older than its stated age", device.name, f"{age:.3f} s old, at most {limit} s")
         elif age > limit:
             self.counts["became old while the call was held up"] += 1
@@ -132,7 +132,7 @@ class Teleoperation:
                     self._violation("targets are limited", self._robot.name, f"{motor} was sent {value}")
 
     def _misbehave(self) -> None:
-        """What the schedule has the caller do wrong."""
+        """Carry out the next scheduled fault of the caller, if any."""
         try:
             injection = self._injector.for_caller.get_nowait()
         except queue.Empty:

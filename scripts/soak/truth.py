@@ -1,4 +1,4 @@
-"""What the rig itself sees of the arms, against what may be: speed, torque, poses when torque was cut, honesty."""
+"""Checks of the arms' true state in the rig: speed, torque, poses at torque cuts, and correctness of state records."""
 
 import math
 import time
@@ -16,32 +16,32 @@ from soak.context import Context
 from soak.injected_faults import LEADERS
 from soak.seeds import judge_seed
 
-_SETTLE_S = 1.0  # an arm that was pushed, struck something, lost or got back a motor, moves by itself for so long
-_COASTS_S = 3.0  # a floating arm that was let go in motion comes to rest within so long
+_SETTLE_S = 1.0  # an arm may still move this long after a push, a collision, or a motor's loss or return, s
+_COASTS_S = 3.0  # maximum time that a floating arm takes to come to rest after it was released in motion, s
 _SPEED_FACTOR, _SPEED_SLACK = 1.2, 0.15
-_GRIPPER_SPEED_FACTOR = 1.4  # it weighs next to nothing: what a late tick makes of its ramp, it overshoots
-_PUNCTUAL_S = 0.008  # a command is obeyed for a tick and the way over the wire
-_KEPT_UP_S = 0.005  # longer than a tick: one command got lost, as each hundredth does here
-_CARRIED_BY = np.array([1.0, 1.0, 2.0, 3.0, 3.0, 3.0])  # what carries a joint brakes, too
-_CUT_OFF_S = 0.02  # its ramp has gone on, and it weighs next to nothing: it leaps to where that is
-_FREE_SPEED = 1.1  # of a joint's limit: faster, a joint that was blocked has come free
-_TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between two ticks a motor goes on by itself; a blow is sooner there
-_NOTICED_S = 0.3  # a motor without torque has been noticed by then
-_LANDED_RAD = 0.1  # joints 2 to 4 so near to the resting pose: landed
-_CARRYING = slice(1, 4)  # joints 2 to 4 are parallel, and carry weight
-_LET_GO_S = 0.5  # a hand that was seen on an arm so long before its torque was cut may have let go at the cut
-_BEFORE_S = 0.05  # so many true samples from before a cut are asked for: one is enough
-_FALL_M, _FALL_S = 0.01, 1.0  # nothing moves farther than this after torque was cut by us
-_TRUTH_RAD, _TRUTH_RAD_PER_S = 0.02, 3.0  # what a state may differ from the truth, and per second of its age
+_GRIPPER_SPEED_FACTOR = 1.4  # the light gripper overshoots when a late tick makes its ramp jump
+_PUNCTUAL_S = 0.008  # a punctual command acts for one tick plus its time on the wire
+_KEPT_UP_S = 0.005  # command age above which a command was late or lost (1 % are lost); longer than one tick
+_CARRIED_BY = np.array([1.0, 1.0, 2.0, 3.0, 3.0, 3.0])  # factor on each joint's overshoot: its carriers brake too
+_CUT_OFF_S = 0.02  # age from which a gripper's speed is not judged: it leaps to its ramp, which has moved on
+_FREE_SPEED = 1.1  # factor on the speed limit: a joint that came free must have been faster
+_TORQUE_FACTOR, _TORQUE_SLACK_NM = 1.05, 1.0  # between ticks a motor reacts alone; a blow is faster
+_NOTICED_S = 0.3  # time within which a motor without torque must be noticed
+_LANDED_RAD = 0.1  # maximum distance of joints 2 to 4 from the rest pose in a landed pose
+_CARRYING = slice(1, 4)  # joints 2 to 4 have parallel axes and carry weight
+_LET_GO_S = 0.5  # a hand seen on an arm this recently before a torque cut may have let go at the cut
+_BEFORE_S = 0.05  # span of true samples requested before a cut; one sample is sufficient
+_FALL_M, _FALL_S = 0.01, 1.0  # maximum motion of a body within _FALL_S after a torque cut by the driver
+_TRUTH_RAD, _TRUTH_RAD_PER_S = 0.02, 3.0  # maximum error of a state, plus this much per second of its age
 _FRESH_S = 0.25
-_KNOWN_S = 0.012  # a command acts for a tick, on a state that is a tick old when it is sent, and each took its way
-_KEPT_S = 2.0  # of the true samples; longer than between two looks
+_KNOWN_S = 0.012  # maximum state age behind an acting command: one tick when sent, one tick of action, wire times
+_KEPT_S = 2.0  # span of true samples that the rig keeps; longer than the interval between looks
 _SLOW_ADAPTERS = frozenset({"slow_adapter", "held_back"})
-_SLOW_S = 0.12  # how much older a state may be by them when a command rests on it
+_SLOW_S = 0.12  # additional state age that slow adapters may cause
 _PUSHES = frozenset({"push"})
 _LYING = frozenset({"reading_lies", "garbled", "second_arm"})
-_REARMED_S = 2.0  # so long after it somebody has re-armed the arm
-_STALE_COMMANDS = frozenset(  # motors go on acting on the last command
+_REARMED_S = 2.0  # time within which the arm has been re-armed after the fault
+_STALE_COMMANDS = frozenset(  # faults after which the motors keep executing the last command received
     {
         "cable_out_briefly",
         "cable_out",
@@ -56,12 +56,12 @@ _STALE_COMMANDS = frozenset(  # motors go on acting on the last command
 
 
 class Truth:
-    """Asks the rig; `look` several times a second, then `take` its events, then `judge`.
+    """Checks the rig: call `look` several times a second, then `take` with each of its events, then `judge`.
 
     Args:
-        rig: the rig.
-        arms: by channel.
-        context: what has happened; must have taken the events before `judge`.
+        rig: connection to the rig.
+        arms: arms by channel.
+        context: record of events; must have taken the events before `judge`.
     """
 
     def __init__(self, rig: RigControl, arms: Mapping[str, Arm], context: Context):
@@ -69,20 +69,20 @@ class Truth:
         self._pose: dict[str, Any] = {}  # at the last look
         self._windows: list[tuple[str, dict[str, Any], float, bool]] = []
         self._differences: list[Finding] = []
-        # By channel: when torque was cut, and the arm's joints and bodies then.
+        # channel → time of the torque cut, and the arm's joints and bodies at that time
         self._cuts: dict[str, tuple[float, np.ndarray, dict[str, Any]]] = {}
         self.unjudged_cuts = 0
-        self._held_s: dict[str, float] = {}  # when a hand was last seen on a leader
-        self._touched_s: dict[str, float] = {}  # when an arm last touched anything
-        self._age_s: dict[str, np.ndarray] = {}  # of the oldest command obeyed in the window before
+        self._held_s: dict[str, float] = {}  # channel → time at which a hand was last seen on the leader
+        self._touched_s: dict[str, float] = {}  # channel → time at which the arm last touched anything
+        self._age_s: dict[str, np.ndarray] = {}  # channel → ages of the oldest commands obeyed in the previous window
         self._unnoticed: set[tuple[str, str, float]] = set()
-        self.largest: dict[str, tuple[float, str]] = {}  # of each figure, and where
+        self.largest: dict[str, tuple[float, str]] = {}  # figure → largest value, and where it occurred
         for channel in arms:
             recorders.watch_start(rig, channel)
             recorders.truth_start(rig, channel, _KEPT_S)
 
     def look(self) -> None:
-        """Ask for extremes since the last look, and for the present pose."""
+        """Read extremes since the last look, and the current pose."""
         windows = []
         for channel in self._arms:
             windows.append((channel, recorders.watch(self._rig, channel), time.monotonic()))
@@ -94,7 +94,7 @@ class Truth:
                 self._held_s[channel] = time.monotonic()
             if record is not None and self._arms[channel].driven:
                 self._compare(channel, record, pose)
-        for channel, seen, now in windows:  # after the pose: a hand may have taken hold since the last look
+        for channel, seen, now in windows:  # after reading the pose: a hand may have gripped since the last look
             by_hand = now - self._held_s.get(channel, -math.inf) < _COASTS_S
             self._touched_s[channel] = max(self._touched_s.get(channel, -math.inf), seen["touched_at_s"])
             touched = seen["since_s"] - self._touched_s[channel] < _SETTLE_S
@@ -102,7 +102,7 @@ class Truth:
         self._pose = pose
 
     def _compare(self, channel: str, record: Any, pose: Mapping[str, Any]) -> None:
-        """What the state says and what is so."""
+        """Compare a state record with the true state."""
         true, speed = np.array(pose["arms"][channel]["q"]), np.abs(pose["arms"][channel]["dq"])
         age = np.abs(pose["monotonic_s"] - record["motor_stamp_s"][: len(true)])
         difference = np.abs(true - record["q"][: len(true)])
@@ -116,7 +116,7 @@ class Truth:
             self._differences.append(Finding("the state is true", pose["monotonic_s"], channel, what))
 
     def take(self, event: Mapping[str, Any]) -> None:
-        """One event of the rig."""
+        """Process one event of the rig."""
         if event["kind"] == "motor_disabled":
             channel, at_s = event["channel"], float(event["monotonic_s"])
             if channel in self._cuts:
@@ -126,13 +126,13 @@ class Truth:
             if len(stamps_s) and stamps_s[0] <= at_s:
                 then = int(np.searchsorted(stamps_s, at_s, side="right")) - 1
                 self._cuts[channel] = at_s, samples["q"][then], event["bodies"]
-            else:  # a judge that got no time to look: the rig keeps them for `_KEPT_S`
+            else:  # the monitor did not look in time: the rig keeps samples for `_KEPT_S`
                 self.unjudged_cuts += 1
         elif event["kind"] == "motor_enabled":
             self._cuts.pop(event["channel"], None)
 
     def judge(self) -> list[Finding]:
-        """What must not be, of everything since the last time."""
+        """Return the violations since the last call."""
         found, self._differences = self._differences, []
         for channel, seen, until_s, by_others in self._windows:
             arm = self._arms[channel]
@@ -153,8 +153,8 @@ class Truth:
                     what = f"{seen['motors'][i]} at {seen['max_speed_rad_s'][i]:.2f} rad/s, allowed {allowed[i]:.2f}"
                     found.append(Finding("joint speed", seen["max_speed_at_s"][i], channel, what))
             pushed = self._happened(_PUSHES, channel, since_s - _SETTLE_S, until_s)
-            struck = not self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES)  # by what went limp
-            # A leader's joint whose readings are refused is held where it was sent, however far its hand pushes it.
+            struck = not self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES)  # by a limp joint
+            # If a leader joint's readings are rejected, the joint is held at its set-point, however far a hand pushes.
             blind = channel in LEADERS and self._happened(_LYING, channel, since_s - _REARMED_S, until_s)
             stale = self._happened(_STALE_COMMANDS, channel, since_s - 0.1, until_s)
             if not (pushed or struck or blind or stale):
@@ -171,7 +171,7 @@ class Truth:
         return found + self._judge_cuts() + self._judge_notice()
 
     def _asked(self, channel: str, seen: Mapping[str, Any], allowed: np.ndarray, late_s: np.ndarray) -> np.ndarray:
-        """(n,) the largest torque that commands asked for; what the joints' own motion explains is left out."""
+        """Return the largest commanded torques (n,), without excesses that the joints' own motion explains."""
         arm, n = self._arms[channel], len(allowed)
         asked = np.array(seen["max_asked_nm"])[:n]
         if (asked <= allowed).all():
@@ -186,7 +186,7 @@ class Truth:
         return np.where(asked > allowed, allowed + np.where(beyond > 0.0, beyond, 0.0), asked)
 
     def judge_seeds(self) -> list[Finding]:
-        """Set-points that jumped onto the arm, by the records: whether it was there."""
+        """Check set-points that jumped onto the arm according to the records: was the arm there?"""
         found = []
         for channel, arm in self._arms.items():
             for seed in arm.check.take_seeds():
@@ -202,7 +202,7 @@ class Truth:
         return any(c.kind in kinds and c.start_s < until_s and c.end_s > since_s for c in causes)
 
     def _judge_cuts(self) -> list[Finding]:
-        """Torque that was cut by command: from the landed pose, or where nothing moves afterwards."""
+        """Check commanded torque cuts: each must be in the landed pose, or no body may move afterwards."""
         found = []
         pose = self._pose
         for channel, (at_s, q, bodies) in list(self._cuts.items()):
@@ -210,7 +210,7 @@ class Truth:
                 continue
             pushed = self._happened(_PUSHES, channel, at_s - _KNOWN_S, pose["monotonic_s"])
             if pushed or self._held_s.get(channel, -math.inf) >= at_s - _LET_GO_S:
-                del self._cuts[channel]  # a hand moves a limp arm as it likes, and lets it fall
+                del self._cuts[channel]  # a hand moves a limp arm freely, and may drop it
                 continue
             moved, body = _farthest(bodies, pose["bodies"])
             off = np.abs(q[: len(self._arms[channel].rest_q)] - self._arms[channel].rest_q)[_CARRYING]
@@ -227,7 +227,7 @@ class Truth:
         return found
 
     def _judge_notice(self) -> list[Finding]:
-        """A motor that has lost torque does not go unnoticed."""
+        """Check that motors without torque are noticed."""
         found = []
         now = time.monotonic()
         for channel, arm in self._arms.items():
@@ -248,17 +248,17 @@ class Truth:
 
 
 def allowed_speed_rad_s(limit_rad_s: np.ndarray, oldest_s: np.ndarray, slow: bool) -> np.ndarray:
-    """(n,) how fast motors may be.
+    """Return the maximum allowed motor speeds (n,).
 
-    A joint that has not got its command goes on by itself while the joints that carry it brake: it is thrown ahead. So
-    is one whose own command came, when theirs stayed away: joints 2 to 4 are as late as the latest of them. A gripper
-    whose commands or readings stay away is held back, and leaps to where its ramp has gone.
+    A joint whose command is late moves on while the joints that carry it brake, and is thrown ahead. The same happens
+    to a joint whose own command arrived while theirs did not, so joints 2 to 4 count as late as the latest of them. A
+    gripper whose commands or readings are late is held back, and then leaps to its ramp.
 
     Args:
-        limit_rad_s: (n,) of the set-points.
-        oldest_s: (n,) how long the oldest command was obeyed; of a gripper the age of its oldest reading, if that is
-            more.
-        slow: the adapter kept back what the motors say.
+        limit_rad_s: (n,) speed limits of the set-points.
+        oldest_s: (n,) maximum time for which a command was obeyed; for a gripper, the age of the oldest reading if
+            this is larger.
+        slow: whether the adapter delayed the motors' replies.
     """
     allowed = _SPEED_FACTOR * limit_rad_s + _SPEED_SLACK
     late_s = np.maximum(oldest_s[:GRIPPER] - _KEPT_UP_S, 0.0)
@@ -273,9 +273,9 @@ def allowed_speed_rad_s(limit_rad_s: np.ndarray, oldest_s: np.ndarray, slow: boo
 
 
 def _farthest(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[float, str]:
-    """The body of an arm that moved farthest: how far in m, and its name.
+    """Return the distance, m, and name of the body of an arm that moved farthest.
 
-    before: places of this arm's bodies, by name. after: of any.
+    before: positions of this arm's bodies, by name. after: positions of all bodies.
     """
     moved = {name: float(np.linalg.norm(np.subtract(after[name], place))) for name, place in before.items()}
     body = max(moved, key=lambda name: moved[name])
