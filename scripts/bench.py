@@ -1,10 +1,10 @@
-"""Measure this driver beside LeRobot's own and the vendor's, on the virtual rig's wire.
+"""Measure this driver beside LeRobot's driver and the vendor's SDK, on the wire of the virtual rig.
 
     python scripts/bench.py --json outputs/bench.json --plot outputs/bench.png
 
-Takes about five minutes; `--quick` a short look. Prints a table, writes JSON, saves a plot of the period
-distributions. Needs the package with its `bench` extra; the vendor's SDK (`pip install dreamscale-i2rt`) is measured
-when it is installed. No arm, display or network is used. Run it on a machine that does nothing else.
+Takes about five minutes; `--quick` shortens each measurement. Prints a table, writes JSON, and saves a plot of the
+period distributions. Needs the package with its `bench` extra. The vendor's SDK (`pip install dreamscale-i2rt`) is
+measured if installed. Uses no arm, display or network. Run nothing else on the machine meanwhile.
 """
 
 import argparse
@@ -26,7 +26,7 @@ logger = logging.getLogger("bench")
 
 
 def machine() -> dict[str, Any]:
-    """What this runs on, before it runs."""
+    """Describe the machine (CPU, kernel, load, scheduling) before the benchmark starts."""
     with RigControl.start(arms=["follower_left"]) as rig:
         scheduling = rig.stats()["realtime"]
     with open("/proc/cpuinfo") as file:
@@ -43,7 +43,7 @@ def machine() -> dict[str, Any]:
 
 
 def arguments() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, help="write the results to this file")
     parser.add_argument("--plot", type=Path, default=Path("outputs/bench.png"), help="where the plot goes")
@@ -54,7 +54,7 @@ def arguments() -> argparse.Namespace:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Measure, report; exit status 1 when a step failed."""
+    """Measure and report; return exit status 1 if a step failed."""
     settings = Settings(
         seconds=args.seconds or (2.0 if args.quick else 20.0),
         short_s=args.short_seconds or (1.0 if args.quick else 5.0),

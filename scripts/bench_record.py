@@ -1,9 +1,9 @@
-"""Measure the main job, `scripts/record_sim`: what each process costs, and how good the recorded episodes are.
+"""Measure the main job, `scripts/record_sim`: CPU time of each process, and quality of the recorded episodes.
 
     scripts/run python scripts/bench_record.py                         five runs of this clone
     scripts/run python scripts/bench_record.py --beside ../before      in turn with another clone, run by run
 
-Run nothing else meanwhile. What is given behind `--` goes to lerobot-record.
+Run nothing else meanwhile. Arguments after `--` are passed to lerobot-record.
 """
 
 import argparse
@@ -22,7 +22,7 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
 _TICKS = os.sysconf("SC_CLK_TCK")
-_ROLES = {  # by what stands in the command line
+_ROLES = {  # text in the command line → role
     "lerobot-record": "LeRobot",
     "control_process": "control",
     "rig.server.server": "physics",
@@ -30,11 +30,11 @@ _ROLES = {  # by what stands in the command line
     "rig.operator.operator": "operator",
 }
 _PERIOD = re.compile(r"control loop: .*p99 ([\d.]+)")
-_SETTLE_S, _WINDOW_S = 3.0, 20.0  # of the first episode: after its start, and measured
+_SETTLE_S, _WINDOW_S = 3.0, 20.0  # first episode: delay after its start, and measured time
 
 
 def cpu_s(since: float) -> dict[str, float]:
-    """Processor time in s by role, of all processes that have been started since a time after boot, s."""
+    """Return the CPU time, s, by role, of all processes started after `since`, a time after boot in s."""
     used: dict[str, float] = {}
     for path in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError, IndexError):
@@ -47,7 +47,7 @@ def cpu_s(since: float) -> dict[str, float]:
 
 
 def record(clone: Path, arguments: list[str]) -> dict[str, Any]:
-    """One run of the main job in a clone; its figures."""
+    """Run the main job once in a clone; return its figures."""
     report: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         data, log = Path(folder) / "data", Path(folder) / "log"
@@ -66,12 +66,12 @@ def record(clone: Path, arguments: list[str]) -> dict[str, Any]:
         report["processors"] = {role: (after[role] - before.get(role, 0.0)) / took_s for role in after}
         text = log.read_text(errors="replace")
         report["warnings_shown"], report["lines_shown"] = text.count("WARNING"), len(text.splitlines())
-        whole = data.with_name(f"{data.name}.log")  # what was not shown
+        whole = data.with_name(f"{data.name}.log")  # includes lines that were not shown
         text = whole.read_text(errors="replace") if whole.is_file() else text
         report["period_p99_ms"] = [float(found) for found in _PERIOD.findall(text)]
         report["error"] = next(iter(re.findall(r"^error: (.*)", text, re.M)), "")
         side_car = data / "meta/yam_episodes.jsonl"
-        rows = side_car.read_text().splitlines() if side_car.is_file() else []  # none is kept of a run that failed
+        rows = side_car.read_text().splitlines() if side_car.is_file() else []  # a failed run keeps no episodes
         report["episodes"] = [_episode(json.loads(row)) for row in rows]
         report["flags"] = []
         if not rows:
@@ -89,7 +89,7 @@ def record(clone: Path, arguments: list[str]) -> dict[str, Any]:
 
 
 def _first_frame(data: Path, job: subprocess.Popen) -> float:
-    """When the first video of a recording begins."""
+    """Wait until the first video of a recording begins; return the monotonic time, s."""
     while job.poll() is None:
         if any(data.rglob("*_streaming.mp4")):
             return time.monotonic()
@@ -103,7 +103,7 @@ def _episode(row: dict[str, Any]) -> dict[str, float]:
 
 
 def summary(name: str, runs: list[dict[str, Any]]) -> str:
-    """A table of the runs of one clone."""
+    """Return a table of the runs of one clone."""
     lines = [f"{name}: {len(runs)} runs"]
     roles = sorted({role for run in runs for role in run["processors"]})
     for role in roles:
@@ -127,7 +127,7 @@ def _row(what: str, values: list[float], form: str) -> str:
 
 
 def main() -> int:
-    """Entry point; returns the exit status."""
+    """Run the benchmark; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=5, help="of each clone")
     parser.add_argument("--beside", type=Path, help="another clone, run in turn with this one")

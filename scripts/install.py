@@ -1,9 +1,9 @@
-"""Install this clone and what it needs into the environment whose Python runs this. `scripts/run` calls it.
+"""Install this clone and its dependencies into the environment of the running Python. `scripts/run` calls this script.
 
 .venv/bin/python scripts/install.py
 
-On Linux the default build of torch is for CUDA: gigabytes that only NVIDIA's driver uses. Without that driver the CPU
-build is taken where the user's package index has one.
+On Linux the default build of torch is for CUDA: gigabytes that only NVIDIA's driver can use. Without this driver, the
+CPU build is installed if the user's package index offers one.
 """
 
 import importlib.util
@@ -31,17 +31,17 @@ for command in importlib.metadata.entry_points(group="console_scripts"):
             command.load()
 """
 _DRIVER = ("/proc/driver/nvidia/version", "/dev/nvidiactl", "/dev/nvmap", "/dev/dxg")  # the last two: Jetson, WSL
-_PACKAGES = ("torch", "torchvision")  # built for each other
+_PACKAGES = ("torch", "torchvision")  # their versions must match
 _PIP = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
 _DOWNLOAD = re.compile(r"Downloading (?:\S*/)?(\S+?)-(\d\S*?)-\S*\.whl \(([\d.]+) (MB|GB)\)")
 _INSTALL = re.compile(r"Installing collected packages: (.*)")
-_LARGE_MB = 20.0  # downloads from here on are named
-_TAIL = 30  # lines of pip's that are shown when it fails without an error of its own
+_LARGE_MB = 20.0  # downloads of at least this size are shown
+_TAIL = 30  # number of pip's last lines shown if pip fails without an error message
 _begun_s = time.monotonic()
 
 
 def main() -> int:
-    """Install, compile; returns pip's exit status."""
+    """Install and compile; return pip's exit status."""
     say("installing this package and what it needs (minutes the first time)")
     with tempfile.TemporaryDirectory() as directory:
         constraints = Path(directory) / "constraints.txt"
@@ -56,13 +56,13 @@ def main() -> int:
 
 
 def say(text: str) -> None:
-    """Show a line with the time since the start."""
+    """Print a line with the time since the start."""
     seconds = int(time.monotonic() - _begun_s)
     print(f"scripts/run: {seconds // 60}:{seconds % 60:02d}  {text}", file=sys.stderr, flush=True)
 
 
 def run_pip(arguments: list[str], log: Path) -> int:
-    """Run pip, show its large steps and its errors, and keep all that it says in a file; returns its status."""
+    """Run pip, show large steps and errors, and log the whole output to a file; return pip's exit status."""
     lines: list[str] = []
     failed = False
     with (
@@ -92,7 +92,7 @@ def run_pip(arguments: list[str], log: Path) -> int:
 
 
 def has_nvidia_driver() -> bool:
-    """Whether this computer can use CUDA."""
+    """Return whether this computer can use CUDA."""
     return any(Path(path).exists() for path in _DRIVER) or shutil.which("nvidia-smi") is not None
 
 
@@ -108,12 +108,12 @@ def _torch_pins() -> list[str]:
 
 
 def cpu_build(target: str) -> list[str]:
-    """Pins of the CPU builds of what pip would install for `target`; none unless the user's own index has them all.
+    """Return pins of the CPU builds that `target` needs; empty unless the user's index offers all of them.
 
     Args:
-        target: as pip takes it: a path with extras.
+        target: as for pip: a path with extras.
     """
-    # Of this Python and platform, in the configured index.
+    # CPU builds for this Python and platform in the configured index.
     offered = {name: set(re.findall(r"[\w.]+\+cpu\b", _pip("index", "versions", name))) for name in _PACKAGES}
     if not all(offered.values()):
         return []
@@ -124,15 +124,16 @@ def cpu_build(target: str) -> list[str]:
 
 
 def _pip(*arguments: str) -> str:
-    """What pip prints; nothing where it fails, which the installation itself will tell."""
+    """Return pip's output; empty if pip fails, which the installation itself will report."""
     done = subprocess.run([*_PIP, *arguments], capture_output=True, text=True)
     return done.stdout if done.returncode == 0 else ""
 
 
 def _compile() -> None:
-    """Have Python keep the byte-code of what the commands import, also where PYTHONDONTWRITEBYTECODE is set.
+    """Cache the byte-code of all modules that the commands import, even if PYTHONDONTWRITEBYTECODE is set.
 
-    Without it every LeRobot command takes seconds longer. All that is installed would take three times as long.
+    Without cached byte-code each LeRobot command takes seconds longer. Compiling all packages would take three times
+    as long.
     """
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     subprocess.run([sys.executable, "-c", _IMPORT_COMMANDS], env=environment, stderr=subprocess.DEVNULL)

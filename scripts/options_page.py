@@ -1,4 +1,4 @@
-"""Write docs/options.md from the texts of the options themselves, which are also what `--help` says.
+"""Write docs/options.md from the descriptions of the options, which `--help` shows too.
 
 scripts/run python scripts/options_page.py > docs/options.md
 """
@@ -103,7 +103,7 @@ def _shown(default: object) -> str:
 
 
 def page() -> str:
-    """The whole page."""
+    """Return the whole page."""
     text = _PAGE
     for title, says, kind in _SECTIONS:
         above = {name: default for name, default, _ in options_of(_ABOVE[kind])} if kind in _ABOVE else {}

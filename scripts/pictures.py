@@ -1,11 +1,11 @@
-"""Draw the pictures of docs/ that show the virtual rig: by its own renderer, in lock-step, the same each time.
+"""Render the images in docs/ that show the virtual rig, with its own renderer and in lock-step, so reproducibly.
 
     scripts/run python scripts/pictures.py --out docs
 
-rig.webp: four arms do the task of scripts/record_sim, and below what their cameras see. Nothing in it is put in place:
-the scripted operator's hands pull the leaders, the arms' own control loop drives all four, and friction holds the cube.
-tasks.png: the four tasks. pictures.png: cameras at four moments of a grasp. looks.png: looks that `randomise_look`
-draws.
+rig.webp: four arms perform the task of scripts/record_sim, above the images of their cameras. The animation is fully
+simulated: the operator's hands pull the leaders, the control loop drives all four arms, and friction holds the cube.
+tasks.png: the four tasks. pictures.png: camera images at four moments of a grasp. looks.png: random looks drawn with
+`randomise_look`.
 """
 
 import argparse
@@ -25,22 +25,22 @@ from lerobot_robot_yam.rig.operator.script import SIDES, make_setup
 from lerobot_robot_yam.rig.operator.task_scripts import make_script
 from lerobot_robot_yam.session.arm_session import ArmSession
 
-SIZE = (320, 240)  # as configs/sim/record.yaml records
+SIZE = (320, 240)  # size that configs/sim/record.yaml records
 TASKS = ("lift_and_place", "handover", "drawer", "insertion")
 MOMENTS = ("waiting", "above", "at", "holding")
-RISES_M = {"above": 0.1, "at": 0.0, "holding": 0.08}  # of the tool over where the cube lies
+RISES_M = {"above": 0.1, "at": 0.0, "holding": 0.08}  # height of the tool above the cube's position
 CUBE_M, STROKE_M = 0.04, 0.095  # widths of the cube and of the open gripper
 GAP = 4  # pixels
-TICK_S, FRAME_S = 0.004, 0.09  # of the control loop and of the moving picture
-SPEED = 1.6  # at which it is played, and which it shows
-OVERVIEW, ARMS = (1280, 640), (160, 75, 1160, 575)  # drawn, and the part of it that has the arms: pixels
-SMALL = (216, 162)  # a camera in the moving picture
-FADE = 4  # frames from the end to the beginning, where the cube lies elsewhere
-STILL = 17  # the frame that is seen where pictures do not move: the cube is in the air
+TICK_S, FRAME_S = 0.004, 0.09  # period of the control loop, and of the animation's frames
+SPEED = 1.6  # playback speed, shown as a label
+OVERVIEW, ARMS = (1280, 640), (160, 75, 1160, 575)  # image size, and the section that contains the arms: pixels
+SMALL = (216, 162)  # size of a camera image in the animation
+FADE = 4  # blended frames from the end to the start, where the cube is elsewhere
+STILL = 17  # frame shown where animations are not played: the cube is in the air
 
 
 class Studio:
-    """A rig whose arms and things can be put where they look well. `scene`, `options`: see `load_scene`."""
+    """A rig whose arms and things can be posed for an image. `scene`, `options`: see `load_scene`."""
 
     def __init__(self, scene: str, **options: object):
         self.rig = LockstepRig(scene, camera_noise=0.0, **options)
@@ -50,14 +50,14 @@ class Studio:
         self._cameras: dict[tuple[str, int, int], LockstepCamera] = {}
 
     def lay_out(self, seed: int) -> None:
-        """Begin a task, its arms at their waiting poses, open."""
+        """Begin a task with the arms in their waiting poses and the grippers open."""
         if self.task:
             self.rig.task(self.task, seed)
         for side in self.setup.planners:
             self.rig.set_pose(f"follower_{side}", self.setup.home_rad(side).tolist(), 1.0)
 
     def grasp(self, moment: str) -> None:
-        """Put the nearest arm and the cube, which lies straight, to a moment of a grasp."""
+        """Pose the nearest arm and the cube, which must be aligned with the axes, for a moment of a grasp."""
         if moment == "waiting":
             return
         cube_m = np.array(self.rig.state()["props"]["cube"]["pos"])
@@ -70,13 +70,13 @@ class Studio:
             self.rig.place("cube", point_m.tolist())
 
     def picture(self, camera: str, size: tuple[int, int] = SIZE, at_rest: bool = True) -> Image.Image:
-        """What a camera sees now. at_rest: nothing has moved by itself since the last picture."""
+        """Return the current image of a camera. at_rest: nothing has moved by itself since the last image."""
         key = (camera, *size)
         if key not in self._cameras:
             self._cameras[key] = LockstepCamera(self.rig, *key, 30)
             self._cameras[key].connect()
         if at_rest:
-            self.rig.sleep(0.002)  # or it is taken for the picture that there is
+            self.rig.sleep(0.002)  # otherwise the renderer would reuse the last image
         return Image.fromarray(self._cameras[key].latest()[0])
 
     def close(self) -> None:
@@ -85,7 +85,7 @@ class Studio:
 
 
 def sheet(rows: Sequence[Sequence[Image.Image]]) -> Image.Image:
-    """Pictures side by side, rows below each other."""
+    """Return one image with the given rows of images, side by side within each row."""
     width = max(sum(p.width + GAP for p in row) for row in rows) - GAP
     whole = Image.new("RGB", (width, sum(row[0].height + GAP for row in rows) - GAP), "white")
     y = 0
@@ -99,13 +99,13 @@ def sheet(rows: Sequence[Sequence[Image.Image]]) -> Image.Image:
 
 
 def labelled(picture: Image.Image, text: str) -> Image.Image:
-    """The picture with a text in its corner."""
+    """Draw a text into the corner of an image; return the image."""
     ImageDraw.Draw(picture).text((6, 3), text, "white", ImageFont.load_default(13), stroke_width=1, stroke_fill="black")
     return picture
 
 
 class FilmedHands(RigHands):
-    """Hands in lock-step on the leaders of a studio. The followers follow, and are filmed, while the operator waits."""
+    """Hands in lock-step on a studio's leaders. While the operator waits, the followers follow and are filmed."""
 
     def __init__(self, studio: Studio):
         scene = studio.rig.scene()
@@ -116,7 +116,7 @@ class FilmedHands(RigHands):
         self._arms.start()
 
     def _config(self, row: dict) -> ArmConfig:
-        """As configs/sim/record.yaml has them."""
+        """Return an arm's config as in configs/sim/record.yaml."""
         name, start = row["channel"], "float" if row["role"] == "leader" else "hold"
         weight, bus = [1.0] * 6, {"interface": "yam_lockstep", "can_options": {"rig": self._studio.rig.name}}
         return ArmConfig(name=name, channel=name, gripper=row["gripper"], start=start, gravity_factor=weight, **bus)
@@ -125,7 +125,7 @@ class FilmedHands(RigHands):
         return self._studio.rig.now()
 
     def film(self) -> None:
-        """From now on."""
+        """Start filming."""
         self._next_s = self.now()
 
     def wait(self, seconds: float) -> None:
@@ -140,7 +140,7 @@ class FilmedHands(RigHands):
                 self.frames.append(self._frame())
 
     def _frame(self) -> Image.Image:
-        """The overview, and below it the recorded cameras."""
+        """Return the overview above the images of the recorded cameras."""
         cameras = ("top", "wrist_left", "wrist_right")
         small = [self._studio.picture(camera, at_rest=False).resize(SMALL) for camera in cameras]
         width = 3 * SMALL[0] + 2 * GAP
@@ -154,7 +154,7 @@ class FilmedHands(RigHands):
 
 
 def rig_film() -> list[Image.Image]:
-    """The left arm carries the cube to the middle, the right one from there to its own side."""
+    """Film the left arm carrying the cube to the middle, and the right arm from there to its own side."""
     studio = Studio("bimanual_table")
     hands = FilmedHands(studio)
     operator = make_script(hands, studio.rig.scene(), "pick_and_place")
@@ -174,7 +174,7 @@ def rig_film() -> list[Image.Image]:
 
 
 def tasks_picture() -> Image.Image:
-    """The four tasks, laid out, from the front."""
+    """Return the four tasks, laid out, seen from the front."""
     found = []
     for task in TASKS:
         studio = Studio(task)
@@ -185,7 +185,7 @@ def tasks_picture() -> Image.Image:
 
 
 def moments_picture() -> Image.Image:
-    """Cameras (rows) at the moments of a grasp (columns)."""
+    """Return camera images (rows) at the moments of a grasp (columns)."""
     cameras = ("top", "wrist_left", "wrist_right", "front")
     columns = []
     for moment in MOMENTS:
@@ -198,7 +198,7 @@ def moments_picture() -> Image.Image:
 
 
 def looks_picture() -> Image.Image:
-    """Two cameras (rows) under the looks of four seeds (columns)."""
+    """Return images of two cameras (rows) with the looks of four seeds (columns)."""
     studio, columns = Studio("lift_and_place", randomise_look=1.0), []
     for seed in range(1, 5):
         studio.lay_out(seed)
@@ -211,20 +211,20 @@ PICTURES = {"rig": rig_film, "tasks": tasks_picture, "pictures": moments_picture
 
 
 def save(drawn: Image.Image | list[Image.Image], path: Path) -> Path:
-    """Write a picture, or frames of a moving one that never ends; returns the file."""
+    """Write an image, or the frames of an endless animation; return the file."""
     if isinstance(drawn, Image.Image):
         path = path.with_suffix(".png")
         drawn.quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=2).save(path, optimize=True)
     else:
         path = path.with_suffix(".webp")
         first, *others = drawn
-        small = {"quality": 55, "method": 4, "kmin": len(drawn), "kmax": len(drawn) + 1}  # one whole picture
+        small = {"quality": 55, "method": 4, "kmin": len(drawn), "kmax": len(drawn) + 1}  # a single key frame
         first.save(path, save_all=True, append_images=others, duration=round(1000 * FRAME_S), loop=0, **small)
     return path
 
 
 def main() -> int:
-    """Entry point."""
+    """Render and save the images; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, help="folder of the pictures")
     parser.add_argument("names", nargs="*", help=f"of {', '.join(PICTURES)}; default all")

@@ -1,4 +1,4 @@
-"""The report of scripts/train_proof.py: what was learnt from what, and how often it succeeds."""
+"""Report of scripts/train_proof.py: training data, policy, and success rate."""
 
 import json
 import os
@@ -20,7 +20,7 @@ _Z95 = 1.96
 
 
 def wilson(successes: int, count: int) -> tuple[float, float]:
-    """95 % interval of a success rate (Wilson 1927): of few trials it is wide."""
+    """Return the 95 % interval of a success rate (Wilson 1927), which is wide for few trials."""
     rate, z = successes / count, _Z95
     centre = (rate + z**2 / (2 * count)) / (1 + z**2 / count)
     half = z / (1 + z**2 / count) * np.sqrt(rate * (1 - rate) / count + z**2 / (4 * count**2))
@@ -28,7 +28,7 @@ def wilson(successes: int, count: int) -> tuple[float, float]:
 
 
 def write_report(out: Path, task: str, policy: Path, done: Path, seed: int) -> Path:
-    """Write report.md, of the evaluation in `done` that began at `seed`, and the plot of the loss; returns its path."""
+    """Write report.md on the evaluation in `done`, whose first seed is `seed`, and the loss plot; return its path."""
     step = policy.resolve().parent.name
     evaluation = json.loads((done / "eval_info.json").read_text())
     successes: Sequence[bool] = evaluation["per_task"][0]["metrics"]["successes"]
@@ -77,7 +77,7 @@ def _facts(out: Path, policy: Path, step: str, seed: int, successes: Sequence[bo
 
 
 def _plot_loss(path: Path, log: str) -> None:
-    """As lerobot-train has logged it, against passes over the data, which it gives more precisely than steps."""
+    """Plot the loss logged by lerobot-train against passes over the data, which have more digits than steps."""
     logged = dict(sorted((float(e), float(loss)) for e, loss in re.findall(r"epch:([\d.]+) loss:([\d.]+)", log)))
     figure, axis = plt.subplots(figsize=(7, 3), layout="constrained")
     axis.plot(list(logged), list(logged.values()))

@@ -1,4 +1,4 @@
-"""What a recording says: a file keeps all of it, the screen shows what a person needs."""
+"""Output of a recording: the complete output goes to a file, the relevant lines to the screen."""
 
 import os
 import pty
@@ -12,25 +12,25 @@ from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 
-_QUIET_S = 0.2  # silence that ends the reading, s: after the recording others may still say that arms land
+_QUIET_S = 0.2  # silence that ends the reading, s: after the recording other processes may still report landing arms
 _CHUNK = 65536  # bytes
 _CLEAR = b"\r\x1b[K"
-# "INFO 2026-11-28 12:53:28 sode_log.py:229 episode 0: …", as LeRobot and our control loops write it.
+# "INFO 2026-11-28 12:53:28 sode_log.py:229 episode 0: …", the format of LeRobot and of our control loops.
 _RECORD = re.compile(r"(DEBUG|INFO|WARNING|ERROR|CRITICAL) \d{4}-\d\d-\d\d \d\d:\d\d:\d\d +(\S+) (.*)")
-_DETAILS = re.compile(r"lerobot_robot_yam\.control\.|t_record\.py:")  # of the loops; LeRobot's dump of its config
-# Late frames are in the line about their episode, what is kept in the last lines; no finger can be caught in the rig.
+_DETAILS = re.compile(r"lerobot_robot_yam\.control\.|t_record\.py:")  # from the loops; LeRobot's config dump
+# Late frames are in their episode's line, kept episodes in the last lines; in the rig no finger can be pinched.
 _LEFT_OUT = re.compile(r"Record loop is running slower|kept |\w+: no gripper stops are known")
-_NOISE = re.compile(r"\[\w+ @ 0x[0-9a-f]+\]|.*\d%\|")  # an encoder's settings; a progress bar that is full
+_NOISE = re.compile(r"\[\w+ @ 0x[0-9a-f]+\]|.*\d%\|")  # settings of an encoder; a complete progress bar
 _NUMBER = re.compile(r"\d[\d.]*")
 
 
 class RecordLog:
-    """Shows what a child process writes to its standard error, which is a terminal for the child if ours is one.
+    """Shows the standard error of a child process; this is a terminal for the child if it is one for us.
 
-    Warnings that differ only in their numbers are shown once. A line of an unknown form is shown.
+    Warnings that differ only in their numbers are shown once. A line with an unknown format is shown.
 
     Args:
-        path: of the file; one that exists is continued.
+        path: log file; an existing file is continued.
     """
 
     def __init__(self, path: Path):
@@ -39,32 +39,32 @@ class RecordLog:
         self._screen = sys.stderr.fileno()
         self._is_terminal = os.isatty(self._screen)
         self._rest = b""
-        self._live = False  # the screen's last line will be replaced
-        self._shows = True  # the present record, whose further lines begin with a blank
+        self._live = False  # whether the next line replaces the screen's last line
+        self._shows = True  # whether the present record is shown; its further lines begin with a blank
         self._warnings = Counter[tuple[str, str]]()
 
     @property
     def left_out(self) -> int:
-        """How many warnings were not shown because one like them had been."""
+        """Number of warnings that were not shown because a similar one had been shown."""
         return self._warnings.total() - len(self._warnings)
 
     def start(self, command: list[str]) -> subprocess.Popen[bytes]:
-        """Start the child."""
+        """Start the child process."""
         self._source, theirs = pty.openpty() if self._is_terminal else os.pipe()
         if self._is_terminal:
-            tty.setraw(theirs)  # its lines end as they would in a file
+            tty.setraw(theirs)  # line ends stay as in a file
             termios.tcsetwinsize(theirs, termios.tcgetwinsize(self._screen))
         child = subprocess.Popen(command, stderr=theirs)
         os.close(theirs)
         return child
 
     def follow(self, child: subprocess.Popen[bytes]) -> int:
-        """Show and keep what the child says until it has ended; returns its status."""
+        """Show and log the child's output until the child has ended; return its exit status."""
         while True:
             if select.select([self._source], [], [], _QUIET_S)[0]:
                 try:
                     data = os.read(self._source, _CHUNK)
-                except OSError:  # how a terminal says that nobody writes to it any more
+                except OSError:  # a terminal reports this way that it has no writer any more
                     break
                 if not data:
                     break
@@ -78,7 +78,7 @@ class RecordLog:
         return child.wait()
 
     def _take(self, data: bytes) -> None:
-        with suppress(OSError):  # a full disk ends no recording
+        with suppress(OSError):  # a full disk must not end a recording
             self._file.write(data)
         *parts, self._rest = re.split(rb"(?<=[\r\n])", self._rest + data)
         for part in parts:
@@ -96,7 +96,7 @@ class RecordLog:
             self._live = False
 
     def _shown(self, line: str) -> str:
-        """What the screen shows of a line, empty for nothing."""
+        """Return the text to show for a line, empty for nothing."""
         record = _RECORD.match(line)
         if record is None:
             if not line[:1].isspace():
@@ -114,5 +114,5 @@ class RecordLog:
         return f"{level.lower()}: {text}" if self._shows else ""
 
     def _write(self, data: bytes) -> None:
-        with suppress(OSError):  # the terminal was closed; the arms have to land
+        with suppress(OSError):  # the terminal was closed, but the arms must still land
             os.write(self._screen, data)

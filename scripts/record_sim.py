@@ -1,7 +1,7 @@
-"""Run the stock `lerobot-record` on configs/sim/record.yaml; say where the data set is and how good it is.
+"""Run the stock `lerobot-record` on configs/sim/record.yaml; report the location and quality of the data set.
 
 python scripts/record_sim.py --dataset.num_episodes=5
-python scripts/record_sim.py -v        shows all that LeRobot says, which otherwise goes into a file beside the data set
+python scripts/record_sim.py -v        shows all output of LeRobot, which otherwise goes to a file beside the data set
 """
 
 import os
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parent.parent
 _CHEAPER = "--teleop.left_arm_config.can_options={operator: pick_and_place, pictures: plain}"
-_MOST = 3  # episodes that the last lines name; the others are in the report
+_MOST = 3  # maximum number of episodes listed at the end; the others are in the report
 
 
 def main(arguments: list[str]) -> int:
-    """Record into a new directory below outputs/, unless the arguments say otherwise; returns the exit status."""
+    """Record into a new directory below outputs/, unless the arguments name one; return the exit status."""
     given = dict(argument.removeprefix("--").partition("=")[::2] for argument in arguments if "=" in argument)
     unused = ROOT / "outputs" / f"yam_sim_{time.strftime('%Y%m%d_%H%M%S')}_{os.getpid()}"
     data = Path(given.get("dataset.root") or unused).absolute()
@@ -38,7 +38,7 @@ def main(arguments: list[str]) -> int:
     path = data.with_name(f"{data.name}.log")
     log = None if len(set(arguments) & {"-v", "--verbose"}) else RecordLog(path)
     child = subprocess.Popen(command) if log is None else log.start(command)
-    # Ctrl-C reaches both processes: LeRobot ends the recording, we wait for it. The others only reach us.
+    # Ctrl-C reaches both processes: LeRobot ends the recording, we wait. The other signals reach only this process.
     signal.signal(signal.SIGINT, lambda *_: None)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, _: child.send_signal(number))
@@ -54,7 +54,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _tell(data: Path, name: str) -> None:
-    """Say where the data set is, how good it is, and what to do with it."""
+    """Print the location and quality of the data set, and commands to continue with."""
     from lerobot_robot_yam.commands.data.dataset_command import bar
     from lerobot_robot_yam.errors import ConfigError
     from lerobot_robot_yam.face.datasets.check.dataset_report import check_dataset
@@ -75,7 +75,7 @@ def _tell(data: Path, name: str) -> None:
 
 
 def _judge(report: "DatasetReport", where: str) -> None:
-    """Say of each episode how it was recorded; of those that would harm a training, what is wrong and what to do."""
+    """Print the quality of each episode; for episodes that would harm training, print the defect and the remedy."""
     from lerobot_robot_yam.face.datasets.check.flags import Kind
     from lerobot_robot_yam.face.recorder.kept_episodes import drop_command, read_figures
 
@@ -104,7 +104,7 @@ def _judge(report: "DatasetReport", where: str) -> None:
 
 
 def _short(path: Path) -> str:
-    """The path as it can be pasted here."""
+    """Return the path in a form that can be pasted into this shell."""
     return shlex.quote(str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path))
 
 

@@ -1,8 +1,8 @@
-"""Recorders in the rig's process, by which tests and the soak judge a driver without missing a step.
+"""Recorders in the rig's process, with which tests and the soak observe a driver in every physics step.
 
-The watch keeps the extremes of an arm, the truth the state of each motor's shaft in every step of the physics. The
-first function that starts one loads this file into the rig (`RigOperations.load`). While either is on for any channel,
-the physics is simulated step by step.
+The watch records an arm's extremes, the truth the state of each motor's shaft. The first function that starts a
+recorder loads this file into the rig (`RigOperations.load`). While a recorder is on for any channel, the physics is
+simulated step by step.
 """
 
 import bisect
@@ -22,12 +22,12 @@ from lerobot_robot_yam.rig.simulation.operation import number
 if TYPE_CHECKING:
     from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 
-STEP_S = 0.001  # of the physics
+STEP_S = 0.001  # time step of the physics
 _STAMP_UNIT_S = 2e-4
-_STAMP_DIGIT = 84  # °C: below what our thermal monitor calls warm, so that no stamp is taken for heat
+_STAMP_DIGIT = 84  # °C: below the warning limit of our thermal monitor, so that no stamp is taken for heat
 _STAMP_WRAP = _STAMP_DIGIT**2
-_PERIOD_S = 0.002  # simulated time between two looks of the watch, at least
-_PRESS_N = 50.0  # of an arm on itself, at a point; the wrist of a folded limp arm presses with 27
+_PERIOD_S = 0.002  # minimum simulated time between two samples of the watch
+_PRESS_N = 50.0  # minimum contact force between parts of one arm; a folded limp arm's wrist presses with 27 N
 _CHANGES_PER_ANSWER = 500
 _TRUTH_PER_ANSWER = 100
 _TRUTH_MAX_S = 120.0
@@ -36,23 +36,23 @@ _SWITCHES = ("motor_enabled", "motor_disabled", "motor_fault")
 
 
 def watch_start(rig: "RigOperations", channel: str) -> None:
-    """Record the arm's extremes from now on, anew; for `watch`."""
+    """Reset and start recording the arm's extremes, which `watch` returns."""
     rig.load(__file__)
     rig.request("watch_start", channel=channel)
 
 
 def watch(rig: "RigOperations", channel: str) -> dict[str, Any]:
-    """The extremes since `watch_start`, looked at every 2 to 4 ms of simulated time, torques every millisecond.
+    """Return the extremes since `watch_start`, sampled every 2 to 4 ms of simulated time, torques every millisecond.
 
     Returns:
-        since_s (monotonic). motors: n names, gripper last.
-        max_speed_rad_s (n), of motors while enabled, and max_torque_nm (n), magnitudes at the joint (gripper: at
-        the motor). max_asked_nm (n): the torque that the command asked for before the motor's own limit. Of speed and
-        asked torque the monotonic time of the largest, too: max_speed_at_s, max_asked_at_s (0 before the first).
-        max_command_age_s (n): the longest that an enabled motor acted on one command, simulated time.
-        max_tcp_drop_m: how far the tool was below its height at the start.
-        touched_at_s: when it last touched anything, or pressed on itself with more than 50 N (0: never).
-        enabled_events: (monotonic_s, motor, enabled) of every change. fault_events: (monotonic_s, motor, code).
+        since_s: monotonic time of the start. motors: n names, gripper last.
+        max_speed_rad_s: (n,) maximum speed of motors while enabled; max_speed_at_s: monotonic times (0: none yet).
+        max_torque_nm: (n,) maximum torque magnitudes at the joint (gripper: at the motor).
+        max_asked_nm: (n,) maximum torque commanded before the motor's own limit; max_asked_at_s: monotonic times.
+        max_command_age_s: (n,) maximum simulated time for which an enabled motor acted on one command.
+        max_tcp_drop_m: maximum drop of the tool below its height at the start.
+        touched_at_s: when it last touched another body, or itself with more than 50 N (0: never).
+        enabled_events: (monotonic_s, motor, enabled) of each change. fault_events: (monotonic_s, motor, code).
     """
     found = rig.request("watch", channel=channel)
     while len(chunk := rig.request("watch_changes", channel=channel, since=len(found["changes"]))["changes"]):
@@ -64,27 +64,27 @@ def watch(rig: "RigOperations", channel: str) -> dict[str, Any]:
 
 
 def truth_start(rig: "RigOperations", channel: str, seconds: float = 1.0) -> None:
-    """Keep the last seconds (at most 120) of the channel's true shaft states from now on, anew; for `truth`."""
+    """Reset and start keeping the last seconds (at most 120) of the channel's true shaft states, for `truth`."""
     rig.load(__file__)
     rig.request("truth_start", channel=channel, seconds=seconds)
 
 
 def truth_stop(rig: "RigOperations", channel: str) -> None:
-    """Keep them no longer."""
+    """Stop keeping the channel's true shaft states."""
     rig.load(__file__)
     rig.request("truth_stop", channel=channel)
 
 
 def truth(rig: "RigOperations", channel: str, after_s: float = 0.0) -> dict[str, np.ndarray]:
-    """True states of the shafts of the channel's n motors, one row per step of the physics (1 ms), oldest first.
+    """Return the true states of the shafts of the channel's n motors, one row per physics step (1 ms), oldest first.
 
     Args:
-        after_s: only later rows, monotonic s.
+        after_s: only later rows are returned, monotonic s.
 
     Returns:
-        stamp_s (k,) monotonic; q (k, n), dq (k, n) at that time, joint sign, gripper at the motor; torque_nm (k, n)
-        that the motors applied in the step before; asked_nm (k, n), which their commands asked for then,
-        kp (q* − q) + kd (dq* − dq) + tau, not cut by the motors' own limits.
+        stamp_s: (k,) monotonic. q, dq: (k, n) at that time, joint sign, gripper at the motor. torque_nm: (k, n)
+        applied by the motors in the step before. asked_nm: (k, n) commanded in the step before,
+        kp (q* − q) + kd (dq* − dq) + tau, without the motors' own limits.
     """
     rows: list[Any] = []
     while chunk := rig.request("truth", channel=channel, after_s=after_s)["samples"]:
@@ -95,39 +95,39 @@ def truth(rig: "RigOperations", channel: str, after_s: float = 0.0) -> dict[str,
 
 
 def stamp_temperatures(rig: "RigOperations") -> None:
-    """Have every motor put its samples' times into the temperature bytes from now on, see `sample_age_s`."""
+    """Make all motors encode each sample's time in the temperature bytes from now on, see `sample_age_s`."""
     rig.load(__file__)
     rig.request("stamp_temperatures")
 
 
 def sample_age_s(temp_mos: int, temp_rotor: int, now_s: float) -> float:
-    """Age of a feedback sample whose temperature bytes carry its time, see `stamp_temperatures`.
+    """Return the age of a feedback sample whose temperature bytes contain its time, see `stamp_temperatures`.
 
-    Unambiguous up to 1.4 s, to within 0.1 ms.
+    Unambiguous up to 1.4 s; accurate to 0.1 ms.
     """
     stamp = int(temp_mos) * _STAMP_DIGIT + int(temp_rotor) + 0.5
     return (now_s / _STAMP_UNIT_S - stamp) % _STAMP_WRAP * _STAMP_UNIT_S
 
 
 def stamped_bytes(sample_s: float) -> tuple[int, int]:
-    """The temperature bytes for `sample_age_s` that carry the sample's time, monotonic s."""
+    """Return the temperature bytes that encode the sample's monotonic time, s, for `sample_age_s`."""
     return divmod(int(sample_s / _STAMP_UNIT_S) % _STAMP_WRAP, _STAMP_DIGIT)
 
 
 def beyond_clip_nm(
     seen: dict[str, np.ndarray], kp: np.ndarray, kd: np.ndarray, clip_nm: np.ndarray, known_s: np.ndarray | float
 ) -> np.ndarray:
-    """The largest torque in Nm that commands asked of each of the first n motors beyond its clip; 0 if all kept to it.
+    """Return the maximum torque, Nm, commanded beyond its clip for each of the first n motors; 0 if never beyond.
 
-    A command that keeps to the clip by a state of up to `known_s` ago asks for more where the joint has moved since,
-    by  kp (q before − q now) + kd (dq before − dq now). No driver can know that. Of those states the one that explains
-    a torque best is taken for the one that the driver knew.
+    A command that keeps to the clip for a state of up to `known_s` ago exceeds the clip where the joint has moved
+    since, by  kp (q before − q now) + kd (dq before − dq now), which no driver can know. Each torque is judged with the
+    state in this span that explains the torque best.
 
     Args:
-        seen: by `truth`, steps of 1 ms.
+        seen: result of `truth`, steps of 1 ms.
         kp, kd: (n,) gains of the commands, Nm/rad and Nm s/rad.
         clip_nm: (n,) Nm.
-        known_s: (n,) or one for all, s.
+        known_s: (n,) or one value for all, s.
     """
     n = len(clip_nm)
     q, dq, asked = (seen[key].reshape(len(seen["stamp_s"]), -1)[:, :n] for key in ("q", "dq", "asked_nm"))
@@ -142,7 +142,7 @@ def beyond_clip_nm(
 
 
 def install(device: RigDevice) -> None:
-    """Offer both recorders to the clients of a rig."""
+    """Add the operations of both recorders to a rig."""
     asked = Asked(device)
     Watch(device, asked)
     Truth(device, asked)
@@ -156,25 +156,25 @@ def install(device: RigDevice) -> None:
 
 
 class StampedThermometer(Thermometer):
-    """Reports each sample's time instead of temperatures."""
+    """Thermometer that reports each sample's time instead of temperatures."""
 
-    held = property(lambda self: (0.0, 0.0), lambda self, value: None)  # never None: or a whole tick would pass it by
+    held = property(lambda self: (0.0, 0.0), lambda self, value: None)  # never None, or `WholeTick` would bypass `read`
 
     def read(self, velocity_rad_s: float, torque_nm: float, sim_s: float, sample_s: float) -> tuple[int, int]:
         return stamped_bytes(sample_s)
 
 
 class Asked:
-    """Torques that commands asked for: kp (u* − u) + kd (u̇* − u̇) + tau of the last step."""
+    """Commanded torques of the last step: kp (u* − u) + kd (u̇* − u̇) + tau."""
 
     def __init__(self, device: RigDevice):
         self._world = device.world
         self._steps, self._nm = -1, np.zeros(device.world.model.nu)
 
     def nm(self) -> np.ndarray:
-        """(nu,) Nm, before the motors' own limits."""
+        """Return the torques (nu,), Nm, before the motors' own limits."""
         world = self._world
-        if self._steps != world.steps:  # both recorders ask
+        if self._steps != world.steps:  # both recorders call this method
             data, bias = world.data, world.model.actuator_biasprm
             self._nm = data.ctrl + bias[:, 1] * data.actuator_length + bias[:, 2] * data.actuator_velocity
             self._steps = world.steps
@@ -182,13 +182,13 @@ class Asked:
 
 
 class Largest:
-    """The largest of each of n values so far, and when it was reached."""
+    """Maximum of each of n values so far, and the time at which it was reached."""
 
     def __init__(self, count: int):
         self.value, self.at_s = np.zeros(count), np.zeros(count)
 
     def see(self, value: np.ndarray, now_s: float, rows: np.ndarray) -> None:
-        """Look at (n,) values, of which `rows` (n,) bool count."""
+        """Update with values (n,), of which only `rows` (n,) bool are used."""
         more = (value > self.value) & rows
         if more.any():
             self.value[more] = value[more]
@@ -196,9 +196,9 @@ class Largest:
 
 
 class Watch:
-    """Records largest speed under torque, torque and age of a command per motor, lowest height and last touch per arm.
+    """Records maximum speed while enabled, torque and command age per motor, and minimum height and last touch per arm.
 
-    Torques are looked at in every step, the rest after every advance (at most 4 ms), in one pass over all motors.
+    Torques are sampled in every step, the rest after every advance (at most 4 ms), in one pass over all motors.
     """
 
     def __init__(self, device: RigDevice, asked: Asked):
@@ -206,17 +206,17 @@ class Watch:
         world, channels = device.world, list(device.channels.values())
         self._all_motors = [motor for channel in channels for motor in channel.motors]
         ends = list(itertools.accumulate((len(channel.motors) for channel in channels), initial=0))
-        self._rows = {channel.name: slice(*ends[i : i + 2]) for i, channel in enumerate(channels)}  # of its motors
+        self._rows = {channel.name: slice(*ends[i : i + 2]) for i, channel in enumerate(channels)}  # rows of its motors
         self._actuators = np.array([motor.drive.actuator for motor in self._all_motors])
         self._arm = {channel.name: index for index, channel in enumerate(channels)}
         self._tools = np.array([world.model.site(f"{channel.name}/tcp_site").id for channel in channels])
         bodies = [world.model.body(body).name for body in world.model.geom_bodyid.tolist()]
-        self._arm_of = np.array([self._arm.get(body.partition("/")[0], -1) for body in bodies])  # of a geom; −1: no arm
+        self._arm_of = np.array([self._arm.get(body.partition("/")[0], -1) for body in bodies])  # geom → arm or −1
         count, arms = len(self._actuators), len(channels)
         self._speed, self._torque, self._asked, self._age = (Largest(count) for _ in range(4))
         self._start_z, self._lowest_z = np.zeros(arms), np.full(arms, np.inf)
         self._touched_at = np.zeros(arms)
-        self._started: dict[str, dict[str, Any]] = {}  # by channel: time, number of the next event, enabled motors
+        self._started: dict[str, dict[str, Any]] = {}  # channel → time, number of the next event, enabled motors
         self._on = np.zeros(count, bool)  # motors of the channels that are recorded
         self._next_s = 0.0
         device.operations |= {
@@ -226,7 +226,7 @@ class Watch:
         }
 
     def start(self, channel: str) -> None:
-        """Record a channel, from now on and anew."""
+        """Reset and start recording a channel."""
         rows, arm = self._rows[channel], self._arm[channel]
         for largest in (self._speed, self._torque, self._asked, self._age):
             largest.value[rows] = largest.at_s[rows] = 0.0
@@ -244,13 +244,13 @@ class Watch:
             self._device.each_advance.append(self._sample)
 
     def _sample_torques(self) -> None:
-        """Look at the step that was just simulated: a torque may last for only a few."""
+        """Sample the step just simulated, because a torque may last for only a few steps."""
         now, force = self._world.stamp_s, self._world.data.actuator_force
         self._torque.see(np.abs(force[self._actuators]), now, self._on)
         self._asked.see(np.abs(self._asked_now.nm()[self._actuators]), now, self._on)
 
     def _sample(self) -> None:
-        """Look at the present state."""
+        """Sample the current state."""
         world, data = self._world, self._world.data
         if world.sim_s < self._next_s:
             return
@@ -273,10 +273,10 @@ class Watch:
     def _force_n(self, contact: int) -> float:
         wrench = np.zeros(6)
         mujoco.mj_contactForce(self._world.model, self._world.data, contact, wrench)
-        return abs(float(wrench[0]))  # along the normal
+        return abs(float(wrench[0]))  # normal force
 
     def report(self, channel: str) -> dict[str, Any]:
-        """The record without its changes."""
+        """Return the record without its changes."""
         if channel not in self._started:
             raise ConfigError(f"{channel} is not watched; call watch_start first")
         rows, arm = self._rows[channel], self._arm[channel]
@@ -295,7 +295,7 @@ class Watch:
         }
 
     def changes(self, channel: str, since: int) -> dict[str, Any]:
-        """Some changes from number `since` on: time, motor, was it switched, is it enabled, its fault."""
+        """Return up to 500 changes from number `since` on: time, motor, whether switched, whether enabled, fault."""
         started, found = self._started[channel], []
         enabled = dict(started["enabled"])
         for event in self._device.events.since(started["event"]):
@@ -307,7 +307,7 @@ class Watch:
 
 
 class Truth:
-    """Keeps the last seconds of the world, one sample per step, while it is on for any channel."""
+    """Keeps the last seconds of world states, one sample per step, while recording is on for any channel."""
 
     def __init__(self, device: RigDevice, asked: Asked):
         self._device, self._world, self._asked = device, device.world, asked
@@ -317,12 +317,12 @@ class Truth:
         device.operations |= {"truth_start": self.start, "truth_stop": self.stop, "truth": self.report}
 
     def start(self, channel: str, seconds: float) -> None:
-        """Keep the last seconds of a channel, from now on and anew."""
+        """Reset and start keeping the last seconds of a channel."""
         self._seconds[channel], self._since_s[channel] = number(seconds, 0.001, _TRUTH_MAX_S), self._world.stamp_s
         self._resize()
 
     def stop(self, channel: str) -> None:
-        """Keep nothing of it."""
+        """Stop keeping states of a channel."""
         self._seconds.pop(channel, None)
         self._resize()
 
@@ -336,13 +336,13 @@ class Truth:
             looks.append(self._sample)
 
     def _sample(self) -> None:
-        """Keep the present state, and the torques of the step before it."""
+        """Store the current state, and the torques of the step before."""
         world, data = self._world, self._world.data
         state = data.qpos.copy(), data.qvel.copy(), data.actuator_force.copy()
         self._kept.append((world.stamp_s, *state, self._asked.nm()))
 
     def report(self, channel: str, after_s: float) -> dict[str, Any]:
-        """The oldest samples later than `after_s`."""
+        """Return the oldest samples later than `after_s`."""
         if channel not in self._seconds:
             raise ConfigError(f"{channel}: the truth is not recorded; call truth_start first")
         after_s = max(after_s, self._since_s[channel])

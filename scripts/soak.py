@@ -1,11 +1,11 @@
-"""Teleoperate a virtual rig for minutes while everything goes wrong, and check that nothing falls and nothing lies.
+"""Teleoperate a virtual rig for minutes under injected faults; check that no arm falls and that states are true.
 
     python scripts/soak.py --minutes 20 --seed 1 --json outputs/soak.json
 
-The arms of a rig of its own are driven through the shipped LeRobot classes, under a random schedule of faults that is
-the same for the same seed (`soak.schedule`). A person is played who re-arms or connects anew. A judge in a process of
-its own (`soak.monitor`) reads every state and asks the rig what is really so. Prints a table; exit status 1 when an
-invariant was violated. No arm, display or network is used; nothing outside its own runtime directory is touched.
+The arms of a separate rig are driven through the shipped LeRobot classes, under a random schedule of faults that is
+the same for the same seed (`soak.schedule`). A simulated person re-arms or reconnects. A judge in a separate process
+(`soak.monitor`) reads the states and compares them with the true state in the rig. Prints a table; exit status 1 if an
+invariant was violated. Uses no arm, display or network, and writes only to its own temporary folders and to --json.
 """
 
 import argparse
@@ -27,11 +27,11 @@ from tqdm import tqdm
 
 logger = logging.getLogger("soak")
 
-_END_S = 15.0  # for a process to end, and for files to go
+_END_S = 15.0  # maximum time for a process to end and for files to disappear
 
 
 def arguments(given: list[str] | None = None) -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=5.0, help="how long to teleoperate")
     parser.add_argument("--seed", type=int, default=1, help="of the schedule")
@@ -45,11 +45,11 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
 
 
 class Judge:
-    """The monitor's process.
+    """Process of the monitor.
 
     Args:
-        job: what it has to know.
-        begin_s: monotonic time 0 of the report.
+        job: input of the monitor.
+        begin_s: monotonic time at time 0 of the report.
     """
 
     def __init__(self, job: dict[str, Any], begin_s: float):
@@ -81,18 +81,18 @@ class Judge:
                 self.add(**row)
 
     def add(self, violation: str, at_s: float, **fields: Any) -> None:
-        """Note a violation at a monotonic time."""
+        """Record a violation at a monotonic time."""
         row = {"violation": violation, "at_s": at_s - self._begin_s, **fields}
         self.violations.append(row)
         logger.error("VIOLATION %s", {key: value for key, value in row.items() if key != "history"})
 
     @property
     def alive(self) -> bool:
-        """Whether it still watches."""
+        """Whether the monitor is running."""
         return self._process.poll() is None
 
     def end(self) -> None:
-        """Have it sum up. Idempotent."""
+        """End the monitor and receive its summary. Idempotent."""
         assert self._process.stdin is not None and self._process.stdout is not None
         with contextlib.suppress(OSError):
             self._process.stdin.close()
@@ -106,7 +106,7 @@ class Judge:
 
 
 def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
-    """Run it; returns the report."""
+    """Run the soak; return the report."""
     from soak.devices import keys, make_devices
     from soak.injector import Injector
     from soak.operator import Operator
@@ -175,7 +175,7 @@ def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
 
 
 def left_behind(runtime: Path) -> list[str]:
-    """Processes, and files in the runtime directory, that are still there some seconds later."""
+    """Return processes, and files in the runtime directory, that still exist after a grace period."""
     mark = f"YAM_RUNTIME_DIR={runtime}\0".encode()
     deadline = time.monotonic() + _END_S
     while True:
@@ -190,7 +190,7 @@ def left_behind(runtime: Path) -> list[str]:
 
 
 def table(report: dict[str, Any]) -> str:
-    """All figures by title, the largest with where they were seen, and the violations."""
+    """Return a table of all figures by title, the largest values with their locations, and the violations."""
     caller, judge = report["caller"], report["judge"]
     figures = {"injected": report["injected"], "operator and caller": caller["counts"], "errors": caller["errors"]}
     lines = [f"{report['minutes']:.1f} minutes, seed {report['seed']}, pace {report['pace']:g}"]
@@ -213,10 +213,10 @@ def _shown(value: Any) -> str:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Soak, report; exit status 1 when an invariant was violated."""
+    """Run the soak and report; return exit status 1 if an invariant was violated."""
     base = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
     runtime, folder = Path(tempfile.mkdtemp(prefix="yam-soak-", dir=base)), Path(tempfile.mkdtemp(prefix="yam-soak-"))
-    os.environ["YAM_RUNTIME_DIR"] = str(runtime)  # an emergency stop of ours must not stop anybody else's arms
+    os.environ["YAM_RUNTIME_DIR"] = str(runtime)  # the soak's emergency stops must not stop other arms
     os.environ.pop("YAM_RIG", None)
     try:
         report = soak(args, folder)

@@ -1,1 +1,1 @@
-"""The parts of scripts/bench.py and scripts/bench_ik.py."""
+"""Parts of scripts/bench.py and scripts/bench_ik.py."""

@@ -1,4 +1,4 @@
-"""The drivers that the bench compares, each behind the same five calls."""
+"""Drivers that the benchmark compares, each with the same five methods."""
 
 import importlib
 import time
@@ -9,8 +9,8 @@ from recorders import sample_age_s
 
 _CHANNELS = ("follower_left", "follower_right")
 _SIDES = ("left", "right")
-_SOCKETCAN = "can_"  # the vendor's SDK takes only channels with this in their names for socketcan ones
-_STOPS_RAD = [3.25, -3.3]  # of the gripper in the default scene: nothing has to be searched
+_SOCKETCAN = "can_"  # the vendor's SDK treats only channels with this in their names as socketcan
+_STOPS_RAD = [3.25, -3.3]  # gripper stops in the default scene, so that no search is needed
 _NAMES = ("joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6", "gripper")
 _TYPES = ("DM4340", "DM4340", "DM4340", "DM4310", "DM4310", "DM4310", "DM4310")
 _KP = (80.0, 80.0, 80.0, 10.0, 10.0, 10.0, 20.0)
@@ -18,26 +18,26 @@ _KD = (5.0, 5.0, 5.0, 1.5, 1.5, 1.5, 0.5)
 
 
 class Driver(Protocol):
-    """What the bench asks of every driver."""
+    """Interface of every driver under measurement."""
 
     def start(self) -> None:
-        """Open the channels and energise the arms, holding."""
+        """Open the channels and energise the arms, which then hold."""
 
     def get(self) -> Any:
-        """Read all arms, as a LeRobot robot does for an observation."""
+        """Read all arms, like a LeRobot robot for an observation."""
 
     def send(self, got: Any) -> None:
-        """Command all arms to stay where `got` says they are."""
+        """Command all arms to stay at the positions in `got`."""
 
     def age_s(self, got: Any, now: float) -> float:
-        """Age of the oldest motor sample in `got` at `now`: the rig stamps it into the temperature bytes."""
+        """Return the age of the oldest motor sample in `got` at `now`, from the rig's stamps in temperature bytes."""
 
     def stop(self) -> None:
-        """Let go of everything."""
+        """Disconnect all arms."""
 
 
 class OurSession:
-    """Our control loop, through `ArmSession`."""
+    """Our control loop, accessed through `ArmSession`."""
 
     def __init__(self, arms: int, isolation: str = "process", rate_hz: float = 250.0):
         from lerobot_robot_yam.arm.config import ArmConfig
@@ -72,7 +72,7 @@ class OurSession:
 
 
 class OurRobot:
-    """`BiYamFollower`, as `lerobot-record` uses it, without cameras."""
+    """`BiYamFollower` without cameras, as used by `lerobot-record`."""
 
     def __init__(self, temperatures: bool = False):
         from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig
@@ -106,7 +106,7 @@ class OurRobot:
 
 
 class DamiaoBus:
-    """LeRobot's own driver with the calls that its OpenArm robot makes: refresh all, then command all."""
+    """LeRobot's own driver with the calls of LeRobot's OpenArm robot: refresh all motors, then command all."""
 
     def __init__(self, arms: int):
         from lerobot.motors import Motor, MotorNormMode
@@ -149,11 +149,11 @@ class DamiaoBus:
 
 
 class Vendor:
-    """The maker's SDK, `dreamscale-i2rt`, as its users start it: `get_yam_robot`, holding where it is.
+    """The vendor's SDK, `dreamscale-i2rt`, started as its users do: `get_yam_robot`, holding the current pose.
 
-    Per arm two threads of the caller's interpreter, without a rate of their own: one reckons gravity and the gripper's
-    force limit, the other talks to the motors. It opens a socketcan channel; here that name leads to the rig. Nothing
-    of it is changed otherwise.
+    Each arm has two threads in the caller's interpreter, without a fixed rate: one computes gravity and the gripper's
+    force limit, the other talks to the motors. The SDK opens a socketcan channel, which is redirected to the rig.
+    Nothing else in the SDK is changed.
     """
 
     def __init__(self, arms: int):
@@ -168,7 +168,7 @@ class Vendor:
             robot = self._open(
                 _SOCKETCAN + channel, zero_gravity_mode=False, gripper_limits_override=np.array(_STOPS_RAD)
             )
-            robot.temp_record_flag = True  # where the rig's stamp is
+            robot.temp_record_flag = True  # temperatures contain the rig's stamp
             self._robots.append(robot)
             self._goals.append(robot.get_joint_pos().copy())
 
@@ -177,7 +177,7 @@ class Vendor:
 
     def send(self, got: Any) -> None:
         for robot, goal in zip(self._robots, self._goals, strict=True):
-            robot.command_joint_pos(goal.copy())  # it clips what it is given
+            robot.command_joint_pos(goal.copy())  # the SDK clips its argument in place
 
     def age_s(self, got: Any, now: float) -> float:
         return max(
@@ -192,7 +192,7 @@ class Vendor:
 
 
 class VendorChain:
-    """The SDK's motor chain alone, which only exchanges frames: no gravity, no limits, nobody who calls it."""
+    """The SDK's motor chain alone, which only exchanges frames: no gravity, no limits, no caller."""
 
     def __init__(self, arms: int):
         _lead_socketcan_to_rig()
@@ -212,7 +212,7 @@ class VendorChain:
         return [chain.read_states() for chain in self._chains]
 
     def send(self, got: Any) -> None:
-        pass  # it goes on with what it was told
+        pass  # the chain repeats its last command
 
     def age_s(self, got: Any, now: float) -> float:
         return max(sample_age_s(int(info.temp_mos), int(info.temp_rotor), now) for infos in got for info in infos)
@@ -220,7 +220,7 @@ class VendorChain:
     def stop(self) -> None:
         for chain in self._chains:
             chain.running = False
-        time.sleep(0.2)  # its thread has no join
+        time.sleep(0.2)  # the chain's thread cannot be joined
         for chain in self._chains:
             chain.close()
 

@@ -1,6 +1,6 @@
-"""What the bench measures, one function per figure or group of figures that share a session.
+"""Measurements of the benchmark, one function per figure or per group of figures that share a session.
 
-Each takes the settings and fills in a `Results`; the figures' names are the keys of the JSON report.
+Each function takes the settings and fills in `Results`; the names of the figures are keys of the JSON report.
 """
 
 import time
@@ -15,20 +15,20 @@ from bench.runner import Subject, cpu_s, driver, measure_periods, percentiles
 from lerobot_robot_yam.damiao.tables import FRAME_TIME_S
 
 ARMS, MOTORS = 2, 7
-WIRE_LIMIT_HZ = 1.0 / (2 * MOTORS * FRAME_TIME_S)  # a command and a reply per motor
+WIRE_LIMIT_HZ = 1.0 / (2 * MOTORS * FRAME_TIME_S)  # one command and one reply per motor
 CONTROL_HZ = 250.0
-LATENCY_S = 0.00025  # of a USB adapter, each way
+LATENCY_S = 0.00025  # latency of a USB adapter in each direction
 LEROBOT_HZ = 60.0  # the faster of LeRobot's usual rates
-AGE_HZ = 61.7  # about that, but out of step with the control rate, so that every phase between two ticks is seen
+AGE_HZ = 61.7  # close to LEROBOT_HZ, but out of step with the control rate, so that all phases between two ticks occur
 
 
 @dataclass
 class Settings:
-    """How long to look.
+    """Durations of the measurements.
 
     Attributes:
-        seconds: time for each distribution of periods.
-        short_s: the same for every other figure.
+        seconds: duration for each distribution of periods.
+        short_s: duration for every other figure.
     """
 
     seconds: float = 20.0
@@ -37,7 +37,7 @@ class Settings:
 
 @dataclass
 class Results:
-    """Figures by driver and name, and the periods behind them (ms)."""
+    """Figures by driver and name, and the periods from which they were computed (ms)."""
 
     figures: dict[str, dict[str, Any]] = field(default_factory=dict)
     periods_ms: dict[str, np.ndarray] = field(default_factory=dict)
@@ -47,17 +47,17 @@ class Results:
         self.figures.setdefault(driver_name, {})[name] = value
 
     def put_periods(self, driver_name: str, name: str, periods_ms: np.ndarray) -> None:
-        """Set the figure `name`_ms from periods, and keep them for the plot."""
+        """Compute the figure `name`_ms from periods, and keep the periods for the plot."""
         self.put(driver_name, f"{name}_ms", percentiles(periods_ms, (50, 99, 99.9)))
         self.periods_ms[f"{driver_name} {name}"] = periods_ms
 
     def put_rate(self, driver_name: str, name: str, periods_ms: np.ndarray) -> None:
-        """Set a tick rate in Hz."""
+        """Compute and set a tick rate, Hz."""
         self.put(driver_name, name, 1e3 / float(periods_ms.mean()) if len(periods_ms) else float("nan"))
 
 
 def ours_at_250_hz(settings: Settings, results: Results) -> None:
-    """Period at the rig with the caller idle and hogged, and the loop's CPU per arm: loop in its own process."""
+    """Measure periods at the rig, caller idle and hogged, and the loop's CPU per arm, with the loop in a process."""
     with driver("ours", arms=ARMS, rate_hz=CONTROL_HZ) as (rig, subject):
         loop, begin = subject.loop_pid(), time.monotonic()
         used = cpu_s(loop)
@@ -69,7 +69,7 @@ def ours_at_250_hz(settings: Settings, results: Results) -> None:
 
 
 def ours_as_thread(settings: Settings, results: Results) -> None:
-    """The same with the loop in a thread of the caller."""
+    """Measure the same periods with the loop in a thread of the caller."""
     with driver("ours", arms=ARMS, rate_hz=CONTROL_HZ, isolation="thread") as (rig, subject):
         results.put_periods("ours", "thread_idle", measure_periods(rig, settings.short_s))
         with subject.hogging():
@@ -77,12 +77,12 @@ def ours_as_thread(settings: Settings, results: Results) -> None:
 
 
 def ours_unthrottled(settings: Settings, results: Results) -> None:
-    """Ticks per second as fast as the wire allows."""
+    """Measure the maximum tick rate that the wire allows."""
     _put_rates(settings, results, "ours", "ours", rate_hz=0.0)
 
 
 def _put_rates(settings: Settings, results: Results, name: str, kind: str, **job: Any) -> None:
-    """Ticks per second of a driver that runs by itself: one arm, without and with adapter latency, and two arms."""
+    """Measure tick rates of a self-running driver: one arm, without and with adapter latency, and two arms."""
     for key, latency_s, arms in (
         ("unthrottled", 0.0, 1),
         ("unthrottled_latency", LATENCY_S, 1),
@@ -93,7 +93,7 @@ def _put_rates(settings: Settings, results: Results, name: str, kind: str, **job
 
 
 def ours_robot(settings: Settings, results: Results) -> None:
-    """`BiYamFollower` without cameras: cost of get_observation + send_action, and the age of what is returned."""
+    """Measure `BiYamFollower` without cameras: cost of get_observation + send_action, and age of the observations."""
     with driver("ours_robot") as (_, subject):
         _put_get_send(settings, results, "ours", subject)
     with driver("ours_robot", temperatures=True) as (_, subject):
@@ -101,7 +101,7 @@ def ours_robot(settings: Settings, results: Results) -> None:
 
 
 def damiao_bus(settings: Settings, results: Results) -> None:
-    """LeRobot's own `DamiaoMotorsBus` with the calls of its OpenArm robot, classic CAN."""
+    """Measure LeRobot's `DamiaoMotorsBus` with the calls of LeRobot's OpenArm robot, classic CAN."""
     with driver("damiao_bus", arms=2) as (_, subject):
         _put_age(settings, results, "damiao_bus", subject)
     with driver("damiao_bus", arms=2) as (_, subject):
@@ -116,7 +116,7 @@ def damiao_bus(settings: Settings, results: Results) -> None:
 
 
 def vendor(settings: Settings, results: Results) -> None:
-    """The maker's SDK from the package index: its robots, whose loops have no rate, and its chain alone."""
+    """Measure the vendor's SDK from the package index: its robots, which run at no fixed rate, and its chain alone."""
     if find_spec("i2rt") is None:
         results.put("vendor", "missing", "dreamscale-i2rt is not installed (pip install dreamscale-i2rt)")
         return
@@ -136,7 +136,7 @@ def vendor(settings: Settings, results: Results) -> None:
 
 
 def _put_get_send(settings: Settings, results: Results, name: str, subject: Subject) -> None:
-    """Median of get + send: at LeRobot's pace, where the caches are cold each time, and back to back."""
+    """Measure the median of get + send at LeRobot's rate, with cold caches each time, and back to back."""
     for key, rate_hz in (("get_send_paced_ms", LEROBOT_HZ), ("get_send_ms", 1e6)):
         rows = np.array(subject.request("work", seconds=settings.short_s, rate_hz=rate_hz, ages=False)["rows"])
         results.put(name, key, float(np.median(rows[:, 0])))
@@ -158,5 +158,5 @@ STEPS: dict[str, Callable[[Settings, Results], None]] = {
 
 
 def report(settings: Settings, results: Results) -> dict[str, Any]:
-    """The JSON report, without the machine."""
+    """Return the JSON report, without the machine."""
     return {"wire_limit_hz": WIRE_LIMIT_HZ, "settings": asdict(settings), **results.figures}

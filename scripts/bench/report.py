@@ -1,4 +1,4 @@
-"""The bench's results for people: a table with ours beside the peers, and a plot of the periods."""
+"""Readable results of the benchmark: a table of this driver beside the others, and a plot of the periods."""
 
 import json
 import math
@@ -17,7 +17,7 @@ _TITLES = {"ours": "ours", "damiao_bus": "DamiaoMotorsBus", "vendor": "vendor SD
 
 
 def table(report: Report) -> str:
-    """Figures of all drivers side by side."""
+    """Return a table of the figures of all drivers, side by side."""
     rows: dict[str, dict[str, str]] = {}
     for column in _COLUMNS:
         for name, value in report.get(column, {}).items():
@@ -41,7 +41,7 @@ def _text(value: Any) -> str:
 
 
 def json_text(report: Report) -> str:
-    """The report as JSON; a figure that could not be measured is null."""
+    """Return the report as JSON; figures that could not be measured are null."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, Mapping):
@@ -54,7 +54,7 @@ def json_text(report: Report) -> str:
 
 
 def plot(periods_ms: Mapping[str, np.ndarray], path: Path) -> None:
-    """Save the share of periods longer than x, for each run; both axes logarithmic."""
+    """Save a plot of the fraction of periods longer than x for each run, with logarithmic axes."""
     import matplotlib
 
     matplotlib.use("Agg")

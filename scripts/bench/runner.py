@@ -1,4 +1,4 @@
-"""The bench's side of a measurement: a rig, a driver in a process of its own, and the clock between them."""
+"""Benchmark side of a measurement: a rig, a driver in a separate process, and measured periods and CPU times."""
 
 import contextlib
 import json
@@ -19,22 +19,22 @@ from recorders import stamp_temperatures
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.rig.control import RigControl, running_rig
 
-CHANNEL = "follower_left"  # where ticks are stamped
-_BLOCK_S = 10.0  # between two readings of the rig's trace, which takes the rig a moment
+CHANNEL = "follower_left"  # channel whose ticks are timed
+_BLOCK_S = 10.0  # interval between readings of the rig's trace, each of which delays the rig slightly
 _SCRIPTS = Path(__file__).parents[1]
 _TIMEOUT_S = 120.0
 
 
 class BenchError(YamError):
-    """A driver under measurement failed."""
+    """Failure of a driver under measurement."""
 
 
 class Subject:
-    """A driver in a process of its own, on a rig.
+    """A driver in a separate process, connected to a rig.
 
     Args:
         rig: name of the rig.
-        job: what `bench.subject` makes a driver from.
+        job: description from which `bench.subject` creates the driver.
     """
 
     def __init__(self, rig: str, job: dict[str, Any]):
@@ -53,17 +53,17 @@ class Subject:
         self._receive()
 
     def request(self, do: str, **arguments: Any) -> dict[str, Any]:
-        """Have the driver do something; returns its answer.
+        """Send a request to the driver and return the reply.
 
         Raises:
-            BenchError: it failed; with the end of its log.
+            BenchError: the request failed; the message includes the end of the driver's log.
         """
         self._send(do, arguments)
         return self._receive()
 
     @contextlib.contextmanager
     def hogging(self) -> Iterator[None]:
-        """The interpreter of the driver's caller is busy inside the block."""
+        """Keep the interpreter of the driver's caller busy inside the block."""
         self.request("hog")
         try:
             yield
@@ -72,7 +72,7 @@ class Subject:
             self._receive()
 
     def loop_pid(self) -> int:
-        """Process of our control loop, a child of the driver's caller; the caller itself if there is none."""
+        """Return the pid of our control loop, a child of the driver's process; without one, the driver's own pid."""
         for path in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
                 parent = int((path / "stat").read_text().rsplit(")", 1)[1].split()[1])
@@ -81,7 +81,7 @@ class Subject:
         return self.pid
 
     def close(self) -> None:
-        """Disconnect and end; kills what does not end."""
+        """Disconnect the driver and end the process, by force if necessary."""
         with contextlib.suppress(BenchError, OSError):
             self.request("stop")
         if self._process.stdin is not None:
@@ -124,7 +124,7 @@ class Subject:
 
 @contextlib.contextmanager
 def driver(kind: str, latency_s: float = 0.0, **job: Any) -> Iterator[tuple[RigControl, Subject]]:
-    """A started driver on a rig of its own. Everything ends with the block."""
+    """Start a driver on a separate rig; end both when the block is left."""
     with running_rig(latency_s=latency_s) as rig:
         stamp_temperatures(rig)
         subject = Subject(rig.name, {"kind": kind, **job})
@@ -136,9 +136,9 @@ def driver(kind: str, latency_s: float = 0.0, **job: Any) -> Iterator[tuple[RigC
 
 
 def tick_times(rig: RigControl, motors: int = 7) -> list[float]:
-    """When each tick's first command arrived at the rig since the trace was started.
+    """Return the times at which each tick's first command arrived at the rig since the trace was started.
 
-    Only ticks in which every motor got its command: a driver that fills the wire's queue loses single frames.
+    Includes only ticks in which every motor received its command: a driver that fills the wire's queue loses frames.
     """
     ticks: list[float] = []
     begin_s, expected = 0.0, 1
@@ -154,7 +154,7 @@ def tick_times(rig: RigControl, motors: int = 7) -> list[float]:
 
 
 def measure_periods(rig: RigControl, seconds: float, during: Callable[[float], None] = time.sleep) -> np.ndarray:
-    """(n,) ms between the ticks of whatever commands the rig now; `during` has to spend that time."""
+    """Return the control loop's tick periods, (n,) ms. `during(seconds)` must block for that long."""
     found, left_s = [np.zeros(0)], seconds
     while left_s > 0.0:
         rig.trace_start(CHANNEL)
@@ -165,12 +165,12 @@ def measure_periods(rig: RigControl, seconds: float, during: Callable[[float], N
 
 
 def cpu_s(pid: int) -> float:
-    """CPU time of all threads of a process, in seconds, to the nanosecond (`/proc/PID/task/*/schedstat`)."""
+    """Return the CPU time of all threads of a process, s, with a resolution of 1 ns (/proc/PID/task/*/schedstat)."""
     return sum(int(path.read_text().split()[0]) for path in Path(f"/proc/{pid}/task").glob("*/schedstat")) * 1e-9
 
 
 def percentiles(values: np.ndarray, shares: Sequence[float]) -> dict[str, float]:
-    """{"p50": …, …, "max": …} of the values; NaN without any."""
+    """Return {"p50": …, …, "max": …} of the values; NaN if there are no values."""
     names = [f"p{share:g}".replace(".", "") for share in shares]
     if len(values) == 0:
         return dict.fromkeys([*names, "max"], float("nan"))

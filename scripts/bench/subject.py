@@ -1,9 +1,9 @@
-"""One driver under measurement, in a process of its own: JSON requests on standard input, JSON answers on output.
+"""One driver under measurement, in a separate process: JSON requests on standard input, JSON replies on output.
 
     cd scripts; echo '{"do": "start"}' | YAM_RIG=demo python -m bench.subject '{"kind": "ours", "arms": 1}'
 
-Started by `bench.runner`. The rig is the one that YAM_RIG names. Requests: start, hog (busy until SIGUSR1), work
-(get + send at a rate), stop.
+Started by `bench.runner`. YAM_RIG names the rig. Requests: start, hog (busy until SIGUSR1), work (get + send at a
+rate), stop.
 """
 
 import json
@@ -17,7 +17,7 @@ from bench.drivers import KINDS, Driver
 
 
 class Subject:
-    """Carries out the bench's requests on one driver."""
+    """Executes the benchmark's requests on one driver."""
 
     def __init__(self, job: dict[str, Any]):
         self._driver: Driver = KINDS[job.pop("kind")](**job)
@@ -28,7 +28,7 @@ class Subject:
         self._hogging = False
 
     def start(self) -> dict[str, Any]:
-        """Connect."""
+        """Connect the driver."""
         self._driver.start()
         return {}
 
@@ -41,7 +41,7 @@ class Subject:
         return {}
 
     def work(self, seconds: float, rate_hz: float, ages: bool = True) -> dict[str, Any]:
-        """Get and send at a rate. Rows: get + send, and the age of the sample when get returned, ms."""
+        """Get and send at a rate. Returns rows of get + send time and sample age when get returned, both in ms."""
         driver, rows = self._driver, []
         deadline = time.monotonic()
         end = deadline + seconds
@@ -59,7 +59,7 @@ class Subject:
         return {"rows": rows}
 
     def stop(self) -> dict[str, Any]:
-        """Disconnect."""
+        """Disconnect the driver."""
         self._driver.stop()
         return {}
 
@@ -70,7 +70,7 @@ def _answer(fields: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    """Serve requests until told to stop or the bench is gone."""
+    """Serve requests until `stop` or until the benchmark closes standard input."""
     subject = Subject(json.loads(sys.argv[1]))
     _answer({"ready": True})
     started = False
@@ -89,7 +89,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    # Drivers print; what they print must not get between the answers.
+    # Drivers print to standard output; redirect this output so that it does not mix with the replies.
     _OUT = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     main()

@@ -190,7 +190,7 @@ class SetPointCheck:
         return nearer
 
     def _on_measured(self, record: Any, before: Any) -> np.ndarray:
-        """Return (7,) whether each set-point is at the arm's pose in either record; between both, if records are missing."""
+        """Return (7,) whether each set-point is at the arm's pose in either record, or between both after a gap."""
         setpoint, here, there = self._of(record, "setpoint"), self._of(record, "q"), self._of(before, "q")
         beside = np.minimum(np.abs(setpoint - here), np.abs(setpoint - there))
         if float(record["stamp_s"]) - float(before["stamp_s"]) > _MISSED_S:
