@@ -51,7 +51,7 @@ def watch(rig: "RigOperations", channel: str) -> dict[str, Any]:
         max_asked_nm: (n,) maximum torque commanded before the motor's own limit; max_asked_at_s: monotonic times.
         max_command_age_s: (n,) maximum simulated time for which an enabled motor acted on one command.
         max_tcp_drop_m: maximum drop of the tool below its height at the start.
-        touched_at_s: when it last touched another body, or itself with more than 50 N (0: never).
+        touched_at_s: time at which the arm last touched another body, or itself with more than 50 N (0: never).
         enabled_events: (monotonic_s, motor, enabled) of each change. fault_events: (monotonic_s, motor, code).
     """
     found = rig.request("watch", channel=channel)

@@ -124,7 +124,7 @@ class CameraService:
         return str(name)
 
     def fileno(self) -> int | None:
-        """Return the descriptor to watch for reading; None while no renderer runs. Each new renderer changes it."""
+        """Return the descriptor to watch for reading; None without renderer. Each renderer has a new descriptor."""
         return None if self._socket is None else self._socket.fileno()
 
     def poll(self) -> list[tuple[Hashable, dict[str, Any]]]:
