@@ -1,4 +1,4 @@
-"""The status of one arm: its mode, its trouble, and the orders that stand. The mode is written here only."""
+"""State of one arm: mode, fault (`Trouble`) and pending requests. No other module changes the mode."""
 
 from lerobot_robot_yam.errors import LifeCycleError
 from lerobot_robot_yam.state.faults import Trouble
@@ -11,18 +11,18 @@ class ArmStatus:
 
     Args:
         name: name of the arm, for messages.
-        floats: whether the arm floats by default, as leaders do, rather than holds.
+        floats: whether the arm floats by default, like a leader; else the arm holds by default.
 
     Attributes:
-        trouble, message: why the arm is in FAULT, or lands.
-        limited: what keeps the arm from reaching its target.
-        stopped: whether the emergency stop is latched; the loop sets this before each tick's decisions.
+        trouble, message: fault and text that explain why the arm is in FAULT or lands.
+        limited: limits that keep the arm from reaching its target.
+        stopped: whether the emergency stop is latched; the loop sets this flag at each tick before `decide`.
         must_land: whether the arm lands as soon as the emergency stop is released.
-        halted: whether the arm refuses targets until it is re-armed, because the other arm is in trouble.
-        stops_afloat: whether the arm floats, rather than holds, during the latched emergency stop.
-        rearming: whether the arm's motors are being re-armed; a landing waits for that.
-        letting_go: whether the arm's torque is being cut.
-        refusal: why the last request was not done; else empty.
+        halted: whether the arm refuses targets until re-armed, because the other arm is in fault.
+        stops_afloat: whether the arm floats during the latched emergency stop; else the arm holds.
+        rearming: whether the arm's motors are being re-armed; a landing is delayed until re-arming ends.
+        letting_go: whether the arm's motors are being disabled.
+        refusal: reason why the last request was refused; empty if the request was accepted.
     """
 
     def __init__(self, name: str, floats: bool):
@@ -42,21 +42,21 @@ class ArmStatus:
 
     @property
     def ended(self) -> bool:
-        """Whether the arm has no torque: it is off, or was never energised."""
+        """Whether the arm has no torque: off, or never energised."""
         return self._mode in (Mode.OFF, Mode.OFFLINE)
 
     @property
     def busy(self) -> bool:
-        """Whether the last request takes more ticks; no other one is accepted meanwhile."""
+        """Whether the last request is still in progress; further requests are not accepted meanwhile."""
         return self.rearming or self.letting_go
 
     @property
     def afloat(self) -> bool:
-        """Whether the arm floats, carried by its gravity model alone."""
+        """Whether the arm floats, supported by gravity compensation alone."""
         return self._mode is Mode.FLOAT or (self._mode is Mode.STOPPED and self.stops_afloat)
 
     def check(self, mode: Mode) -> None:
-        """Check a change of mode. Raises LifeCycleError: no transition leads from the present mode to `mode`."""
+        """Check a mode change. Raises LifeCycleError: the present mode has no transition to `mode`."""
         if mode not in TRANSITIONS[self._mode]:
             possible = ", ".join(sorted(mode.name.lower() for mode in TRANSITIONS[self._mode])) or "nothing"
             way = f"{self._mode.name.lower()} to {mode.name.lower()}"

@@ -1,4 +1,4 @@
-"""Timing of a loop: a histogram that costs the same on every tick, and its summary at the end."""
+"""Timing statistics of a loop: a histogram of periods with constant cost per tick, and a summary at the end."""
 
 import logging
 import math
@@ -10,12 +10,12 @@ logger = logging.getLogger(__name__)
 _BIN_S = 1e-5
 _WINDOW_S = 1.0
 _SLOW_SHARE = 0.2
-_TOLD_S = 60.0  # least time between two warnings of a slow loop, s: a busy machine slows it again and again
-_BINS = 10_000  # number of bins, up to 0.1 s; longer periods fall into the last one, their true maximum is kept
+_TOLD_S = 60.0  # minimum time between two warnings of a slow loop, s: on a busy machine slow phases recur
+_BINS = 10_000  # number of bins, up to 0.1 s; longer periods count in the last bin, the true maximum is kept
 
 
 class LoopStatistics:
-    """Statistics of cycles, overruns and periods of a loop with nominal period `period_s` (0: no nominal period)."""
+    """Cycle, overrun and period statistics of a loop with nominal period `period_s` (0: no nominal period)."""
 
     def __init__(self, period_s: float):
         self.period_s = period_s
@@ -39,7 +39,7 @@ class LoopStatistics:
             self._look_back(now)
 
     def _look_back(self, now: float) -> None:
-        """Log a warning if the loop has been slow."""
+        """Log a warning if too many ticks of the last window were late."""
         late, ticks = self.overruns - self._overruns_then, self.cycles - self._cycles_then
         if self._window_from and late > _SLOW_SHARE * ticks:
             self._slow_windows += 1
@@ -50,7 +50,7 @@ class LoopStatistics:
         self._window_from, self._cycles_then, self._overruns_then = now, self.cycles, self.overruns
 
     def percentile_ms(self, share: float) -> float:
-        """Return the period below which `share` (0 … 1) of all periods lie, ms; NaN before two cycles."""
+        """Return the period, ms, below which `share` (0 … 1) of all periods lie; NaN before the second cycle."""
         total = int(self._histogram.sum())
         if total == 0:
             return float("nan")
@@ -58,7 +58,7 @@ class LoopStatistics:
         return min((index + 1) * _BIN_S, self._longest_s) * 1e3
 
     def summary(self) -> str:
-        """Return one line for the log."""
+        """Return the statistics as one line for the log."""
         slow = f", slow for {self._slow_windows * _WINDOW_S:.0f} s" if self._slow_windows else ""
         return (
             f"{self.cycles} cycles, {self.overruns} overruns{slow}, period p50 {self.percentile_ms(0.5):.2f} ms, "

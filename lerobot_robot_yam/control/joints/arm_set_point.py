@@ -1,4 +1,4 @@
-"""Set-point of one arm: how it starts from the measured pose, and how it is brought back to it."""
+"""Set-point of one arm: starts at the measured pose, and is moved back towards the joints where they lag too far."""
 
 import logging
 import math
@@ -15,27 +15,27 @@ from lerobot_robot_yam.system.few_values import any_of
 logger = logging.getLogger(__name__)
 
 ACCELERATION_LIMIT_RAD_S2 = 30.0
-"""Brakes from the speed limit within 50 ms."""
+"""Maximum acceleration: stops a joint from its speed limit within 50 ms."""
 LEFT_BEHIND_RAD = 0.05
-"""More than an arm lags with its own gains."""
-_HOLDS_RAD = 0.3  # largest distance of a set-point that still holds the arm
-_END_DECELERATION_RAD_S2 = 5.0  # at range ends: an arm overshoots a harder stop by centimetres, into its stops
+"""Distance from a set-point that exceeds the lag of an arm with its own gains."""
+_HOLDS_RAD = 0.3  # maximum distance between a set-point and the arm that it holds
+_END_DECELERATION_RAD_S2 = 5.0  # at range ends: arms that brake harder overshoot by centimetres, into their stops
 _GRIPPER_ACCELERATION = 60.0  # acceleration limit of the gripper, strokes/s²
-_FREE_RAD = 0.1  # way behind its set-point of a joint that comes free
-_FREE_SPEED = 1.1  # share of the speed limit that a joint that comes free exceeds
-_TOLD_S = 0.1  # how long a joint that came free is reported, s: a caller that looks 30 times a second sees it
+_FREE_RAD = 0.1  # minimum lag behind the set-point of a joint that comes free
+_FREE_SPEED = 1.1  # minimum speed of a joint that comes free, as a share of the speed limit
+_TOLD_S = 0.1  # duration of the report that a joint came free, s: long enough for callers that poll at 30 Hz
 
 
 class ArmSetPoint(SetPoint):
-    """Set-point of an arm's n motors, the gripper's last.
+    """Set-point for an arm's n motors, the gripper last.
 
     Args:
         hardware: the arm.
-        estimate: where the arm is.
+        estimate: measured joint state.
 
     Attributes:
-        sunk: (joints,) bool, joints that a landing has let sink unheard, away from their set-points. They only get
-            damping until they are heard again.
+        sunk: (joints,) bool, joints that sank away from their set-points during a landing while their motors were
+            silent. Sunk joints are commanded damping only, until their motors reply again.
     """
 
     def __init__(self, hardware: ResolvedArm, estimate: JointEstimate):
@@ -54,56 +54,56 @@ class ArmSetPoint(SetPoint):
 
     @property
     def here(self) -> np.ndarray:
-        """Measured position (n,), but the last set-point of a joint that is not heard and may obey all the same."""
+        """Measured position (n,), or the last set-point of a joint whose motor is silent but may still obey."""
         estimate = self._estimate
         return estimate.q if estimate.all_usable else np.where(estimate.unheard(), self.q, estimate.q)
 
     def adopt(self, record: np.ndarray) -> None:
-        """Start at the set-point of a loop that has died, where that set-point is what holds the arm.
+        """Start each joint at its set-point in a dead loop if that set-point holds the joint, else at its measured position.
 
-        record: the last state that this loop published.
+        record: last state published by the dead loop.
         """
         slots, j, q = self._hardware.slots, self._joints, self._estimate.q
         before = record["setpoint"][slots]
         holds_it = np.abs(before - q) < (_HOLDS_RAD if record["own_gains"] else LEFT_BEHIND_RAD)
-        holds_it &= ~record["sunk"][slots].astype(bool)  # a sunk joint starts where it is measured
+        holds_it &= ~record["sunk"][slots].astype(bool)  # a sunk joint starts at its measured position
         unheard = record["stamp_s"] - record["motor_stamp_s"][slots] > SILENT_S  # a silent joint may obey
         holds_it |= unheard & (record["fault"][slots] == Fault.NORMAL) & ~self._estimate.heard()
-        holds_it[j:] = np.isfinite(before[j:])  # the gripper's set-point is its grip
+        holds_it[j:] = np.isfinite(before[j:])  # the gripper's set-point determines its grip force
         self.seed(np.where(holds_it, before, q))
 
     def start(self) -> None:
-        """Start again, at rest, from where the arm is."""
+        """Restart, at rest, at the measured pose (`here`)."""
         self.seed(self.here)
 
     def start_joints(self) -> None:
-        """Start the joints again, at rest, from where they are; the gripper keeps its set-point, which is its grip."""
+        """Restart the joints, at rest, at the measured pose; the gripper keeps its set-point, and so its grip force."""
         q = self.here.copy()
         q[self._joints :] = self.q[self._joints :]
         self.seed(q)
 
     def float_along(self, grips: bool) -> None:
-        """Stay where the arm is while it floats; with `grips` the gripper's set-point goes on."""
+        """Move the set-point with the floating arm. grips: whether the gripper's set-point is left alone."""
         if grips:
             self.seed_first(self.here[: self._joints])
         else:
             self.start()
 
     def start_one(self, index: int) -> None:
-        """Start one coordinate again from its measured value."""
+        """Restart one coordinate, at rest, from its measured value."""
         self.reseed(index, float(self._estimate.q[index]))
 
     def keep_disbelieved(self, sent_q: np.ndarray) -> None:
-        """Keep joints that have become distrusted where they were sent last, sent_q (n,).
+        """Restart newly distrusted joints at the positions commanded last, sent_q (n,).
 
-        Nobody knows how far such joints are from their set-points.
+        The distance between such joints and their set-points is unknown.
         """
         for joint in self._estimate.disbelieved:
             self.reseed(joint, float(sent_q[joint]))
 
     def fetch_sunk(self, lands: bool) -> None:
-        """Start joints that had sunk unheard, and are heard again, where they are; a landing goes on from there."""
-        if any_of(self.sunk):  # rarely
+        """Restart sunk joints whose motors reply again from their measured positions. lands: keep their targets."""
+        if any_of(self.sunk):  # rare
             heard = self.sunk & (self._estimate.usable & self._estimate.heard())[: self._joints]
             start = self.fall_back if lands else self.reseed
             for joint in np.flatnonzero(heard):
@@ -111,17 +111,17 @@ class ArmSetPoint(SetPoint):
             self.sunk = self.sunk & ~heard
 
     def catch(self, now: float) -> bool:
-        """Stop joints that come free of an obstacle: they must not spring to where their set-points have gone.
+        """Stop joints that come free of an obstacle, so that they do not spring forward to their set-points.
 
         Return whether a joint has come free within the last 0.1 s.
         """
         estimate, j = self._estimate, slice(self._joints)
         dq = estimate.motor_dq[j]
         fast = np.abs(dq) > self._free_speed
-        if not any_of(fast):  # nearly always
+        if not any_of(fast):  # the usual case
             return now - self._came_free_s < _TOLD_S
         gap = (self.q - estimate.motor_q)[j]
-        behind = np.abs(gap) > _FREE_RAD + self._free_speed * estimate.age_s(now)  # joints have moved since
+        behind = np.abs(gap) > _FREE_RAD + self._free_speed * estimate.age_s(now)  # moved since the sample
         free = np.flatnonzero(fast & (gap * dq > 0.0) & behind & estimate.is_fresh(now)).tolist()
         for joint in free:
             name = self._hardware.motors[joint].name
@@ -131,9 +131,11 @@ class ArmSetPoint(SetPoint):
         return now - self._came_free_s < _TOLD_S
 
     def pull_no_harder(self, before: np.ndarray, now: np.ndarray, at_once: bool) -> None:
-        """Bring set-points closer where stiffness grows from `before` to `now`, (n,), far from the measured joint.
+        """Move set-points closer to joints that lag far behind while their stiffness grows, so that the pull does not.
 
-        at_once: whether a target follows; else the joints come to rest there.
+        Args:
+            before, now: (n,) old and new stiffness, Nm/rad.
+            at_once: whether a new target follows; else the joints stop at the moved set-points.
         """
         j = slice(self._joints)
         gap, kp_before, kp_now = (self.q - self.here)[j], before[j], now[j]
@@ -143,7 +145,13 @@ class ArmSetPoint(SetPoint):
             (self.shift if at_once else self.reseed)(int(joint), keeps)
 
     def press_less(self, kp: np.ndarray, carries_nm: np.ndarray, most_nm: float) -> None:
-        """Reduce the pull of joints, gains kp (n,), to `most_nm` beside the load they carry, carries_nm (joints,)."""
+        """Move set-points closer to the joints until |kp (q_set − q) + carries_nm| ≤ most_nm.
+
+        Args:
+            kp: (n,) stiffness, Nm/rad.
+            carries_nm: (joints,) correction torque that is fed forward, Nm.
+            most_nm: maximum torque of spring and correction together, Nm.
+        """
         here, kp = self.here, np.maximum(kp[: self._joints], 1.0)
         gap = (self.q - here)[: self._joints]
         least = np.minimum(np.maximum(gap, (-most_nm - carries_nm) / kp), (most_nm - carries_nm) / kp)
@@ -151,5 +159,5 @@ class ArmSetPoint(SetPoint):
             self.reseed(int(joint), float(here[joint] + least[joint]))
 
     def accelerate_as_usual(self) -> None:
-        """Forget the acceleration limit of a landing."""
+        """Restore the usual acceleration limit after a landing."""
         self.limit_acceleration(np.full(self._joints, ACCELERATION_LIMIT_RAD_S2))

@@ -1,4 +1,4 @@
-"""What is known of each joint of an arm: measured, how long ago, and whether its motor can be relied on."""
+"""Measured state of each joint of an arm, with the age of the sample and whether the motor is reliable."""
 
 import math
 
@@ -12,24 +12,24 @@ from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.state.faults import SILENT_S
 
-_JUST_NOW_S = 0.02  # largest age of a fresh sample, s; the adapter's delay is added
+_JUST_NOW_S = 0.02  # maximum age of a fresh sample, s; the adapter's delay is added
 
 
 class JointEstimate:
-    """Estimate of n joints, the gripper's last.
+    """Estimate of n joints, the gripper last.
 
     Args:
         hardware: the arm.
         chain: the arm's motors.
         turns: map from motor to joint coordinates.
-        gripper: the gripper's axis, if it has a motor.
+        gripper: the gripper's axis, or None if the gripper has no motor.
 
     Attributes:
         q, dq, tau: (n,) rad, rad/s, Nm; the gripper's q is 0 closed … 1 open, its dq strokes/s.
-        motor_q, motor_dq: the same, the gripper's in rad and rad/s.
+        motor_q, motor_dq: (n,) rad and rad/s, also for the gripper.
         before: motor_q and motor_dq of each motor's previous sample; NaN without one.
-        usable, all_usable: (n,) bool, motors that can be relied on, and whether all can.
-        disbelieved: joints (without the gripper) whose readings are not used any more since the last `check`.
+        usable, all_usable: (n,) bool, reliable motors, and whether all motors are reliable.
+        disbelieved: joints, without the gripper, whose readings became distrusted at the last `check`.
     """
 
     def __init__(self, hardware: ResolvedArm, chain: MotorChain, turns: JointMap, gripper: Gripper | None):
@@ -55,14 +55,14 @@ class JointEstimate:
             self.q[-1], self.dq[-1] = self._gripper.normalised(float(self.motor_q[-1]), float(self.motor_dq[-1]))
 
     def find_trouble(self, now: float) -> Finding:
-        """Find motors that cannot be relied on; the estimate stays as it is until `check`."""
+        """Check for unreliable motors without changing the estimate; `check` changes `usable`."""
         return self._watch.check(now)
 
     def check(self, now: float) -> Finding:
-        """Find out which motors can be relied on from here on."""
+        """Check for unreliable motors; update `usable`, `all_usable` and `disbelieved`."""
         finding = self.find_trouble(now)
         self.disbelieved = []
-        if finding.bad is not self._bad:  # the same array as long as all are well
+        if finding.bad is not self._bad:  # the same array as long as all motors are well
             newly = (self._chain.distrusted & finding.bad & ~self._bad)[: self._joints]
             self.disbelieved = np.flatnonzero(newly).tolist()
             self._bad, self.usable = finding.bad, ~finding.bad
@@ -70,7 +70,7 @@ class JointEstimate:
         return finding
 
     def unheard(self) -> np.ndarray:
-        """Return (n,) bool: joints whose motors are silent or distrusted, without having reported that they let go."""
+        """Return (n,) bool: joints whose motors are silent or distrusted but have not reported to be limp."""
         chain = self._chain
         unheard = ~self.usable & ((chain.silence_s(chain.clock.now()) > SILENT_S) | chain.distrusted)
         unheard &= (chain.fault == Fault.NORMAL) | ~self.heard()
@@ -78,18 +78,18 @@ class JointEstimate:
         return unheard
 
     def heard(self) -> np.ndarray:
-        """Return (n,) bool: motors that have ever answered."""
+        """Return (n,) bool: motors that have replied at least once."""
         return np.isfinite(self._chain.stamp_s)
 
     def oldest_s(self) -> float:
-        """Return the time of the oldest sample of the motors that are relied on; inf if there are none."""
+        """Return the timestamp of the oldest sample among the usable motors, s; inf if no motor is usable."""
         stamp_s = self._chain.stamp_s if self.all_usable else self._chain.stamp_s[self.usable]
         return min(stamp_s.tolist(), default=math.inf)
 
     def age_s(self, now: float) -> np.ndarray:
-        """Return the age of each joint's sample (joints,), s."""
+        """Return the age of each joint's newest sample (joints,), s."""
         return now - self._chain.stamp_s[: self._joints]
 
     def is_fresh(self, now: float) -> np.ndarray:
-        """Return (joints,) bool: joints that are relied on and have fresh samples, so that they are not limp."""
+        """Return (joints,) bool: joints with usable motors and fresh samples, which are therefore not limp."""
         return self.usable[: self._joints] & (self.age_s(now) < _JUST_NOW_S + self._chain.round_trip.one_way_s)

@@ -1,4 +1,4 @@
-"""Motors and teaching handle of one arm as joints: bring-up checks, commands out, positions in. No laws."""
+"""Joint-space interface to the motors and the teaching handle of one arm: inspect, enable, send and receive."""
 
 import logging
 from collections.abc import Generator, Sequence
@@ -23,22 +23,22 @@ from lerobot_robot_yam.damiao.tables import Fault
 
 logger = logging.getLogger(__name__)
 
-_ENABLE_ATTEMPTS = 4  # how often ENABLE is sent: a frame may get lost
-_ENABLED_S = 0.01  # wait for a motor to report that it is enabled, s; the adapter's delay is added
+_ENABLE_ATTEMPTS = 4  # maximum number of ENABLE frames per motor: frames may get lost
+_ENABLED_S = 0.01  # timeout of a motor's report that it is enabled, s; the adapter's delay is added
 
 
 class JointInterface:
-    """Motors of one channel in joint coordinates, n motors, the gripper's last.
+    """The n motors of one channel in joint coordinates, the gripper last.
 
     Args:
         hardware: the arm.
-        bus: an open bus, which the caller closes.
+        bus: an open bus; the caller closes it.
 
     Attributes:
-        estimate: measured state of the joints.
-        sent: (n, 5) commands that were sent last.
-        handle: the teaching handle, None without one.
-        instead: index of a motor -> special command that is sent once in place of its command.
+        estimate: measured joint state.
+        sent: (n, 5) commands sent last.
+        handle: the teaching handle, or None without one.
+        instead: motor index -> special command that replaces the motor's next command.
     """
 
     def __init__(self, hardware: ResolvedArm, bus: can.BusABC):
@@ -52,7 +52,7 @@ class JointInterface:
             self.gripper = Gripper(config, hw.gripper, float(hw.kp[-1]), float(hw.kd[-1]))
         self._map = JointMap(hw.direction, np.zeros(n))
         self.estimate = JointEstimate(hw, self.chain, self._map, self.gripper)
-        self.heat: ThermalMonitor | None = None  # known after `inspect`
+        self.heat: ThermalMonitor | None = None  # created by `inspect`
         self.sent = np.zeros((n, 5))
         self.instead: dict[int, SpecialCommand] = {}
         self.handle: HandleReader | None = None
@@ -61,7 +61,7 @@ class JointInterface:
 
     @property
     def offset_rad(self) -> np.ndarray:
-        """Motor angle at joint zero (n,), rad."""
+        """Motor angles at joint zero (n,), rad."""
         return self._map.offset_rad
 
     def position(self, motor_rad: np.ndarray) -> np.ndarray:
@@ -69,10 +69,10 @@ class JointInterface:
         return self._map.position(motor_rad)
 
     def inspect(self) -> None:
-        """Check that everything is there and as configured. Sends no command that moves or energises anything.
+        """Check that all parts reply and match the configuration, without moving or energising a motor.
 
         Raises:
-            YamError: a part is missing or differs; the message names it.
+            YamError: a part is missing or differs from the configuration; the message names the part.
         """
         arm_inspection.inspect(self._hardware, self.chain, self._bus)
         self.estimate.read()
@@ -85,7 +85,7 @@ class JointInterface:
         arm_inspection.clear_stale_faults(self._config.name, self.chain)
 
     def adopt(self, record: np.ndarray) -> None:
-        """Take over what a loop that has died knew; `record` is the last state that it published."""
+        """Adopt offsets, gripper stops and positions from the last state `record` published by a dead loop."""
         slots = self._hardware.slots
         self._map.offset_rad[:] = np.nan_to_num(record["offset_rad"][slots])
         motor_q, motor_dq = np.nan_to_num(record["q"][slots]), np.nan_to_num(record["dq"][slots])
@@ -104,9 +104,9 @@ class JointInterface:
         self.estimate.read()
 
     def enable(self, motors: Sequence[int], clear: bool = False) -> Generator[None, None, list[int]]:
-        """Enable motors, one a tick, again where a frame gets lost; return those that do not answer.
+        """Enable motors, one per tick, with retries; return the motors that do not reply.
 
-        clear: whether to clear their faults first. Command them no torque meanwhile.
+        The caller must command zero torque to these motors meanwhile. clear: whether to clear their faults first.
         """
         chain, off = self.chain, list(motors)
         for _ in range(CLEAR_REPEATS if clear and off else 0):
@@ -130,7 +130,7 @@ class JointInterface:
         return silent
 
     def complaints(self) -> list[str]:
-        """Return warnings about adapter and cable for the end of the session."""
+        """Return warnings about adapter and cable to be logged at the end of the session."""
         chain, said = self.chain, []
         where = f"{self._config.name} ({chain.channel})"
         if chain.round_trip.slow:
@@ -140,10 +140,10 @@ class JointInterface:
         return said
 
     def send(self, commands: np.ndarray) -> None:
-        """Put commands (n, 5) on the wire.
+        """Send commands (n, 5).
 
         Raises:
-            BusError: the channel does not take the frames.
+            BusError: the channel does not accept the frames.
             ActionError: the commands are not finite.
         """
         instead, self.instead = self.instead, {}
@@ -151,17 +151,17 @@ class JointInterface:
         self.sent[:] = commands
 
     def receive(self, until_s: float) -> None:
-        """Process the replies to the last `send`; wait for late ones. Raises BusError: the channel is gone."""
+        """Process the replies to the last `send`; wait for late ones until `until_s`. Raises BusError: channel lost."""
         self.chain.collect(until_s)
         self.estimate.read()
 
     def shift_gripper(self, shift_rad: float) -> None:
-        """Put the gripper's reading on the turn of its stops."""
+        """Shift the gripper's reading by `shift_rad`, onto the motor turn of its stops."""
         self._map.shift(self._hardware.n - 1, shift_rad)
         self.estimate.read()
 
     def resolve(self, joints: Sequence[int]) -> None:
-        """Put the readings of these joints on the turn within their limits. Raises YamError: no turn fits."""
+        """Shift the readings of `joints` onto the motor turn within the joint limits. Raises YamError: no turn fits."""
         arm = self._hardware.arm
         for index in joints:
             low, high = arm.joint_limits_rad[index]
@@ -171,10 +171,10 @@ class JointInterface:
 
 
 def _trigger_range(hardware: ResolvedArm) -> TriggerRange:
-    """Return the range of the handle's trigger; the nominal one where a calibration may follow.
+    """Return the calibrated trigger range; the nominal range without a file or with `gripper_search` off.
 
     Raises:
-        GripperError: the calibration file with the trigger's range is damaged, or belongs to something else.
+        GripperError: the file is damaged, or does not belong to this handle.
     """
     config = hardware.config
     if config.calibration_path is None or not config.gripper_search:

@@ -1,43 +1,43 @@
-"""Force feedback of one leader, (n,) per joint: what holds the follower back pulls at the leader.
+"""Force feedback for one leader, (n,) per joint: the leader is pulled towards a follower that is held back.
 
     tau = s · clip(k e, ±bound),   e = q_follower − q_leader,   k = gain · kp
-    added damping: c = k T,  T = 12 ms: more than the spring loses to samples, frames and ticks
+    added damping: c = k T,  T = 12 ms: exceeds the delay by sampling, CAN frames and ticks
 
-The share s gates the force by what the operator does. s is 1 for a hand that moves against the force, pushes or holds
-still, and fades as the leader gives way:
+The share s gates the force by the operator's reaction. s is 1 while the operator moves against the force, pushes or
+holds still, and fades as the leader yields to the force:
 
     ẏ = dq · sat(e / 5 mrad) − leak,   −credit ≤ y ≤ Y,   s = clip(2 (Y − y) / Y, 0, 1)
 
-y is how far the force has moved the leader; moving the leader against a considerable force reduces y again. Without
-this gate a leader that nobody holds follows the sag of its follower, which follows the leader: both wander off at full
-speed. With the gate they stop after Y.
+y is the distance by which the force has moved the leader; moving the leader against a significant force reduces y.
+Without the share s, a leader that nobody holds follows the sag of its follower, which follows the leader: both arms
+drift away at full speed. With the share s both arms stop after a distance of Y.
 """
 
 import numpy as np
 
-LAG_S = 0.012  # T, the delay for which the added damping compensates, s
-_GIVES_WAY_RAD = 0.1  # Y, the way after which the force has ended
-_CREDIT_RAD = 0.3
-_WORTH_RAD = 0.03  # e from which a force is considerable: beyond the lag of a follower that moves freely
+LAG_S = 0.012  # T, delay of the spring torque that the added damping compensates, s
+_GIVES_WAY_RAD = 0.1  # Y, distance yielded by the leader after which the force is zero
+_CREDIT_RAD = 0.3  # maximum credit, earned by moving the leader against the force
+_WORTH_RAD = 0.03  # error e from which a force counts as significant: more than a freely moving follower lags
 _SIGN_RAD = 0.005
 _LEAK_RAD_S = 0.005
-_CREDIT_S = 2.0  # time constant with which unused credit is forgotten
-_BOUND_SHARE = 0.25  # bound of the force, as a share of the torque limit
+_CREDIT_S = 2.0  # time constant with which unused credit decays
+_BOUND_SHARE = 0.25  # maximum force, as a share of the torque limit
 _FADE_S = 0.5
-_GENTLE_NM = 1.0  # growth of the bound in `_FADE_S`
+_GENTLE_NM = 1.0  # minimum growth of the bound per `_FADE_S`, Nm
 
 
 class BilateralForce:
-    """Force feedback of one leader.
+    """Force feedback for one leader.
 
     Args:
-        gain: (n,) stiffness of the force, as a share of kp.
+        gain: (n,) spring stiffness, as a share of kp.
         kp: (n,) the leader's position gains, Nm/rad.
         torque_limit_nm: (n,) torque limits of the leader.
-        gated: whether the share s acts; False is for comparisons.
+        gated: whether the share s scales the force; False only for comparisons.
 
     Attributes:
-        works: whether any joint has a gain.
+        works: whether the gain of any joint is not zero.
     """
 
     def __init__(self, gain: np.ndarray, kp: np.ndarray, torque_limit_nm: np.ndarray, gated: bool = True):
@@ -49,18 +49,18 @@ class BilateralForce:
         self._given_way = [0.0] * len(gain)  # y
 
     def engage(self) -> None:
-        """Begin with no force."""
+        """Start with zero force."""
         self._since_s = 0.0
         self._given_way = [0.0] * len(self._given_way)
 
     def torque(self, error: np.ndarray, dq: np.ndarray, weight_nm: np.ndarray, dt: float) -> np.ndarray:
-        """Compute the torque (n,), Nm, at this tick of `dt` s.
+        """Compute the torque (n,), Nm, for one tick of `dt` s.
 
         Args:
             error: (n,) e, rad.
-            dq: (n,) speed of the leader, rad/s.
-            weight_nm: (n,) torque of the leader's weight: once engaged, the bound grows from zero by half of it or
-                by 1 Nm, in `_FADE_S`.
+            dq: (n,) leader's speed, rad/s.
+            weight_nm: (n,) gravity torque on the leader. After `engage` the bound grows from zero; per `_FADE_S` the
+                growth is half of this torque, but at least `_GENTLE_NM`.
         """
         gentle = np.maximum(_GENTLE_NM, 0.5 * np.abs(weight_nm))
         bound = np.minimum(self._bound, gentle * (self._since_s / _FADE_S))
@@ -74,7 +74,7 @@ class BilateralForce:
 
 
 def _given_way(y: float, error: float, way: float, dt: float) -> float:
-    """Return y of one joint after a tick in which the leader moved by `way` rad. Numpy would take longer."""
+    """Return y of one joint after a tick in which the leader moved by `way` rad. Plain floats are faster than numpy."""
     along = way * min(max(error / _SIGN_RAD, -1.0), 1.0)
     if along > 0.0 or y > 0.0 or abs(error) > _WORTH_RAD:
         y += along

@@ -1,21 +1,21 @@
-"""A point that glides to a goal with limited speed and acceleration, and the soft pull of an arm along with it."""
+"""Point that glides to a goal with limited speed and acceleration, and a soft pull of an arm along such a point."""
 
 import numpy as np
 
-_STIFFNESS = 0.3  # stiffness of the pull, as a share of the position gain
-_DAMPING = 0.2  # damping of the pull, as a share of the damping gain
+_STIFFNESS = 0.3  # spring stiffness, as a share of the position gain
+_DAMPING = 0.2  # damping, as a share of the damping gain
 _MOST_NM = 2.0
 _ACCELERATION_RAD_S2 = 2.0
 
 
 class Glide:
-    """Point of n coordinates. Call `seed` before `advance`.
+    """Point with n coordinates. Call `seed` before `advance`.
 
     Args:
-        acceleration: (n,) with which the point starts and stops, unit/s².
+        acceleration: (n,) maximum acceleration and deceleration, unit/s².
 
     Attributes:
-        q, dq: (n,) position and speed of the point.
+        q, dq: (n,) present position and speed.
     """
 
     def __init__(self, acceleration: np.ndarray):
@@ -29,7 +29,7 @@ class Glide:
         self.dq = np.zeros(len(q)) if dq is None else dq.copy()
 
     def advance(self, goal: np.ndarray, speed: np.ndarray, dt: float) -> None:
-        """Glide on towards goal (n,), at `speed` (n,) at most.  |dq| ≤ sqrt(2 a |goal − q|)."""
+        """Move towards goal (n,) with a maximum speed `speed` (n,), and |dq| ≤ sqrt(2 a |goal − q|)."""
         if dt <= 0.0:
             return
         gap = goal - self.q
@@ -40,19 +40,19 @@ class Glide:
         self.q = self.q + self.dq * dt
 
     def keep_near(self, q: np.ndarray, reach: np.ndarray) -> None:
-        """Clip the point to a distance of `reach` (n,) from q (n,)."""
+        """Clip the point to a maximum distance `reach` (n,) from q (n,)."""
         self.q = np.minimum(np.maximum(self.q, q - reach), q + reach)
 
 
 class SoftPull:
-    """Soft pull that leads a leader somewhere while it floats: home, back to its follower, or along with it.
+    """Soft pull that moves a floating leader: home, back to its follower, or along with its follower.
 
-        tau = 0.3 kp (q_ramp − q) + c dq_ramp, 2 Nm at most,  damping c;  the ramp is never farther away than 2 Nm pull
+        tau = clip(0.3 kp (q_ramp − q) + c dq_ramp, ±2 Nm),  c = 0.2 kd
 
-    A hand that holds the leader, or lifts it, feels no more than that.
+    A hand that holds or lifts the leader feels at most 2 Nm: q_ramp stays close enough for a spring torque of 2 Nm.
 
     Args:
-        kp, kd: (joints,) gains of the leader.
+        kp, kd: (joints,) leader's gains, Nm/rad and Nm s/rad.
         acceleration_rad_s2: acceleration of the ramp.
     """
 
@@ -62,11 +62,11 @@ class SoftPull:
         self._ramp = Glide(np.full(len(kp), acceleration_rad_s2))
 
     def begin(self, q: np.ndarray) -> None:
-        """Start from where the arm is, q (joints,)."""
+        """Start at the measured position q (joints,)."""
         self._ramp.seed(q)
 
     def advance(self, goal: np.ndarray, speed_rad_s: float, q: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """Compute torque and damping (joints,) of a tick of `dt` s, on the way to goal (joints,)."""
+        """Compute torque and damping (joints,) for one tick of `dt` s on the path to goal (joints,)."""
         self._ramp.advance(goal, np.full(len(goal), speed_rad_s), dt)
         self._ramp.keep_near(q, self._reach)
         pull = self._stiffness * (self._ramp.q - q) + self._damping * self._ramp.dq

@@ -1,4 +1,4 @@
-"""Control laws: from state to MIT commands, (n, 5) rows q*, dq*, kp, kd, tau in joint coordinates.
+"""Control laws: compute MIT commands from the state, (n, 5) rows q*, dq*, kp, kd, tau in joint coordinates.
 
 The motor computes tau = kp (q* − q) + kd (dq* − dq) + tau_ff at its own rate.
 """
@@ -9,48 +9,48 @@ from lerobot_robot_yam.system.few_values import all_of, any_of, largest
 
 Q, DQ, KP, KD, TAU = range(5)
 
-_FRICTION_SPEED_RAD_S = 0.05  # width of the smooth sign in the friction term: no chatter at standstill
-_WALL_STIFFNESS = 0.3  # stiffness of the wall, as a share of the position gain
-_WALL_TORQUE = 0.25  # largest torque of the wall, as a share of the torque limit
-_WALL_DAMPED_RAD = 0.03  # way beyond a joint limit at which the wall has its full damping
-_FULL = 0.25  # excess over the speed limit, as a share of it, that gets all the damping
-_RELEASE_S = 0.1  # time in which the share of damping goes back
-_RUNS_AWAY_S = 0.25  # time at the speed limit that means running away: a hand's quick moves are shorter, or slower
-_FORGET = 0.5  # seconds at the limit that are forgotten in each second below it
-_ABOUT = 0.9  # share of the limit that still counts as at it: a damped joint goes on there
+_FRICTION_SPEED_RAD_S = 0.05  # width of the smoothed sign function in the friction term: avoids chatter at standstill
+_WALL_STIFFNESS = 0.3  # wall stiffness, as a share of the position gain
+_WALL_TORQUE = 0.25  # maximum wall torque, as a share of the torque limit
+_WALL_DAMPED_RAD = 0.03  # distance beyond a joint limit at which the wall reaches its full damping
+_FULL = 0.25  # excess speed, as a share of the speed limit, from which the damping is full
+_RELEASE_S = 0.1  # time in which the share of damping decays from 1 to 0
+_RUNS_AWAY_S = 0.25  # time at the speed limit after which a joint is running away: hand motions are shorter or slower
+_FORGET = 0.5  # decay of the time counted at the speed limit, s per second below the limit
+_ABOUT = 0.9  # share of the speed limit above which a damped joint still counts as at the limit
 
 
 def friction(dq: np.ndarray, coulomb_nm: np.ndarray) -> np.ndarray:
-    """Compute friction feed-forward, tau = c · tanh(dq / w): the sign of the motion without its jump."""
+    """Compute the friction feedforward, tau = c · tanh(dq / w): Coulomb friction without a jump at dq = 0."""
     return coulomb_nm * np.tanh(dq / _FRICTION_SPEED_RAD_S)
 
 
 def follow(
     out: np.ndarray, q_set: np.ndarray, dq_set: np.ndarray, kp: np.ndarray, kd: np.ndarray, tau: np.ndarray
 ) -> None:
-    """Fill commands that hold or track: stiff about the set-point, while feed-forward carries the weight."""
+    """Fill commands that hold or track: stiff around the set-point, with feedforward `tau` for the weight."""
     out[:, Q], out[:, DQ], out[:, KP], out[:, KD], out[:, TAU] = q_set, dq_set, kp, kd, tau
 
 
 def float_free(out: np.ndarray, q: np.ndarray, idle_kd: np.ndarray, tau: np.ndarray) -> None:
-    """Fill commands of free motion: no stiffness, idle damping, while feed-forward carries the weight."""
+    """Fill commands for free motion: no stiffness, idle damping, and feedforward `tau` for the weight."""
     out[:, Q], out[:, DQ], out[:, KP], out[:, KD], out[:, TAU] = q, 0.0, 0.0, idle_kd, tau
 
 
 class FloatDamping:
-    """Damping of n floating joints that are faster than hands, and detection of joints that run away all the same.
+    """Damping for n floating joints that move faster than a hand does, and detection of joints that run away.
 
-        share = (v / limit − 1) / 0.25 within 0 … 1,  kd = idle kd + share (most kd − idle kd)
+        share = clip((v / limit − 1) / 0.25, 0, 1),  kd = idle kd + share (maximum kd − idle kd)
 
-    v is the lesser |dq| of the last two ticks: a hand that takes hold of a light wrist gives it 4 rad/s for one. The
-    share grows at once and goes back slowly. A wrist is slowed down within one tick: a share that went back as quickly
-    would let it go and catch it again at every other tick.
+    v is the smaller |dq| of the last two ticks: a hand that grasps a light wrist moves the wrist at 4 rad/s for one
+    tick. The share grows at once and decays slowly: a wrist is slowed down within one tick, so a share with a quick
+    decay would release and catch the wrist at every other tick.
 
-    Damping alone ends nothing: an arm whose model is wrong goes on to its stops. A joint that needs the damping for
-    longer than a hand's quick move lasts runs away. Call `share` once per tick.
+    Damping alone does not stop an arm whose model is wrong: the arm drifts to its mechanical stops. A joint that needs
+    the damping for longer than a quick hand motion lasts is running away. Call `share` once per tick.
 
     Args:
-        limit_rad_s: speed below which nothing is damped.
+        limit_rad_s: speed up to which no joint is damped.
         joints: number of joints, n.
     """
 
@@ -61,14 +61,14 @@ class FloatDamping:
         self._share, self._damped_s, self._damps = self._none, self._none, False
 
     def reset(self) -> None:
-        """Forget all speeds, since the arm does not float any more."""
+        """Forget all speeds after the end of floating."""
         self._share = self._damped_s = self._none
         self._damps = False
 
     def share(self, dq: np.ndarray, dt: float) -> np.ndarray | None:
-        """Compute the share (n,) of the largest damping that each joint needs at `dq` (n,) rad/s. dt: tick, s.
+        """Compute the share (n,) of the maximum damping that each joint needs at `dq` (n,) rad/s. dt: tick period, s.
 
-        Return None when no joint needs any, as nearly always.
+        Return None if no joint needs damping, the usual case.
         """
         fast = np.abs(dq)
         speed, self._before = np.minimum(fast, self._before), fast
@@ -83,7 +83,7 @@ class FloatDamping:
 
     @property
     def runs_away(self) -> int | None:
-        """Index of the joint that is too fast for longer than any hand; None when no joint is."""
+        """Index of the joint that has been too fast for longer than a hand motion lasts; None: no joint has."""
         worst = int(self._damped_s.argmax()) if len(self._damped_s) else 0
         return worst if len(self._damped_s) and self._damped_s[worst] > _RUNS_AWAY_S else None
 
@@ -98,17 +98,17 @@ def soft_wall(
     kd: np.ndarray,
     limit_nm: np.ndarray,
 ) -> float:
-    """Push joints that float beyond their limits gently back; call after `float_free`. All n joints, gripper excluded.
+    """Push floating joints gently back inside their limits; call after `float_free`. All n joints, without gripper.
 
         d = q − clip(q, lower, upper)
         tau_wall = −s (k d + c dq),  k = 0.3 kp,  c = (kd − idle kd) · min(1, |d| / 0.03),  |tau_wall| ≤ limit / 4
 
-    s ≤ 1 keeps the bound. Spring and damper are sent as kp and kd about the limit and not as torque: a motor
-    closes that loop at its own rate on a fresh position, whereas a torque would act one tick of the host later and take
-    a part of the damping away. Both grow from zero at the limit: no step there, and next to nothing at rest on a limit.
+    s ≤ 1 enforces the torque bound. Spring and damper are sent as kp and kd around the limit and not as torque: a motor
+    closes that loop at its own rate with a fresh position, whereas a torque would act one host tick later, and the
+    delay would cancel part of the damping. Both terms grow from zero at the limit, without a step.
 
     Returns:
-        How far the farthest joint is beyond its limit, rad; 0 when no joint is.
+        Maximum distance of a joint beyond its limit, rad; 0: all joints are within their limits.
     """
     beyond = q - np.minimum(np.maximum(q, lower), upper)
     deepest = largest(beyond)
@@ -126,7 +126,7 @@ def soft_wall(
 
 
 def fade(out: np.ndarray, share: np.ndarray, kd: np.ndarray) -> None:
-    """Scale stiffness and feed-forward of the commands in `out` by `share` (n,), 1 … 0, and set damping kd (n,)."""
+    """Scale stiffness and feedforward of the commands in `out` by `share` (n,), 1 … 0, and set damping kd (n,)."""
     out[:, KP] *= share
     out[:, TAU] *= share
     out[:, DQ] = 0.0
@@ -134,7 +134,7 @@ def fade(out: np.ndarray, share: np.ndarray, kd: np.ndarray) -> None:
 
 
 def sink(out: np.ndarray, joints: np.ndarray, kd: float) -> None:
-    """Reduce the commands of these joints, (n,) bool, in `out` to damping kd."""
+    """Reduce the commands in `out` for `joints`, (n,) bool, to damping kd."""
     out[joints, DQ] = out[joints, KP] = out[joints, TAU] = 0.0
     out[joints, KD] = kd
 
@@ -146,22 +146,22 @@ def clip_torque(
     limit_nm: np.ndarray,
     before: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> bool:
-    """Keep the torque that the motor will compute within ±limit (n,); return whether a command was changed.
+    """Clamp the torque that the motor will compute to ±limit (n,); return whether a command was changed.
 
-    The excess is taken from the position error first, by moving q* towards q, then from the damping, by moving
-    dq* towards dq, and only the rest from tau: a far set-point, or a blow, asks for more than the frame's torque field
-    could take back (kp = 80 Nm/rad and 1 rad: 80 of 28 Nm; kd = 1.5 Nm s/rad and 15 rad/s: 22 of 10 Nm).
+    The excess is first removed from the position error, by moving q* towards q, then from the damping, by moving dq*
+    towards dq, and only the rest from tau. A distant set-point, or a blow, causes more torque than the frame's torque
+    field can cancel (kp = 80 Nm/rad and 1 rad: 80 of 28 Nm; kd = 1.5 Nm s/rad and 15 rad/s: 22 of 10 Nm).
 
     Args:
         out: (n, 5) commands, changed in place.
-        q, dq: (n,) as measured.
-        before: q and dq of the previous sample, NaN without one. A single wrong one must not move an arm, so only the
-            excess that both samples show is taken away. A blow waits for its second sample; until then the motor damps
-            it by itself.
+        q, dq: (n,) measured position and speed.
+        before: q and dq of the previous sample, NaN without one. A single wrong sample must not move an arm, so only
+            the excess common to both samples is removed. After a blow the clamp acts from the second sample on; until
+            then the motor's own damping acts.
     """
     spring, damping = out[:, KP] * (out[:, Q] - q), out[:, KD] * (out[:, DQ] - dq)
     tau = spring + damping + out[:, TAU]
-    if all_of(np.abs(tau) <= limit_nm):  # nearly always
+    if all_of(np.abs(tau) <= limit_nm):  # the usual case
         return False
     excess = tau - np.minimum(np.maximum(tau, -limit_nm), limit_nm)
     if before is not None:
@@ -177,5 +177,5 @@ def clip_torque(
 
 
 def _share(excess: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Return the share of `excess` that can be taken from this part of it."""
+    """Return the amount of `excess` that can be removed from the torque `part`."""
     return np.where(excess * part > 0.0, np.copysign(np.minimum(np.abs(excess), np.abs(part)), excess), 0.0)

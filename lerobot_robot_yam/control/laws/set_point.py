@@ -1,40 +1,40 @@
-"""The set-point: position and speed that the arm is asked for at this tick.
+"""The set-point: position and speed commanded to the arm at this tick.
 
 Callers send targets at 30–60 Hz; the loop runs at 250 Hz. Each new target is reached after about one caller period,
-in a straight line per joint, so that the arm sees ramps and not steps. The motors get the ramp's slope as dq*: with
-dq* = 0 the damping kd would make the arm lag by 60–150 ms. Speed and acceleration are always limited, the ends of the
-range are approached slowly, and nothing jumps.
+on a linear ramp per joint, so that the arm sees no steps. The motors receive the ramp's slope as dq*: with dq* = 0 the
+damping kd would make the arm lag by 60–150 ms. Speed and acceleration are always limited, the ends of the range are
+approached slowly, and the set-point never jumps.
 
-Each tick plans one step. The motors are asked for the weighted mean of the last three plans, and for the acceleration
-across them. So position, speed and acceleration belong to one smooth motion. If the acceleration came later than its
-speed, the arm would start late, hurry after its set-point and exceed the speed limit. The mean lies one tick behind the
-plan; a moving target is planned for one tick ahead, so that nothing lags.
+Each tick plans one step. The command is the weighted mean of the last three plans, with the acceleration computed from
+the same three plans, so that position, speed and acceleration belong to one smooth motion. If the acceleration lagged
+behind the speed, the arm would start late, catch up with its set-point and exceed the speed limit. The mean lies one
+tick behind the newest plan; a moving target is therefore planned one tick ahead.
 """
 
 import math
 
 import numpy as np
 
-_PERIOD_RANGE_S = (1 / 400, 0.1)  # periods of a caller that streams; 1/400, since ticks of 250 Hz vary
-_PERIOD_GAIN = 0.2  # smoothing of the measured caller period
+_PERIOD_RANGE_S = (1 / 400, 0.1)  # target periods of a streaming caller; 1/400, since ticks of 250 Hz vary
+_PERIOD_GAIN = 0.2  # smoothing factor of the measured caller period
 _STREAM_GAP = 1.5  # caller periods without a target after which the stream counts as ended
-_BORNE_OUT_RAD = 0.01  # distance within which a target is where its predecessor was going, rad or strokes
-_TRACK_S = 0.02  # time in which a tracking set-point closes a gap: five ticks, or target noise would get through
+_BORNE_OUT_RAD = 0.01  # maximum error of a target predicted from the previous target and its speed, rad or strokes
+_TRACK_S = 0.02  # time in which a tracking set-point closes a gap: five ticks, since a shorter time passes target noise
 _WEIGHTS = np.array([0.25, 0.5, 0.25])  # weights of the last three plans
 
 
 class SetPoint:
-    """Speed- and acceleration-limited set-point of n coordinates.
+    """Speed- and acceleration-limited set-point with n coordinates.
 
     Args:
-        speed_limit: (n,) largest |dq*|, unit/s.
-        acceleration_limit: (n,) largest |d dq*/dt|, unit/s².
-        lower, upper: (n,) range that the set-point never leaves; seeded outside, it only moves inwards.
-        end_deceleration: (n,) deceleration at the ends of the range, unit/s².
+        speed_limit: (n,) maximum |dq*|, unit/s.
+        acceleration_limit: (n,) maximum |d dq*/dt|, unit/s².
+        lower, upper: (n,) range of the set-point; a set-point seeded outside the range only moves inwards.
+        end_deceleration: (n,) maximum deceleration at the ends of the range, unit/s².
 
     Attributes:
-        q, dq: (n,) position and speed as planned last.
-        target: (n,) position to which the set-point goes.
+        q, dq: (n,) position and speed of the newest plan.
+        target: (n,) position to which the set-point moves.
     """
 
     def __init__(
@@ -49,23 +49,23 @@ class SetPoint:
         self._limits = np.array((speed_limit, acceleration_limit, end_deceleration, lower, upper), dtype=float)
         self.speed_limit, self.acceleration_limit = self._limits[0], self._limits[1]
         self._lower, self._upper = self._limits[3], self._limits[4]
-        self._plans = np.zeros((3, 2, n))  # q and dq of this tick and of the two before
+        self._plans = np.zeros((3, 2, n))  # q and dq of this tick and of the two previous ticks
         self.q: np.ndarray = self._plans[0, 0]
         self.dq: np.ndarray = self._plans[0, 1]
-        self._asked: np.ndarray | None = None  # see `asked`; None: not computed for these plans
+        self._asked: np.ndarray | None = None  # value of `asked`; None: not yet computed for the present plans
         self._rests = False  # whether the set-point rests at its target
-        self._took_s = (math.inf, math.inf)  # lengths of this tick and the one before
+        self._took_s = (math.inf, math.inf)  # lengths of this tick and of the previous tick, s
         self.target: np.ndarray = np.zeros(n)
         self._target_velocity: np.ndarray = np.zeros(n)
         self._target_at = -math.inf
         self._arrive_at = -math.inf
-        self._tracks = False  # a target with known speed moves on by itself, and is followed without lag
-        self._streams = False  # whether targets come from a caller, at a rate of its own
-        self._told: tuple[np.ndarray, np.ndarray, float] | None = None  # the last target, its speed and time
+        self._tracks = False  # whether the target has a known speed, so that the set-point follows without lag
+        self._streams = False  # whether a caller sends the targets, at its own rate
+        self._told: tuple[np.ndarray, np.ndarray, float] | None = None  # previous target, its speed and its time
         self._period = 1 / 30
 
     def seed(self, q: np.ndarray) -> None:
-        """Start again, at rest, from the measured position (n,)."""
+        """Restart all coordinates, at rest, from the measured position `q` (n,)."""
         self._change()
         self._plans[:, 0], self._plans[:, 1] = q, 0.0
         self._rests = True
@@ -76,37 +76,37 @@ class SetPoint:
         self._told = None
 
     def seed_first(self, q: np.ndarray) -> None:
-        """Start the first m coordinates again, at rest, from q (m,); the others go on."""
+        """Restart the first m coordinates, at rest, from `q` (m,); the other coordinates keep moving."""
         m = len(q)
         self._change()
         self._plans[:, 0, :m], self._plans[:, 1, :m] = q, 0.0
         self.target[:m], self._target_velocity[:m] = q, 0.0
 
     def reseed(self, index: int, value: float) -> None:
-        """Start one coordinate again, at rest, from its measured value."""
+        """Restart one coordinate, at rest, from its measured value; the target becomes that value, too."""
         self.fall_back(index, value)
         self.target[index], self._target_velocity[index] = value, 0.0
 
     def fall_back(self, index: int, value: float) -> None:
-        """Start one coordinate again, at rest, from its measured value; its target stays."""
+        """Restart one coordinate, at rest, from its measured value; its target stays."""
         self._change()
         self._plans[:, 0, index], self._plans[:, 1, index] = value, 0.0
 
     def shift(self, index: int, value: float) -> None:
-        """Go on from another value of one coordinate, as fast as before; its target stays."""
+        """Move one coordinate to `value` without changing its speed; its target stays."""
         self._change()
         self._plans[:, 0, index] = value
 
     def limit_speed(self, limit: np.ndarray) -> None:
-        """Move the first m coordinates at `limit` (m,) unit/s at most, from now on."""
+        """Set the maximum speed of the first m coordinates, (m,) unit/s."""
         self.speed_limit[: len(limit)] = limit
 
     def limit_acceleration(self, limit: np.ndarray) -> None:
-        """Accelerate the first m coordinates with `limit` (m,) unit/s² at most, from now on."""
+        """Set the maximum acceleration of the first m coordinates, (m,) unit/s²."""
         self.acceleration_limit[: len(limit)] = limit
 
     def move_at(self, dq: np.ndarray) -> None:
-        """Go on with speed dq (m,) of the first m coordinates, within their limits."""
+        """Set the speed of the first m coordinates to dq (m,), clamped to their speed limits."""
         m = len(dq)
         self._change()
         self.dq[:m] = np.minimum(np.maximum(dq, -self.speed_limit[:m]), self.speed_limit[:m])
@@ -114,11 +114,11 @@ class SetPoint:
     def set_target(
         self, target: np.ndarray, now: float, velocity: np.ndarray | None = None, age_s: float = 0.0
     ) -> None:
-        """Set a new target (n,), to be reached within about one caller period if the limits allow it.
+        """Set a new target (n,), to be reached within about one caller period if the limits allow this.
 
-        `velocity` (n,) is the speed with which the target itself moves, when the caller knows it; otherwise it is the
-        difference to the previous target. If the target is where the previous one was going, it is assumed
-        to have been there `age_s` ago and to move on until the next is due, and is followed without lag.
+        `velocity` (n,) is the target's own speed; None: estimated from the difference to the previous target. A target
+        that agrees with the motion of the previous target counts as `age_s` old, is extrapolated until the next target
+        is due, and is followed without lag.
         """
         gap = now - self._target_at
         low, high = _PERIOD_RANGE_S
@@ -137,20 +137,20 @@ class SetPoint:
             self._arrive_at = now + self._period
 
     def _borne_out(self, target: np.ndarray, at_s: float) -> bool:
-        """Return whether a target is where the previous target was going with its speed."""
+        """Return whether a target agrees with the previous target extrapolated with its speed."""
         if self._told is None:
             return False
         before, velocity, before_s = self._told
         return bool(np.abs(target - before - velocity * (at_s - before_s)).max() <= _BORNE_OUT_RAD)
 
     def track(self, target: np.ndarray, velocity: np.ndarray, now: float) -> None:
-        """Set a target (n,) that is given at every tick with its speed (n,), and is followed without lag."""
+        """Set a target (n,) with its speed (n,), given at every tick, to be followed without lag."""
         self._follow(target, velocity, now)
         self._tracks, self._streams, self._told = True, False, None
 
     def _follow(self, target: np.ndarray, velocity: np.ndarray, now: float) -> None:
         self._rests = False
-        # A target quicker than the speed limit would extrapolate the set-point to where the target is not.
+        # Extrapolating faster than the speed limit would lead the set-point away from the target.
         most = self.speed_limit
         self._target_velocity = np.minimum(np.maximum(velocity, -most), most)
         self.target = np.minimum(np.maximum(target, self._lower), self._upper)
@@ -161,7 +161,7 @@ class SetPoint:
         self.target = np.minimum(np.maximum(moved, self._lower), self._upper)
 
     def stop(self) -> None:
-        """Forget the target: come to rest where the limits allow."""
+        """Discard the target and brake to rest within the limits."""
         self._rests = False
         braking = self.dq * np.abs(self.dq) / (2 * self.acceleration_limit)
         self.target = np.minimum(np.maximum(self.q + braking, self._lower), self._upper)
@@ -170,10 +170,7 @@ class SetPoint:
         self._tracks = False
 
     def step(self, now: float, dt: float) -> None:
-        """Plan the step of the next tick of `dt` seconds.
-
-        Each coordinate moves as `_next` says.
-        """
+        """Plan the step for the next tick of `dt` s; see `_next` for the law of one coordinate."""
         if dt <= 0.0:
             return
         self._took_s = dt, self._took_s[0]
@@ -184,9 +181,9 @@ class SetPoint:
         if self._tracks and self._streams and now > self._target_at:
             self._move_on(dt)
         left = max(self._arrive_at - now, dt)
-        ahead = dt  # time until the motors are asked for this plan
+        ahead = dt  # time until this plan is commanded, s
         if self._tracks:
-            left = ahead = max(_TRACK_S, dt)  # so that a gap of 0 asks for the target's own speed
+            left = ahead = max(_TRACK_S, dt)  # so that a gap of 0 results in the target's own speed
         gap = self.target + self._target_velocity * ahead - self.q
         place = gap.tolist(), self._target_velocity.tolist(), self.q.tolist(), self.dq.tolist()
         moved = [_next(left, dt, *row) for row in zip(*place, *self._limits.tolist(), strict=True)]
@@ -195,13 +192,13 @@ class SetPoint:
         self._asked = None
 
     def hold_back(self, share: np.ndarray) -> None:
-        """Plan this tick anew, with `asked_ddq` reduced to these shares (n,)."""
+        """Replan this tick with `asked_ddq` multiplied by `share` (n,)."""
         before = self._plans[2, 1]
         dq = before + share * (self.dq - before)
         self.replan(self._plans[1, 0] + dq * self._took_s[0], dq)
 
     def replan(self, q: np.ndarray, dq: np.ndarray) -> None:
-        """Plan this tick for the first m coordinates, (m,) each, as given but within the range."""
+        """Replace this tick's plan of the first m coordinates by q and dq, (m,) each, clamped to the range."""
         m = len(q)
         self._change()
         start, lower, upper = self._plans[1, 0, :m], self._lower[:m], self._upper[:m]
@@ -209,24 +206,24 @@ class SetPoint:
         self.q[:m], self.dq[:m] = inside, np.where(inside == q, dq, 0.0)
 
     def _change(self) -> None:
-        """Mark the plans as changed."""
+        """Invalidate values computed from the plans."""
         self._asked, self._rests = None, False
 
     @property
     def asked(self) -> np.ndarray:
-        """Position and speed (2, n) that the motors are asked for."""
+        """Commanded position and speed (2, n)."""
         if self._asked is None:
             self._asked = (_WEIGHTS @ self._plans.reshape(3, -1)).reshape(2, -1)
         return self._asked
 
     @property
     def asked_ddq(self) -> np.ndarray:
-        """Acceleration (n,) of the motion that the motors are asked for, unit/s²."""
+        """Acceleration (n,) of the commanded motion, unit/s²."""
         return (self._plans[0, 1] - self._plans[2, 1]) / sum(self._took_s)
 
     @property
     def arrived(self) -> bool:
-        """True when the set-point rests on its target."""
+        """Whether the set-point rests at its target."""
         return bool(np.all(np.abs(self.target - self.q) < 1e-4) and np.all(np.abs(self.dq) < 1e-2))
 
 
@@ -243,20 +240,20 @@ def _next(
     lower: float,
     upper: float,
 ) -> tuple[float, float]:
-    """Return position and speed of one coordinate after a tick of `dt` s. Numpy would take twice as long for seven.
+    """Return position and speed of one coordinate after a tick of `dt` s. For seven, numpy would take twice as long.
 
         v = gap / left,  |v − v_target| ≤ sqrt(2 a |gap|),  |v| ≤ speed limit
         |v| ≤ sqrt(2 a_end d), with d the distance to the end of the range,  |v − dq| ≤ a dt
 
     Args:
-        left: time in which the gap is to be closed, s.
-        gap: distance to where the target will be.
+        left: time left for closing the gap, s.
+        gap: distance to the target's predicted position.
     """
     room = _brakes_within(-gap if gap < 0.0 else gap, acceleration, dt)
     least, most = target_velocity - room, target_velocity + room
     wanted = gap / left
     wanted = least if wanted < least else most if wanted > most else wanted
-    # A moving target may lead the set-point to the end of the range, onto the joint's stop, at full speed.
+    # Without this bound, a moving target could lead the set-point to the end of the range at full speed.
     most = _brakes_within(q - lower if wanted < 0.0 else upper - q, end_deceleration, dt)
     most = speed_limit if speed_limit < most else most
     wanted = -most if wanted < -most else most if wanted > most else wanted
@@ -271,8 +268,8 @@ def _next(
 
 
 def _brakes_within(way: float, deceleration: float, dt: float) -> float:
-    """Return the speed from which `way` suffices to come to rest, sqrt(2 a way); 0 where no way is left."""
+    """Return the maximum speed for braking to rest within `way`, sqrt(2 a way); 0 if `way` is not positive."""
     if way <= 0.0:
         return 0.0
-    # One tick is the resolution: without the floor the last steps would shrink for ever.
+    # The resolution is one tick: without the bound way / dt the last steps would shrink for ever.
     return min(math.sqrt(2.0 * deceleration * way), way / dt)

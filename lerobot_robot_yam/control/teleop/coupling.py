@@ -1,11 +1,11 @@
-"""The follower's side of direct coupling: a target for every tick from its leader's state.
+"""The follower's side of direct coupling: compute a target for every tick from the leader's published state.
 
-While the caller passes the leader's action on, the caller permits coupling, see `permit`. The target is the leader's
-action, extrapolated with its speed to the present. A gap to the follower's set-point is closed smoothly, since neither
-begin nor end of coupling may move the arm at once:
+A caller that forwards the leader's actions permits coupling, see `permit`. The target is the leader's action,
+extrapolated with its speed to the present. A gap e to the follower's set-point is closed smoothly, since neither start
+nor end of coupling may cause a jump:
 
     target = action + e,  ë = −2 ω ė − ω² e     while the follower is coupled
-    v̇ = −v / τ, with v the target's speed        once permission or fresh data end: the target comes to rest
+    v̇ = −v / τ, with v the target's speed        after permission or fresh data have ended: the target comes to rest
 """
 
 import logging
@@ -23,22 +23,22 @@ logger = logging.getLogger(__name__)
 
 _FIELDS = ("mode", "action", "action_dq", "action_stamp_s")
 _LEADS = (Mode.FLOAT, Mode.HOLD, Mode.TRACK)
-_AGE_MOST_S = 0.03  # largest age of a leader's sample: seven ticks
-_AHEAD_S = 0.0033  # time from the decision to the middle of the tick in which the motors obey it
-_JOIN_PER_S = 6.0  # ω, at which a gap closes to a fiftieth within 1 s
-_JOIN_SPEED = 1.0  # speed, 1/s, at which a wide gap closes; up to e/2 times as fast, since ω grows meanwhile
-_REST_S = 0.15  # τ, time constant of coming to rest
-_AT_REST = 1e-3  # speed below which the target is at rest, 1/s
-_JOINED = 1e-6
+_AGE_MOST_S = 0.03  # maximum age of a leader's sample: seven ticks
+_AHEAD_S = 0.0033  # time from the decision to the middle of the tick in which the motors obey the command
+_JOIN_PER_S = 6.0  # maximum ω: a gap shrinks to a fiftieth within 1 s
+_JOIN_SPEED = 1.0  # closing speed of a wide gap, 1/s; rises to e/2 times this speed while ω grows
+_REST_S = 0.15  # τ, time constant of the target's deceleration
+_AT_REST = 1e-3  # speed below which the target counts as at rest, 1/s
+_JOINED = 1e-6  # gap below which the gap counts as closed
 
 
 class Coupling:
-    """Coupling of one follower, n motors, to its leader. Advance once per tick.
+    """Coupling of one follower with n motors to its leader. Advance once per tick.
 
     Attributes:
-        number: `coupling_number` of the leader that is followed at this tick; 0: none.
-        target, velocity: (n,) target of this tick, and its speed.
-        held_back: whether max_relative_target holds the target back.
+        number: `coupling_number` of the leader followed at this tick; 0: none.
+        target, velocity: (n,) target of this tick, and the target's speed.
+        held_back: whether max_relative_target limits the target.
     """
 
     def __init__(self, hardware: ResolvedArm):
@@ -46,7 +46,7 @@ class Coupling:
         self._relative = hardware.config.max_relative_target
         self._leader: PeerBlock | None = None
         self._until_s = -math.inf
-        self._moves = False  # whether the follower follows, or comes to rest
+        self._moves = False  # whether the target follows the leader, or still comes to rest
         self._gap: np.ndarray = np.zeros(hardware.n)
         self._gap_rate: np.ndarray = np.zeros(hardware.n)
         self._apart = False  # whether the gap is still open
@@ -58,7 +58,7 @@ class Coupling:
         self.velocity: np.ndarray = np.zeros(hardware.n)
 
     def permit(self, leader: str, until_s: float) -> None:
-        """Allow coupling to the leader with this channel key until `until_s`."""
+        """Permit coupling to the leader with the channel key `leader` until the time `until_s`."""
         if self._leader is None or self._leader.key != leader:
             self.end()
             if self._leader is not None:
@@ -68,29 +68,29 @@ class Coupling:
         self._until_s = until_s
 
     def end(self) -> None:
-        """End the coupling from this tick on: something else moves the arm, or holds it."""
+        """End the coupling and its permission at once: another source moves the arm, or the arm holds."""
         self._until_s = -math.inf
         self._moves, self.number = False, 0
 
     def give_way(self) -> None:
-        """Leave this tick to the caller's target; the permission stays."""
+        """Leave this tick to the caller's target; the permission stays valid."""
         self._moves, self.number = False, 0
 
     def can_follow(self, now: float) -> bool:
-        """Return whether a leader with fresh targets may be followed, so that the caller's targets need not count."""
+        """Return whether a permitted leader has fresh targets, which then replace the caller's targets."""
         return now <= self._until_s and self._action(now) is not None
 
     @property
     def active(self) -> bool:
-        """Whether `advance` has to be called."""
+        """Whether `advance` must be called at this tick."""
         return self._moves or self._until_s > -math.inf
 
     def advance(self, now: float, asked: tuple[np.ndarray, np.ndarray], measured: np.ndarray) -> bool:
-        """Compute the target of this tick; return False when there is none.
+        """Compute the target of this tick; return False if there is no target.
 
         Args:
             now: time, s.
-            asked: position and speed (n,) of the set-point.
+            asked: the set-point's position and speed, (n,) each.
             measured: (n,) measured position.
         """
         dt, self._before_s = min(now - self._before_s, 0.02), now
@@ -107,7 +107,7 @@ class Coupling:
         return True
 
     def _action(self, now: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the leader's action and its speed at present; None when they are unknown."""
+        """Return the leader's action, extrapolated to the present, and its speed; None if unknown or stale."""
         leader, n = self._leader, self._hardware.n
         if leader is None or not leader.look(now) or leader.value("mode") not in _LEADS:
             return None
@@ -148,7 +148,7 @@ class Coupling:
         self._moves = largest(self.velocity) > _AT_REST
 
     def _limit(self, measured: np.ndarray) -> None:
-        """Limit the target like a caller's: joint limits, then max_relative_target."""
+        """Clamp the target like a caller's target: to the joint limits, then by max_relative_target."""
         lower, upper = self._hardware.lower, self._hardware.upper
         self.target = np.minimum(np.maximum(self.target, lower), upper)
         if self._relative is not None:

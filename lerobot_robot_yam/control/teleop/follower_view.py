@@ -1,4 +1,4 @@
-"""View of a follower by its leader: the newest state that the follower's control loop publishes."""
+"""A leader's view of its follower: the newest state published by the follower's control loop."""
 
 import logging
 import math
@@ -13,10 +13,10 @@ from lerobot_robot_yam.system.few_values import largest
 logger = logging.getLogger(__name__)
 
 _FIELDS = ("mode", "joints", "motors", "q", "dq", "setpoint", "motor_stamp_s", "coupled_to")
-_NEAR_RAD = 0.3  # distance within which a set-point is on its way to the leader's target, whoever sent it
+_NEAR_RAD = 0.3  # distance between set-point and the leader's target within which the follower counts as following
 _AGE_MOST_S = 0.03
-_LOST_S = 0.1  # time before a message: two loops do not resume in the same tick after an emergency stop
-_AWAITED_S = 30.0  # time to wait for a follower: LeRobot commands with cameras take seconds to connect
+_LOST_S = 0.1  # delay of a message, s: after an emergency stop two loops do not resume in the same tick
+_AWAITED_S = 30.0  # time to wait for a follower before a warning, s: LeRobot commands with cameras connect slowly
 
 
 class FollowerView:
@@ -24,15 +24,15 @@ class FollowerView:
 
     Args:
         leader: name of the leader, for messages.
-        key, own_key: keys of the follower's channel and of the leader's.
-        joints, motors: numbers that the follower must have.
+        key, own_key: channel keys of the follower and of the leader.
+        joints, motors: required numbers of the follower's joints and motors.
 
     Attributes:
-        there: whether the follower has published within the last ticks that it holds or tracks.
-        led_by_another: whether the follower tracks targets without taking them from this leader at loop rate.
-        coupled: whether the follower takes this leader's targets at loop rate, by its newest state.
-        follows: whether the follower is coupled, or gets this leader's targets from a caller, see `judge`.
-        q, dq, setpoint: (motors,) state of the follower while `there`.
+        there: whether the follower's state is fresh and in HOLD or TRACK.
+        led_by_another: whether the follower tracks targets but is not coupled to this leader.
+        coupled: whether the follower takes this leader's targets at loop rate, according to its newest state.
+        follows: whether the follower is coupled, or receives this leader's targets from a caller, see `judge`.
+        q, dq, setpoint: (motors,) follower's state while `there`.
     """
 
     def __init__(self, leader: str, key: str, own_key: str, joints: int, motors: int):
@@ -40,8 +40,8 @@ class FollowerView:
         self._shape = joints, motors
         self._block = PeerBlock(key, _FIELDS)
         self._joints, self._motors = joints, motors
-        self._since_s: float | None = None  # since when the follower is awaited
-        self._told: str | None = ""  # what is wrong, None when all is well
+        self._since_s: float | None = None  # time since which the follower is awaited
+        self._told: str | None = ""  # problem logged last; None: no problem
         self.there = self.coupled = self.follows = self.led_by_another = False
         self.q, self.dq, self.setpoint = np.zeros(motors), np.zeros(motors), np.zeros(motors)
         self._stamp_s = -math.inf
@@ -68,10 +68,10 @@ class FollowerView:
         return self.there
 
     def judge(self, target: np.ndarray) -> None:
-        """Find out whether the follower goes to the leader's target (motors,).
+        """Set `follows`: whether the follower moves to the leader's target (motors,).
 
-        A caller that changes the leader's actions before it sends them looks like a policy with targets near the
-        leader's. So this may change the gate's state, but must not move the leader.
+        A policy with targets near the leader's target cannot be distinguished from a caller that modifies the leader's
+        actions. So `follows` may change the gate's state, but must not move the leader.
         """
         block = self._block
         self.follows = self.coupled
@@ -79,13 +79,13 @@ class FollowerView:
             self.follows = largest((self.setpoint - target)[: self._joints]) < _NEAR_RAD
 
     def q_at(self, now: float) -> np.ndarray:
-        """Return the position (joints,) at present, extrapolated from the newest sample, rad."""
+        """Return the follower's position (joints,) at time `now`, extrapolated from the newest sample, rad."""
         j = slice(self._joints)
         q: np.ndarray = self.q[j] + self.dq[j] * (now - self._stamp_s)
         return q
 
     def _tell(self, now: float, other: bool) -> None:
-        """Log once what is wrong, and once when all is well again."""
+        """Log each problem once, and once that the follower is led again."""
         if self.there:
             if self._told is not None:
                 logger.info("%s: leads %s", self._leader, self._key)

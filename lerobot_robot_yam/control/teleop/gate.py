@@ -1,6 +1,6 @@
 """The gate between leaders and their followers: a state machine without clock, I/O or motion.
 
-`TABLE` has every transition. `lead` has what leader and follower do in each state.
+`TABLE` lists all transitions. The module `lead` defines the motion of leader and follower in each state.
 """
 
 import logging
@@ -13,23 +13,23 @@ from lerobot_robot_yam.state.modes import Gate
 
 logger = logging.getLogger(__name__)
 
-CAUGHT_UP_RAD = 0.05  # gap to the leader within which the follower has arrived
-LEFT_BEHIND_RAD = 0.1  # gap from which a follower that does not follow has to approach again
+CAUGHT_UP_RAD = 0.05  # maximum gap between a follower that has arrived and its target
+LEFT_BEHIND_RAD = 0.1  # gap above which a follower that takes no targets must approach again
 _ROUNDING_S = 1e-6
-LIFTED_RAD = 0.15  # way against the homing motion by which a hand ends it
+LIFTED_RAD = 0.15  # distance against the homing motion by which a hand ends the homing
 
 
 class Look(NamedTuple):
-    """Inputs of the gate from one arm at one tick.
+    """Gate inputs from one arm at one tick.
 
     Attributes:
         away_rad: the leader's distance from home.
         home: whether leader and follower are at home.
-        gap_rad: distance from the follower to its target.
+        gap_rad: distance between the follower and its target.
         follows: whether the follower takes this leader's targets.
-        approached: whether the approach has run its time.
-        recentred: whether the leader is back at the follower.
-        pressed, fine_pressed: whether the buttons of the gate and of fine mode have just gone down.
+        approached: whether the planned time of the approach is over.
+        recentred: whether the leader is back at the follower's position.
+        pressed, fine_pressed: whether the gate button and the fine-mode button were pressed at this tick.
     """
 
     away_rad: float = 0.0
@@ -70,17 +70,17 @@ TABLE: dict[GateKind, tuple[Rule, ...]] = {
     ),
     "always": _TRACKING,
 }
-"""State, condition, next state; of several conditions that hold the first counts."""
+"""Per gate kind: (state, condition, next state); if several conditions hold, the first row applies."""
 
 START: dict[GateKind, Gate] = {"auto": Gate.HOMING, "button": Gate.IDLE, "always": Gate.APPROACH}
 
 
 class GateMachine:
-    """State machine of the gate of one leader, or of both leaders of a robot together.
+    """State machine of a gate, for one leader or for both leaders of a robot together.
 
     Attributes:
         state: the present state.
-        because: the condition that has led to this state.
+        because: name of the condition that caused the last transition.
     """
 
     def __init__(self, config: LeadConfig):
@@ -94,12 +94,12 @@ class GateMachine:
         self.state, self.because = self._start, "start"
 
     def restart(self) -> bool:
-        """Begin anew, since an arm was stopped or has failed; return whether the state has changed."""
+        """Return to the initial state after a stop or fault of an arm; return whether the state has changed."""
         self._below_since_s, self._least_rad = math.inf, []
         return self._enter(self._start, "cannot_lead")
 
     def advance(self, now: float, looks: Sequence[Look]) -> bool:
-        """Advance by one tick with each arm's inputs, by one transition at most; return whether the state changed."""
+        """Process each arm's inputs of one tick, with at most one transition; return whether the state has changed."""
         below = all(look.away_rad < self._release_rad for look in looks)
         self._below_since_s = min(self._below_since_s, now) if below else math.inf
         if self.state is Gate.HOMING:
@@ -117,7 +117,7 @@ class GateMachine:
         return changed
 
     def _lifted(self, looks: Sequence[Look], _: float) -> bool:
-        """Return whether a hand has lifted each leader away from home, against its homing motion."""
+        """Return whether each leader was moved away from home by hand, against its homing motion."""
         pairs = zip(looks, self._least_rad, strict=True)
         return all(look.away_rad > max(self._engage_rad, least + LIFTED_RAD) for look, least in pairs)
 
@@ -147,10 +147,10 @@ class GateMachine:
 
 
 class SharedGate:
-    """Gate of several leaders that change its state together, or of one leader.
+    """Gate shared by several leaders, or used by one leader.
 
-    The last leader's call advances the gate, unless one of them had no inputs; the others see a transition one tick
-    later.
+    The call for the last arm advances the state machine, unless an arm had no inputs at this tick; the other arms see a
+    transition one tick later.
     """
 
     def __init__(self, machine: GateMachine, names: Sequence[str]):
@@ -158,7 +158,7 @@ class SharedGate:
         self._looks: list[Look | None] = [None] * len(names)
 
     def advance(self, now: float, index: int, look: Look) -> Gate:
-        """Note the inputs of arm `index` at this tick; return the state that counts for the arm."""
+        """Store the inputs of arm `index` for this tick; return the gate's state for that arm."""
         self._looks[index] = look
         if index == len(self._looks) - 1:
             before, looks = self.machine.state, [look for look in self._looks if look is not None]
@@ -167,11 +167,11 @@ class SharedGate:
         return self.machine.state
 
     def miss(self, index: int) -> None:
-        """Note that arm `index` has no inputs at this tick: the gate waits for them."""
+        """Record that arm `index` has no inputs at this tick, so that the gate does not advance."""
         self._looks[index] = None
 
     def restart(self) -> Gate:
-        """Begin anew, since an arm cannot lead any more; return the state."""
+        """Return to the initial state because an arm cannot lead any more; return the state."""
         before = self.machine.state
         if self.machine.restart():
             self._tell(before)
