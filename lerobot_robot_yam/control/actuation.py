@@ -1,4 +1,4 @@
-"""The actuation of one arm: its motors, set-point and laws."""
+"""Actuation of one arm: motors, set-point and control laws."""
 
 import numpy as np
 
@@ -17,22 +17,22 @@ from lerobot_robot_yam.state.modes import Mode
 
 
 class Actuation:
-    """Motors, set-point and laws of one arm.
+    """Motors, set-point and control laws of one arm.
 
     Args:
         hardware: the arm.
         interface: the arm's motors.
-        status: mode, trouble and orders of the arm.
-        gravity: the arm's gravity model, if one was made before.
+        status: mode, fault and pending requests of the arm.
+        gravity: the arm's gravity model; None: create one.
 
     Attributes:
-        estimate: measured state of the arm's joints.
-        commands: (n, 5) commands of the next `send`, in joint coordinates.
+        estimate: measured joint state.
+        commands: (n, 5) commands for the next `send`, in joint coordinates.
         finding: result of the last `check`.
-        limp: indices of motors that are being enabled; they get no torque.
-        landing: the landing under way, which `landing_response` owns; None without one.
-        grips: whether the gripper keeps to the set-point while a hand guides the floating arm.
-        assist: torque and damping beside gravity compensation while the arm floats; None: none.
+        limp: indices of motors that are being enabled, commanded zero torque.
+        landing: the landing in progress, owned by `landing_response`; None: no landing.
+        grips: whether the gripper follows its set-point while a hand guides the floating arm.
+        assist: torque and damping added to gravity compensation while the arm floats; None: none.
     """
 
     def __init__(
@@ -63,75 +63,75 @@ class Actuation:
 
     @property
     def q(self) -> np.ndarray:
-        """Measured joint positions (n,), rad; the gripper 0 closed … 1 open."""
+        """Measured joint positions (n,), rad; gripper 0 closed … 1 open."""
         return self.estimate.q
 
     @property
     def opening(self) -> float:
-        """Opening of the gripper, 0 closed … 1 open; 1 as long as its stops are unknown."""
+        """Gripper opening, 0 closed … 1 open; 1 if there is no gripper motor or its stops are unknown."""
         return 1.0 if self.gripper is None or self.gripper.stops is None else float(self.q[-1])
 
     @property
     def sunk(self) -> np.ndarray:
-        """Joints (joints,) that have sunk unheard, see `ArmSetPoint`; those of the landing under way, too."""
+        """(joints,) bool, joints that sank during this or a former landing, see `ArmSetPoint`."""
         return self.setpoint.sunk if self.landing is None else self.setpoint.sunk | self.landing.sunk
 
     def end_landing(self) -> None:
-        """End the landing; joints that have sunk stay sunk."""
+        """End the landing; sunk joints stay marked as sunk."""
         self.setpoint.sunk, self.landing = self.sunk, None
         self.setpoint.accelerate_as_usual()
 
     def check(self, now: float) -> Finding:
-        """Find out which motors can be relied on from here on."""
+        """Check which motors are reliable; update the estimate and the set-points of distrusted and sunk joints."""
         self.finding = self.estimate.check(now)
         self.setpoint.keep_disbelieved(self._interface.sent[:, mit_laws.Q])
         self.setpoint.fetch_sunk(self.landing is not None)
         return self.finding
 
     def send(self) -> None:
-        """Put this tick's commands on the wire.
+        """Send this tick's commands.
 
         Raises:
-            BusError: the channel does not take the frames.
+            BusError: the channel does not accept the frames.
             ActionError: the commands are not finite.
         """
         self._interface.send(self.commands)
         self.bus_loss.clear()
 
     def compute_command(self, now: float, dt: float) -> None:
-        """Compute the commands of the next `send` from state and set-point. now, dt: s."""
+        """Compute the commands for the next `send` from state and set-point. now, dt: time and tick period, s."""
         self.commands = self._law.compute(now, dt, self.landing, self.grips, self.assist)
         if self.limp:
             self.commands[self.limp, mit_laws.KP :] = 0.0
 
     def enter(self, mode: Mode) -> None:
-        """Change the mode; only TRACK keeps a target's gains. Raises LifeCycleError: the present mode forbids this."""
+        """Change the mode; only TRACK keeps a target's gains. Raises LifeCycleError: no transition to `mode`."""
         self.status.check(mode)
         if mode is Mode.LAND:
-            self.impedance.live.reset()  # landings are made for the configured gains
+            self.impedance.live.reset()  # landings are designed for the configured gains
         if mode is not Mode.TRACK:
             self.use_gains()
         self.status.enter(mode)
         self.grips = False
 
     def use_gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
-        """Use the gains (n,) of a target, NaN or None as configured.
+        """Use the gains (n,) of a target; NaN or None: the arm's own gains.
 
-        A soft arm may be far from its set-point. When gains grow stiffer, set-points are moved closer to the joints, so
-        that no joint is pulled harder than before, or than its configured gain pulls across a gap of
-        `arm_set_point.LEFT_BEHIND_RAD`, whichever is more.
+        A soft arm may be far from its set-point. When stiffness grows, set-points are moved closer to the joints, so
+        that the pull on each joint does not exceed its former value or, if larger, the pull of the configured gain
+        across a gap of `arm_set_point.LEFT_BEHIND_RAD`.
         """
         before = self.impedance.kp
         self.impedance.gains(kp, kd)
         self.setpoint.pull_no_harder(before, self.impedance.kp, kp is not None)
 
     def change_gains(self, kp: np.ndarray, kd: np.ndarray) -> None:
-        """Change the arm's own gains (n,), NaN as configured, so that no torque jumps; gains of targets stay."""
+        """Change the arm's own gains (n,) without torque jumps; NaN: as configured. Gains of targets stay in force."""
         self.setpoint.pull_no_harder(self.impedance.kp, np.where(np.isnan(kp), self.hardware.kp, kp), False)
         self.impedance.live.change(kp, kd)
 
     def repeat(self) -> None:
-        """Repeat the last commands at zero speed: after a defect of our own code nothing is computed again."""
+        """Repeat the last commands at zero speed. Used after an internal error, instead of computing new commands."""
         self.commands = self._interface.sent.copy()
         self.commands[:, mit_laws.DQ] = 0.0
 
@@ -142,6 +142,6 @@ class Actuation:
             self.gripper.stop_search()
 
     def hold_here(self) -> None:
-        """Brake and hold; an arm that floats keeps its pose."""
+        """Brake to a stop and enter HOLD; a floating arm then holds its present pose."""
         self.setpoint.stop()
         self.enter(Mode.HOLD)

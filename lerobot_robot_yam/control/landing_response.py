@@ -1,4 +1,4 @@
-"""The response of an arm to a request to land, from its first tick until torque is cut; `landing` plans the way."""
+"""Response of an arm to a landing request, from the first tick until torque is cut; `landing` plans the motion."""
 
 import logging
 import math
@@ -17,8 +17,8 @@ from lerobot_robot_yam.state.modes import Mode
 logger = logging.getLogger(__name__)
 
 _END_AGAIN_S = 1.0
-_OFF_S = 0.05  # wait for motors to report that they are off, s; the adapter's delay is added
-_UNREACHABLE_S = 1.0  # time out of reach, s, after which the motors' watchdogs have let go and nothing is left to land
+_OFF_S = 0.05  # timeout of the motors' reports that they are disabled, s; the adapter's delay is added
+_UNREACHABLE_S = 1.0  # time without connection after which the landing ends, s: the motors' watchdogs have cut torque
 
 
 class LandingResponse:
@@ -31,7 +31,7 @@ class LandingResponse:
         self._unreachable_since: float | None = None
 
     def land(self, now: float, trouble: Trouble | None = None, message: str = "") -> None:
-        """Begin to land. An arm that lands or is off already is left alone; an emergency stop delays the landing."""
+        """Begin a landing, unless the arm is already landing or off. An emergency stop delays the landing."""
         arm, status = self._actuation, self._status
         if status.mode in (Mode.LAND, Mode.OFF):
             return
@@ -46,15 +46,15 @@ class LandingResponse:
         if arm.gripper is not None:
             arm.gripper.stop_search()
         joints = arm.hardware.joints
-        for joint in np.flatnonzero(~np.isfinite(arm.setpoint.q)):  # after a defect of our own code
+        for joint in np.flatnonzero(~np.isfinite(arm.setpoint.q)):  # after an internal error
             arm.setpoint.start_one(int(joint))
         if joints:
             arm.landing = Landing(arm.hardware, arm.q[:joints], arm.setpoint, now)
         else:
-            self.switch_off()  # a gripper alone falls nowhere
+            self.switch_off()  # a gripper without arm cannot fall
 
     def end(self, now: float) -> None:
-        """Land because the caller is gone. Call every tick: after a fault on its way the arm tries again."""
+        """Land because the session ends. Call every tick: after a fault during the landing, the arm retries."""
         status = self._status
         if now < self._end_again_at or status.rearming or (status.mode is Mode.FAULT and status.stopped):
             return
@@ -66,19 +66,19 @@ class LandingResponse:
         self._actuation.end_landing()
 
     def _obeys_unbelieved(self) -> bool:
-        """Return whether a motor with distrusted readings answers: it has torque, and must be brought down."""
+        """Return whether a motor with distrusted readings replies: such a motor has torque and must be landed."""
         chain = self._actuation.chain
         return bool((chain.distrusted & (chain.missed == 0)).any())
 
     def _pulls(self) -> np.ndarray:
-        """Return (joints,) the way, -1 or 1, in which weight pulls a joint that is not heard and may obey; else 0."""
+        """Return (joints,) direction of gravity, -1 or 1, for joints with silent motors that may obey; else 0."""
         arm, weight_nm = self._actuation, self._actuation.impedance.weight_nm
         heavy = np.abs(weight_nm) > arm.hardware.arm.coulomb_friction_nm
         unheard = arm.estimate.unheard()[: arm.hardware.joints] & ~arm.setpoint.sunk
         return np.where(unheard & heavy, -np.sign(weight_nm), 0.0)
 
     def advance(self, now: float) -> None:
-        """Advance a landing by one tick; cut torque once the arm has landed."""
+        """Advance the landing by one tick; cut torque once the arm has landed."""
         arm, status, landing = self._actuation, self._status, self._actuation.landing
         if landing is None:
             return
@@ -105,10 +105,10 @@ class LandingResponse:
             self.switch_off()
 
     def switch_off(self) -> None:
-        """Cut torque over the next ticks. Call this only in a landed pose, or where the arm was limp a moment ago.
+        """Cut torque over the next ticks. Call only in a landed pose, or for an arm that was limp just before.
 
         Raises:
-            LifeCycleError: the present mode forbids it.
+            LifeCycleError: the present mode has no transition to OFF.
         """
         self._status.check(Mode.OFF)
         self._status.letting_go = True
@@ -120,7 +120,7 @@ class LandingResponse:
         self._interface.instead = dict.fromkeys(range(self._actuation.hardware.n), SpecialCommand.DISABLE)
 
     def let_go(self, now: float) -> None:
-        """Advance switching off by one tick: the arm is off once every motor has reported so, or its time is over."""
+        """Advance switching off by one tick: the arm is off once all motors have reported so, or after a timeout."""
         arm, status = self._actuation, self._status
         on = np.flatnonzero(arm.chain.fault == Fault.NORMAL)
         if len(on) and now < self._off_by_s:

@@ -59,7 +59,7 @@ class ArmSetPoint(SetPoint):
         return estimate.q if estimate.all_usable else np.where(estimate.unheard(), self.q, estimate.q)
 
     def adopt(self, record: np.ndarray) -> None:
-        """Start each joint at its set-point in a dead loop if that set-point holds the joint, else at its measured position.
+        """Start at a dead loop's set-point where that set-point holds the joint, else at the measured position.
 
         record: last state published by the dead loop.
         """

@@ -1,12 +1,12 @@
-"""First phase of a landing: fold the arm above its resting place, whatever is in its way.
+"""First phase of a landing: fold the arm above its resting place, avoiding obstacles.
 
-The arm goes straight to the folded pose with the wrist raised. Where something is in the way, it goes round, over the
-top: wrist up and elbow open until the forearm is level at least, upper arm back, forearm down. If both ways are barred
-the arm holds, says so and tries again; the third time it sinks where it is.
+The arm moves straight to the folded pose with the wrist raised. If an obstacle blocks this path, the arm moves over the
+top: wrist up and elbow open until the forearm is at least level, upper arm back, forearm down. If both paths are
+blocked, the arm holds, logs an error and retries; at the third failure the arm sinks in place.
 
-An arm whose model is wrong hangs off its set-point. A torque that a wrong load or factor explains is learnt then; any
-other torque means an obstacle. An unknown load makes the soft wrist sag; that is no obstacle, since
-the wrist is lowered next.
+An arm with a wrong model sags below its set-point. A torque error that a wrong load or factor can explain is learnt;
+any other torque error means an obstacle. An unknown load makes the soft wrist sag; a sagging wrist is no obstacle,
+since the wrist is lowered next.
 """
 
 import logging
@@ -18,15 +18,15 @@ from lerobot_robot_yam.control.landing.landing_move import LandingMove, Patience
 
 logger = logging.getLogger(__name__)
 
-_WRIST_LIFT_RAD = 0.35  # how far above its resting place the wrist stays while the arm folds
-_SOFT_RAD = 0.3  # remaining way at which the fold slows down
-_OPEN_RAD = 1.2  # elbow angle at which the tool is highest while the upper arm lies
-_AT_POSE_RAD = 0.06  # error of an arm that has arrived
-_STUCK_RAD = 0.25  # error of an arm that something holds back
-_STUCK_S = 0.5  # time for which an error counts as stuck, s
-_LEARN_S = 2.0  # time to learn what the model misses, with the set-point at its goal
-_RETRY_S = 3.0  # time between two tries of both ways
-_TRIES = 3  # barred tries after which the arm sinks
+_WRIST_LIFT_RAD = 0.35  # wrist lift above the resting pose while the arm folds
+_SOFT_RAD = 0.3  # remaining distance below which the fold slows down
+_OPEN_RAD = 1.2  # elbow angle with the tool at its highest while the upper arm lies
+_AT_POSE_RAD = 0.06  # maximum error of an arm that has arrived
+_STUCK_RAD = 0.25  # minimum error of a blocked arm
+_STUCK_S = 0.5  # duration of such an error after which the arm counts as stuck, s
+_LEARN_S = 2.0  # time for learning the model's error with the set-point at its goal, s
+_RETRY_S = 3.0  # pause before both paths are tried again, s
+_TRIES = 3  # failed attempts after which the arm sinks
 
 
 class Fold:
@@ -38,8 +38,8 @@ class Fold:
         move: mover of the set-point.
 
     Attributes:
-        may_learn: whether an arm that hangs off its set-point may learn the torque that its model misses.
-        gave_up: whether the arm hangs off for good, so that it has to sink, not only to be let go.
+        may_learn: whether the arm may learn a torque that corrects its gravity model.
+        gave_up: whether the arm cannot reach its folded pose, so that the landing must end by sinking, not fading.
     """
 
     def __init__(self, hardware: ResolvedArm, rest: np.ndarray, move: LandingMove):
@@ -48,7 +48,7 @@ class Fold:
         self._pose = rest.copy()
         wrist = self._roles.wrist
         if wrist is not None:
-            self._up = float(np.copysign(1.0, -rest[wrist]))  # which way the wrist is raised
+            self._up = float(np.copysign(1.0, -rest[wrist]))  # direction that raises the wrist
             self._pose[wrist] += self._up * _WRIST_LIFT_RAD
         self._poses: list[np.ndarray] = []  # poses still to come
         self._patience = Patience()
@@ -56,11 +56,11 @@ class Fold:
         self._barred_times, self._barred_s = 0, 0.0
 
     def begin(self, now: float) -> None:
-        """Begin the straight way."""
+        """Begin the straight path."""
         self._go([self._pose], now)
 
     def advance(self, seen: Seen) -> Phase:
-        """Advance by one tick; return the phase that follows: LOWER once the arm is folded."""
+        """Advance by one tick; return the next phase: LOWER once the arm is folded."""
         move, now = self._move, seen.now
         if np.abs(move.way).max() < _SOFT_RAD:
             move.soften()
@@ -84,20 +84,20 @@ class Fold:
         return Phase.FOLD
 
     def retry(self, now: float) -> Phase:
-        """Advance a barred arm, which holds, by one tick; return the phase that follows."""
+        """Advance a blocked, holding arm by one tick; return the next phase."""
         if not now - self._barred_s > _RETRY_S:
             return Phase.OBSTRUCTED
         self._goes_round, self.may_learn = False, True
         return self._go([self._pose], now)
 
     def _barred(self, reason: str, now: float) -> Phase:
-        """Go round what is in the way; hold where that is barred, too, or sink where a motor is out."""
+        """Try the path over the top; if already tried, hold, or sink if a supporting motor is out."""
         out, over = self.carriers(self._move.unheard), self._over_the_top()
         if over and not self._goes_round:
             self._goes_round = True
             logger.warning("%s: on its way down %s; it goes round, over the top", self._arm, reason)
             return self._go(over, now)
-        if out and self._poses:  # no obstacle to the way up carries the arm
+        if out and self._poses:  # an obstacle on the way up cannot support the arm
             return self._go([self._pose], now)
         if out:
             logger.warning("%s: %s, and %s is out; it sinks where it is", self._arm, reason, ", ".join(out))
@@ -114,13 +114,13 @@ class Fold:
         return Phase.SINK
 
     def carriers(self, out: np.ndarray) -> list[str]:
-        """Return the joints that carry the arm and whose motors are `out`, (n,) bool: limp, or not heard."""
+        """Return the names of joints that support the arm and whose motors are `out`, (n,) bool: limp or silent."""
         base, first, _, last = self._roles
-        carriers = range(len(out)) if first is None or last is None else range(first, last + 1)  # any of them may
+        carriers = range(len(out)) if first is None or last is None else range(first, last + 1)  # all between
         return [f"joint_{joint + 1}" for joint in carriers if out[joint] and joint != base]
 
     def _over_the_top(self) -> list[np.ndarray]:
-        """Return poses (n,) on the way over an obstacle; none for arms that do not lie at rest, or lack an elbow."""
+        """Return the poses (n,) of the path over the top; empty for arms that do not lie at rest or lack an elbow."""
         _, shoulder, elbow, wrist = self._roles
         if not self._goes_over or shoulder is None or elbow is None:
             return []

@@ -1,18 +1,18 @@
-"""Landing: bring the arm down under control to where cutting torque moves nothing.
+"""Landing: move the arm under control to a pose in which cutting torque causes no motion.
 
     fold    move to the folded pose with the wrist raised; an arm that lies already stays (`Fold`)
     lower   lower the wrist to its resting place, stopping at contact
-    fade    or sink: reduce stiffness and feed-forward to nothing; what is still unsupported sinks slowly (`Sink`)
+    fade    or sink: reduce stiffness and feedforward to zero; unsupported parts sink slowly (`Sink`)
 
-An arm without one of the motors that carry it may never get there, since a limp wrist stands in its way. Such an arm
-sinks onto what it has met on its way down. The arm also sinks instead of fading if a motor that carries it is limp or
-silent at the end of `lower`, since the position of that motor's joint is then unknown.
+An arm without one of its supporting motors may never reach the folded pose, since a limp wrist blocks the path. Such an
+arm sinks onto the obstacle that stopped its descent. The arm also sinks instead of fading if a supporting motor is limp
+or silent at the end of `lower`, since the position of that motor's joint is then unknown.
 
-An arm whose base is tilted, or whose resting pose is configured, does not lie there. From there it sinks to where it
-hangs or lies, and torque is cut when nothing moves any more.
+An arm with a tilted base or a configured resting pose does not lie in that pose. From there the arm sinks until its
+parts hang or lie, and torque is cut when nothing moves any more.
 
-A motor that is not heard may obey. Its set-point is lowered in the direction in which the modelled weight pulls, to the
-end of its range or to where the joint hangs; only then does its stiffness fade.
+A silent motor may still obey. Its set-point is lowered in the direction of the modelled gravity torque, to the end of
+the range or to the hanging position of the joint; only then does the stiffness fade.
 """
 
 import numpy as np
@@ -22,23 +22,23 @@ from lerobot_robot_yam.control.landing.fold import Fold
 from lerobot_robot_yam.control.landing.landing_move import LandingMove, Patience, Phase, Seen
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 
-_LIES_RAD = 0.06  # distance from the resting pose of an arm that lies already
-_CONTACT_RAD, _CONTACT_S = 0.12, 0.1  # error of a wrist that has met something while it is lowered
-_FADE_S = 0.15  # time in which stiffness fades where the arm lies
-_SINK_S = 1.5  # time in which stiffness fades where the arm does not lie yet
+_LIES_RAD = 0.06  # maximum distance from the resting pose of an arm that lies already
+_CONTACT_RAD, _CONTACT_S = 0.12, 0.1  # minimum error, rad, and its duration, s, that mean contact while lowering
+_FADE_S = 0.15  # time in which stiffness fades if the arm lies, s
+_SINK_S = 1.5  # time in which stiffness fades if the arm does not lie yet, s
 _SINK_RAD_S = 0.3  # speed from which a sinking arm stiffens
-_STIFFEN_S = 0.3  # time from no stiffness to all of it, when the arm sinks too fast
-_LOOSE = 0.1  # least share of damping: with more a slide might be too slow to be noticed
-_STILL_RAD_S = 0.03  # speed below which an arm is still
-_CREEP_RAD = 0.02  # way that counts as a move of a joint that stood still
-_STILL_S, _SUNK_S = 0.06, 1.0  # time of standing still that ends a fade, and a sinking
+_STIFFEN_S = 0.3  # time from zero to full stiffness if the arm sinks too fast, s
+_LOOSE = 0.1  # minimum share of damping: with more damping a slide might be too slow to be detected
+_STILL_RAD_S = 0.03  # maximum speed of an arm at rest
+_CREEP_RAD = 0.02  # displacement from which a joint at rest counts as moving
+_STILL_S, _SUNK_S = 0.06, 1.0  # time at rest, s, after which a fade ends, and after which sinking ends
 
 
 class Sink:
     """Fading or sinking of n joints.
 
     Attributes:
-        shares: (n,) of stiffness and feed-forward of each joint.
+        shares: (n,) remaining shares of stiffness and feedforward.
     """
 
     def __init__(self, hardware: ResolvedArm, q: np.ndarray, move: LandingMove, now: float):
@@ -46,13 +46,13 @@ class Sink:
         self._move, self._lower_rad, self._upper_rad = move, hardware.lower[:n], hardware.upper[:n]
         self._share = self._damping = 1.0
         self.shares: np.ndarray = np.ones(n)
-        self._heard = self._lowers = np.zeros(n, dtype=bool)  # lowers: set-point moves down, unheard
+        self._heard = self._lowers = np.zeros(n, dtype=bool)  # lowers: silent, set-point moves down
         self._now, self._dt = now, 0.0
         self._still_since, self._still_q = now, q.copy()
 
     @property
     def damping(self) -> np.ndarray:
-        """Shares (n,) of the largest damping."""
+        """Shares (n,) of the maximum damping."""
         return np.where(self._heard, self._damping, 1.0)
 
     @property
@@ -61,21 +61,21 @@ class Sink:
         return ~self._heard & (self.shares < 1.0)
 
     def look(self, seen: Seen) -> None:
-        """Begin a tick of any phase.
+        """Store the inputs of a tick in any phase.
 
-        A motor that does not answer gets no stiffness back: if it obeys, its joint has left the set-point unseen.
+        A silent motor gets no stiffness back: if the motor obeys, its joint has left the set-point undetected.
         """
         self._heard, self._dt, self._now = seen.usable, seen.now - self._now, seen.now
 
     def fade(self, seen: Seen) -> Phase:
-        """Advance an arm that lies by one tick; return the phase that follows."""
+        """Advance the fade of a lying arm by one tick; return the next phase."""
         self._share = max(0.0, self._share - self._dt / _FADE_S)
         return Phase.LANDED if self._still(seen, _STILL_S, self._share == 0.0) else Phase.FADE
 
     def sink(self, seen: Seen, lowers: bool) -> Phase:
-        """Advance an arm that sinks by one tick; return the phase that follows.
+        """Advance a sinking arm by one tick; return the next phase.
 
-        lowers: whether set-points of joints that are not heard are lowered.
+        lowers: whether the set-points of joints with silent motors are lowered.
         """
         move, usable, most = self._move, seen.usable, _SINK_RAD_S * self._dt
         before = move.q.copy()
@@ -94,13 +94,13 @@ class Sink:
         return Phase.LANDED if self._still(seen, _SUNK_S, loose) else Phase.SINK
 
     def spread(self, seen: Seen, phase: Phase) -> None:
-        """Compute each joint's share for the commands of this tick."""
+        """Compute `shares` for the commands of this tick."""
         fade_s = _FADE_S if phase is Phase.FADE else _SINK_S
         fading = np.where(self._lowers, self.shares, np.maximum(self.shares - self._dt / fade_s, 0.0))
         self.shares = np.where(seen.usable, self._share, fading)
 
     def _still(self, seen: Seen, still_s: float, loose: bool) -> bool:
-        """Return whether nothing has moved for `still_s` with nothing left to hold the arm (`loose`)."""
+        """Return whether the arm has been at rest for `still_s`. loose: whether nothing holds the arm any more."""
         moving = np.abs(np.where(seen.usable, seen.dq, 0.0)).max() > _STILL_RAD_S
         if not loose or moving or np.abs(seen.q - self._still_q).max() > _CREEP_RAD:
             self._still_since, self._still_q = seen.now, seen.q.copy()
@@ -112,26 +112,26 @@ class Landing:
     """Landing of the arm joints (n,).
 
     Args:
-        hardware: the arm. If it does not lie at its resting pose, it sinks from there to where it hangs or lies.
-        q: (n,) rad, where the arm is.
-        setpoint: the arm's set-point; its limits are lowered for good.
+        hardware: the arm. An arm that does not lie in its resting pose sinks from there until it hangs or lies.
+        q: (n,) measured positions, rad.
+        setpoint: the arm's set-point; its limits are lowered and not restored.
         now: monotonic time, s.
 
     Attributes:
         phase: the present phase.
-        learns: whether the arm learns the torque that its model misses.
+        learns: whether the arm learns a torque that corrects its gravity model.
     """
 
     def __init__(self, hardware: ResolvedArm, q: np.ndarray, setpoint: SetPoint, now: float):
         rest = hardware.rest_q.copy()
         if hardware.folding.base is not None and hardware.lies_at_rest:
-            rest[hardware.folding.base] = q[hardware.folding.base]  # the base may stay turned: it carries no weight
+            rest[hardware.folding.base] = q[hardware.folding.base]  # the base may stay turned: it supports no weight
         self._rest = rest
         self._move = LandingMove(setpoint, hardware.kp[: hardware.joints])
         self._fold = Fold(hardware, rest, self._move)
         self._sink = Sink(hardware, q, self._move, now)
         self._patience = Patience()
-        self._sinks = not hardware.lies_at_rest  # not let go at once, since the arm may not lie yet
+        self._sinks = not hardware.lies_at_rest  # sink rather than fade, since the arm may not lie yet
         self.learns = False
         if np.abs(q - rest).max() < _LIES_RAD:
             self.phase = Phase.LOWER
@@ -142,7 +142,7 @@ class Landing:
 
     @property
     def fade(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Shares (n,) of stiffness with feed-forward, and of damping, while the arm lies or sinks, else None."""
+        """Shares (n,) of stiffness and feedforward, and of damping, in phases FADE and SINK; None in others."""
         return (self._sink.shares, self._sink.damping) if self.phase in (Phase.FADE, Phase.SINK) else None
 
     @property
@@ -151,7 +151,7 @@ class Landing:
         return self._sink.sunk
 
     def advance(self, seen: Seen) -> None:
-        """Advance by one tick; set `phase`, `fade`, `learns` and the set-point."""
+        """Advance by one tick; update `phase`, `fade`, `learns` and the set-point."""
         self._sink.look(seen)
         if self.phase in (Phase.FOLD, Phase.LOWER):
             self._move.advance(seen.now, seen.usable)
@@ -175,7 +175,7 @@ class Landing:
         return self._sink.sink(seen, self._sinks) if self.phase is Phase.SINK else self.phase
 
     def _lower(self, seen: Seen) -> Phase:
-        """Advance the lowering of the wrist by one tick; return the phase that follows."""
+        """Advance the lowering of the wrist by one tick; return the next phase."""
         error = np.where(seen.usable, np.abs(self._move.q - seen.q), 0.0).max()
         if not (self._move.arrived or self._patience.ends(error > _CONTACT_RAD, seen.now, _CONTACT_S)):
             return Phase.LOWER

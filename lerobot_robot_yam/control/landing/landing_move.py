@@ -1,4 +1,4 @@
-"""Shared parts of the phases of a landing: what they see of the arm, and how they move its set-point."""
+"""Shared parts of the landing phases: measured inputs, and motion of the set-point."""
 
 from enum import Enum, auto
 from typing import NamedTuple
@@ -8,12 +8,12 @@ import numpy as np
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 
 LANDING_SPEED_RAD_S = 0.6
-"""No joint lands faster."""
-_COMMANDED_RAD_S = 0.52  # commanded speed: arms reach up to 12 % more where their weight is overcompensated
-_RAMP_S = 0.12  # time to reach that speed; a quicker start overshoots
-_SOFT_RAD_S2 = 5.0  # acceleration near the goal of the fold: some joints end on their mechanical stops
-_SAG_NM = 5.0  # largest torque of a load, 2 kg at 0.25 m; a joint pulled back by more meets an obstacle
-_FELL_BACK_RAD = 0.02  # way back of a set-point in one tick that means that its joint was struck and caught
+"""Maximum joint speed of a landing."""
+_COMMANDED_RAD_S = 0.52  # commanded speed; overcompensated gravity makes an arm up to 12 % faster
+_RAMP_S = 0.12  # time to reach the commanded speed; a quicker start overshoots
+_SOFT_RAD_S2 = 5.0  # acceleration limit near the goal of the fold: some joints end on their mechanical stops
+_SAG_NM = 5.0  # maximum torque of a load, 2 kg at 0.25 m; more torque means an obstacle
+_FELL_BACK_RAD = 0.02  # set-point step away from the goal in one tick that means that the joint was struck and caught
 
 
 class Phase(Enum):
@@ -28,14 +28,14 @@ class Phase(Enum):
 
 
 class Seen(NamedTuple):
-    """An arm's n joints at one tick.
+    """Measured inputs of a landing at one tick, for n joints.
 
     Attributes:
         now: time, s.
-        q, dq: (n,) measured, rad, rad/s.
-        usable: (n,) bool, joints whose motors answer; the others cannot be waited for.
-        explained: whether a wrong model can explain the distance to the set-point.
-        pulls: (n,) the direction, -1 or 1, in which weight pulls a joint that is not heard and may obey; else 0.
+        q, dq: (n,) measured position and speed, rad, rad/s.
+        usable: (n,) bool, joints whose motors reply; the landing does not wait for other joints.
+        explained: whether a wrong gravity model can explain the distance to the set-point.
+        pulls: (n,) direction of gravity, -1 or 1, for joints with silent motors that may obey; 0 for other joints.
     """
 
     now: float
@@ -47,13 +47,13 @@ class Seen(NamedTuple):
 
 
 class Patience:
-    """Measure of how long a condition has held without a break."""
+    """Timer of how long a condition has held without interruption."""
 
     def __init__(self) -> None:
         self._since_s: float | None = None
 
     def ends(self, condition: bool, now: float, after_s: float) -> bool:
-        """Return whether the condition has held for `after_s`; call this at each tick."""
+        """Return whether the condition has held for `after_s`. Call at each tick."""
         if not condition:
             self._since_s = None
             return False
@@ -62,15 +62,15 @@ class Patience:
 
 
 class LandingMove:
-    """Mover of the first n coordinates of a set-point; the set-point's limits are lowered for good.
+    """Mover of a set-point's first n coordinates; the set-point's limits are lowered and not restored.
 
     Args:
         setpoint: the arm's set-point.
         kp: (n,) position gains, Nm/rad.
 
     Attributes:
-        unheard: (n,) bool, joints whose motors have not answered since the move began.
-        sag_rad: (n,) rad, how far a load may pull each joint off its set-point.
+        unheard: (n,) bool, joints whose motors have not replied since the start of the move.
+        sag_rad: (n,) maximum distance from the set-point caused by a load, rad.
     """
 
     def __init__(self, setpoint: SetPoint, kp: np.ndarray):
@@ -88,7 +88,7 @@ class LandingMove:
 
     @property
     def way(self) -> np.ndarray:
-        """Way (n,) from the set-point to its goal, rad; a base beyond its limit comes inside on its way."""
+        """Vector (n,) from the set-point to its goal, rad; the goal is clamped to the joint limits."""
         left: np.ndarray = self._setpoint.target[: self._n] - self.q
         return left
 
@@ -98,7 +98,7 @@ class LandingMove:
         return self._setpoint.arrived
 
     def begin(self, goal: np.ndarray, now: float) -> None:
-        """Begin a straight line to goal (n,), on which every joint arrives at the same time."""
+        """Begin a straight path to goal (n,), with all joints arriving at the same time."""
         self._since_s = now
         self.unheard[:] = True
         self._left = gap = np.abs(goal - self.q)
@@ -109,10 +109,10 @@ class LandingMove:
         self._setpoint.set_target(target, now)
 
     def advance(self, now: float, usable: np.ndarray) -> None:
-        """Advance by one tick. usable: (n,) bool, joints whose motors answer."""
+        """Advance by one tick. usable: (n,) bool, joints whose motors reply."""
         left = np.abs(self.way)
         if (left > self._left + _FELL_BACK_RAD).any():
-            self.begin(self._setpoint.target[: self._n].copy(), now)  # else that joint would crawl
+            self.begin(self._setpoint.target[: self._n].copy(), now)  # else the struck joint would crawl
         self._left = left
         self._ramp(now)
         self.unheard &= ~usable
@@ -121,16 +121,16 @@ class LandingMove:
         self._setpoint.limit_speed(self._speed * np.clip((now - self._since_s) / _RAMP_S, 0.1, 1.0))
 
     def soften(self) -> None:
-        """Accelerate softly from now on."""
+        """Lower the acceleration limit for the rest of the landing."""
         self._setpoint.limit_acceleration(np.full(self._n, _SOFT_RAD_S2))
 
     def near(self, setpoint: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Clip the set-point (n,) to `sag_rad` from q (n,): enough pull for an unknown load, little without one."""
+        """Clip the set-point (n,) to within `sag_rad` of q (n,), enough torque for an unknown load."""
         nearest: np.ndarray = np.minimum(np.maximum(setpoint, q - self.sag_rad), q + self.sag_rad)
         return nearest
 
     def give_way(self, q: np.ndarray, joints: np.ndarray) -> None:
-        """Move the set-point to q (n,), at rest, for these joints, (n,) bool; the others rest where they are."""
+        """Restart the set-point, at rest: at q (n,) for `joints`, (n,) bool, at its present value for the others."""
         seed = self._setpoint.q.copy()
         seed[: self._n] = np.where(joints, q, seed[: self._n])
         self._setpoint.seed(seed)

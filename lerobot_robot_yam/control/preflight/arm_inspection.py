@@ -1,4 +1,4 @@
-"""Inspection of an arm before it is energised; sends no command that moves or energises anything."""
+"""Inspection of a limp arm before bring-up; sends no command that moves or energises a motor."""
 
 import logging
 
@@ -23,7 +23,7 @@ _ATTEMPTS = 5
 
 
 def refuse_stopped(name: str, stop: EmergencyStop) -> None:
-    """Refuse to energise while the emergency stop is latched. Raises EmergencyStopError: the stop is latched."""
+    """Check that arms may be energised. Raises EmergencyStopError: the emergency stop is latched."""
     reason = stop.reason()
     if reason:
         raise EmergencyStopError(
@@ -32,7 +32,11 @@ def refuse_stopped(name: str, stop: EmergencyStop) -> None:
 
 
 def inspect(hardware: ResolvedArm, chain: MotorChain, bus: can.BusABC) -> None:
-    """Check that everything is there, alone on the channel, and as configured. Raises YamError: a part is not."""
+    """Check that all parts reply and match the configuration, without another driver on the channel.
+
+    Raises:
+        YamError: a part is missing or differs from the configuration, or another driver is active.
+    """
     config = hardware.config
     refuse_stopped(config.name, EmergencyStop())
     handle = hardware.gripper.handle_encoder
@@ -41,7 +45,7 @@ def inspect(hardware: ResolvedArm, chain: MotorChain, bus: can.BusABC) -> None:
         listen(bus, LISTEN_S, [m.can_id for m in chain.motors], config.channel)
     if config.identity_path is not None:
         found = read_fingerprint(bus, config.channel, config.interface, arm_ids(hardware.arm))
-        if found.motors:  # else `verify` has the better message
+        if found.motors:  # else `verify` raises with a better message
             check_identity(config.identity_path, found, config.channel, config.name, config.on_command_line)
     role = bus, config.channel, config.name, hardware.gripper, gripper_id(hardware.arm)
     try:
@@ -53,7 +57,7 @@ def inspect(hardware: ResolvedArm, chain: MotorChain, bus: can.BusABC) -> None:
         if swap is None:
             raise
         raise MotorError(f"{swap} ({error})") from error
-    if not handle and hardware.gripper.motor is None:  # no part of it would be missed on the wrong arm
+    if not handle and hardware.gripper.motor is None:  # the wrong arm would not lack any part
         swap = mistaken_role(*role)
         if swap is not None:
             raise MotorError(swap)
@@ -69,7 +73,7 @@ def inspect(hardware: ResolvedArm, chain: MotorChain, bus: can.BusABC) -> None:
 
 
 def clear_stale_faults(name: str, chain: MotorChain) -> None:
-    """Clear faults that an earlier session left behind, since operators re-arm by connecting again; log them."""
+    """Log and clear motor faults left by an earlier session, since operators re-arm by connecting again."""
     stale = {m.name: fault_text(f) for m, f in zip(chain.motors, chain.fault.tolist(), strict=True) if f > 1}
     if stale:
         logger.warning("%s: clearing what an earlier session left behind: %s", name, stale)

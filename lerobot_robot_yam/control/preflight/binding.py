@@ -1,8 +1,8 @@
-"""The identity of the arm on a channel: a binding file keeps the marks of an arm, and a session compares them.
+"""Identity check of the arm on a channel: a binding file stores an arm's fingerprint, to be compared at each session.
 
-Contradictions (another serial number, another motor type, a handle or a motor that was not there) refuse. Changes
-that have an innocent explanation (another adapter or channel name, new firmware, something silent) are warnings,
-unless a sibling, another binding in the same directory, fits without any: then the arms are swapped.
+Contradictions (different serial numbers or motor types, an additional handle or motor) are errors. Changes with an
+innocent explanation (different adapter or channel name, new firmware, a silent part) are warnings, unless a sibling
+(another binding in the same directory) fits without any change: then the arms are swapped.
 """
 
 import json
@@ -28,14 +28,14 @@ WIGGLE_ADVICE = "see which arm is which with yam-identify --wiggle"
 
 @dataclass(frozen=True)
 class Binding:
-    """Name of an arm, the channel on which it was bound, and its fingerprint."""
+    """An arm's name, the channel on which the arm was bound, and its fingerprint."""
 
     name: str
     channel: str
     fingerprint: Fingerprint
 
     def save(self, path: Path) -> None:
-        """Write the file so that a crash in the middle leaves the old one. Raises ConfigError: this fails."""
+        """Write the file atomically. Raises ConfigError: the file cannot be written."""
         data = {"kind": _KIND, "version": _VERSION, "name": self.name, "channel": self.channel}
         try:
             write_whole(path, json.dumps({**data, "fingerprint": self.fingerprint.to_dict()}, indent=1) + "\n")
@@ -44,13 +44,13 @@ class Binding:
 
     @classmethod
     def load(cls, path: Path, place: str = "--channel CHANNEL") -> "Binding | None":
-        """Return the binding in a file; None when there is no file.
+        """Load a binding; return None if there is no file.
 
         Args:
-            place: the arm's channel as options of `yam-identify`, for messages.
+            place: the arm's channel as `yam-identify` options, for messages.
 
         Raises:
-            ConfigError: the file is damaged, or no binding.
+            ConfigError: the file is unreadable, damaged, or not a binding.
         """
         try:
             data = json.loads(path.read_bytes())
@@ -72,7 +72,7 @@ class Binding:
 
 
 def contradictions(bound: Fingerprint, found: Fingerprint) -> list[str]:
-    """Describe differences that no arm undergoes by itself; empty when both may be the same arm."""
+    """Describe differences that mean another arm; empty if both fingerprints may be of the same arm."""
     reasons = []
     common = sorted(bound.motors.keys() & found.motors.keys())
     told = [i for i in common if i in bound.serials and i in found.serials]
@@ -91,7 +91,7 @@ def contradictions(bound: Fingerprint, found: Fingerprint) -> list[str]:
 
 
 def changes(bound: Fingerprint, found: Fingerprint) -> list[str]:
-    """Describe differences that may have an innocent explanation."""
+    """Describe differences that may have an innocent explanation, such as new firmware."""
     reasons = []
     silent = sorted(bound.motors.keys() - found.motors.keys())
     if silent:
@@ -115,16 +115,16 @@ def check_identity(
     """Check that the arm found on `channel` is the one bound in `path`.
 
     Args:
-        path: the binding file of the arm that is expected; its directory is searched for siblings.
+        path: binding file of the expected arm; the file's directory is searched for siblings.
         found: see `read_fingerprint`.
         channel, name: the channel, and the arm's name in the configuration, for messages.
-        place: the channel as options of `yam-identify`, where `--channel` does not say it all.
+        place: the channel as `yam-identify` options; None: `--channel` is sufficient.
 
     Returns:
-        Warnings that were logged; empty when everything is as bound.
+        Warnings, already logged; empty if the arm matches its binding exactly.
 
     Raises:
-        MotorError: another arm answers (the message names it if it is bound), or nothing does.
+        MotorError: another arm replies (the message names a bound arm), or no motor replies.
         ConfigError: the file is missing or damaged.
     """
     path, place = Path(path), place or f"--channel {channel}"
@@ -167,18 +167,18 @@ def check_identity(
 def bind(
     path: Path | str, name: str, channel: str, found: Fingerprint, arm: ArmProfile, force: bool = False
 ) -> list[str]:
-    """Store the fingerprint `found` as that of the arm called `name`, which has this profile.
+    """Store the fingerprint `found` for the arm called `name` with the profile `arm`.
 
     Returns:
-        Notes on what would not be noticed later; empty when this arm differs from all siblings.
+        Notes on swaps that later checks cannot detect; empty if this arm differs from all siblings.
 
     Raises:
-        MotorError: motors do not answer; or `path` holds another arm, and `force` is not set.
+        MotorError: motors do not reply; or `path` binds another arm, and `force` is not set.
         ConfigError: the file is damaged (and `force` is not set), or cannot be written.
     """
     path = Path(path)
     *joints, gripper = arm_ids(arm)
-    if set(found.motors) not in ({*joints}, {*joints, gripper}, {gripper}):  # the last: a gripper without arm
+    if set(found.motors) not in ({*joints}, {*joints, gripper}, {gripper}):  # {gripper}: a gripper without arm
         raise MotorError(
             f"{name}: on channel {channel} answer motors (id {_listing(found.motors) or 'none'}), which is no whole "
             "arm, so it cannot be bound; check power and cables"
@@ -196,7 +196,7 @@ def bind(
 
 
 def siblings(path: Path) -> list[Binding]:
-    """Return the other bindings in the directory of `path`; ignore other files."""
+    """Return the other bindings in the directory of `path`; ignore files that are not bindings."""
     found = []
     for other in sorted(path.parent.glob("*.json")):
         if other.name == path.name:
@@ -229,7 +229,7 @@ def _other_arm(expected: Binding, fitting: list[Binding], path: Path, found: Fin
 
 
 def _notes(found: Fingerprint, others: Iterable[Binding]) -> list[str]:
-    """Describe swaps that a later check could not notice."""
+    """Describe swaps that later checks cannot detect."""
     notes = []
     serials = set(found.serials.values())
     if len(found.serials) < 2 or len(serials) == 1:

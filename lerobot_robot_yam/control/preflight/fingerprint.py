@@ -1,6 +1,6 @@
-"""The fingerprint of an arm: the motors and the handle that answer on its channel, and the adapter.
+"""The fingerprint of an arm: motors and handle that reply on its channel, and the CAN adapter.
 
-Only registers and the handle's version are read: nothing is written, zeroed or energised.
+Only registers and the handle's version are read; nothing is written, zeroed or energised.
 """
 
 from collections.abc import Iterable
@@ -25,13 +25,13 @@ _MOTOR_WAIT_S = 0.02
 
 @dataclass(frozen=True)
 class MotorPrint:
-    """Marks of one motor; None where the motor does not report one.
+    """Identifying register values of one motor; None for values that the motor does not report.
 
     Attributes:
-        gear_ratio: ratio of the built-in gear (register GR), by which motor types differ.
-        position_max_rad, velocity_max_rad_s, torque_max_nm: the ranges to which the motor is set.
-        serial: register SN, which Damiao calls reserved: it may be equal on all motors.
-        hardware, software, sub: the motor's versions (registers hw_ver, sw_ver, sub_ver).
+        gear_ratio: ratio of the built-in gear (register GR), which differs between motor types.
+        position_max_rad, velocity_max_rad_s, torque_max_nm: configured ranges of the motor.
+        serial: register SN, reserved according to Damiao: the value may be equal on all motors.
+        hardware, software, sub: version numbers (registers hw_ver, sw_ver, sub_ver).
     """
 
     gear_ratio: float | None
@@ -45,7 +45,7 @@ class MotorPrint:
 
     @property
     def kind(self) -> str:
-        """Motor type that these marks belong to, or the marks themselves."""
+        """Motor type with this gear ratio and these ranges; if unknown, a text with the values."""
         marks = (self.gear_ratio, self.position_max_rad, self.velocity_max_rad_s, self.torque_max_nm)
         for row in MOTOR_TYPES.values():
             theirs = (row.gear_ratio, row.position_max_rad, row.velocity_max_rad_s, row.torque_max_nm)
@@ -56,7 +56,7 @@ class MotorPrint:
 
 @dataclass(frozen=True)
 class Adapter:
-    """The CAN interface's hardware as the kernel names it: serial number, and the port it is plugged into."""
+    """Hardware of a CAN interface as named by the kernel: serial number, and the port used."""
 
     serial: str | None
     port: str
@@ -67,12 +67,12 @@ class Adapter:
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """Everything that was found on one channel.
+    """Fingerprint of the arm on one channel.
 
     Attributes:
-        motors: CAN id -> marks of the motor.
-        handle_firmware: version of the teaching handle; None when no handle answers.
-        adapter: the CAN adapter; None where the kernel knows no hardware (the virtual rig, vcan).
+        motors: CAN id -> identifying values of the motor.
+        handle_firmware: firmware version of the teaching handle; None: no handle replies.
+        adapter: the CAN adapter; None: the interface has no hardware (virtual rig, vcan).
     """
 
     motors: dict[int, MotorPrint]
@@ -85,7 +85,7 @@ class Fingerprint:
         return {can_id: motor.serial for can_id, motor in self.motors.items() if motor.serial is not None}
 
     def role(self, gripper_id: int) -> str:
-        """Describe the kind of arm; a gripper's motor would have CAN id `gripper_id`."""
+        """Describe the kind of arm. gripper_id: CAN id of a gripper motor."""
         if self.handle_firmware is not None:
             return "leader (a teaching handle answers)"
         if gripper_id in self.motors:
@@ -93,7 +93,7 @@ class Fingerprint:
         return "arm without handle and gripper motor" if self.motors else "nothing that answers"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fingerprint as JSON data for `from_dict`."""
+        """Convert to JSON-compatible data, see `from_dict`."""
         return {
             "motors": {str(can_id): dict(vars(motor)) for can_id, motor in sorted(self.motors.items())},
             "handle_firmware": None if self.handle_firmware is None else list(self.handle_firmware),
@@ -102,7 +102,7 @@ class Fingerprint:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> "Fingerprint":
-        """Make a fingerprint from the data of `to_dict`; KeyError, TypeError or ValueError for other data."""
+        """Create a fingerprint from `to_dict` data. Raises KeyError, TypeError, ValueError: the data are invalid."""
         handle, adapter = data["handle_firmware"], data["adapter"]
         motors = {}
         for can_id, marks in data["motors"].items():
@@ -121,15 +121,15 @@ class Fingerprint:
 
 
 def read_fingerprint(bus: can.BusABC, channel: str, interface: str, ids: Iterable[int]) -> Fingerprint:
-    """Read the marks of all motors of an arm, the handle and the adapter. Blocks for up to 0.5 s when much is missing.
+    """Read the fingerprint of the arm on a channel. Blocks for up to 0.5 s if many parts are missing.
 
     Args:
-        bus: open bus; no other program may be driving it.
-        channel, interface: names that python-can gets.
-        ids: CAN ids of the motors that may be there, see `mounting.arm_ids`.
+        bus: open bus; no other program may be driving the motors.
+        channel, interface: channel and interface names as used by python-can.
+        ids: CAN ids of all motors that an arm may have, see `mounting.arm_ids`.
 
     Raises:
-        BusError: the channel is gone.
+        BusError: the channel is lost.
     """
     chain = MotorChain(bus, [MotorSpec(f"motor {i}", i, "DM4310") for i in ids], channel=channel)
     there = [i for i in range(len(chain)) if _register(chain, i, Register.ESC_ID) is not None]
@@ -139,16 +139,15 @@ def read_fingerprint(bus: can.BusABC, channel: str, interface: str, ids: Iterabl
 
 
 def gear_ratio(bus: can.BusABC, channel: str, can_id: int) -> float | None:
-    """Return the gear ratio of one motor, by which types differ; None when the motor does not answer."""
+    """Return the gear ratio of one motor, which depends on the motor type; None if the motor does not reply."""
     chain = MotorChain(bus, [MotorSpec(f"motor {can_id}", can_id, "DM4310")], channel=channel)
     return _register(chain, 0, Register.GR)
 
 
 def adapter_of(channel: str, sysfs: Path = SYSFS) -> Adapter | None:
-    """Return serial number and port of a CAN interface's hardware; None when the kernel knows no such hardware.
+    """Return serial number and port of a CAN interface's hardware; None: the interface has no hardware.
 
-    An adapter with several channels has one `dev_port` for each, or, under kernels whose driver leaves that 0, one
-    `dev_id`.
+    The channels of one adapter differ in `dev_port`, or in `dev_id` with kernel drivers that leave `dev_port` at 0.
     """
     found = read_adapter(sysfs / "class" / "net" / channel)
     if found is None or found.place is None:
@@ -176,7 +175,7 @@ def _read_motor(chain: MotorChain, index: int) -> MotorPrint:
 
 
 def _register(chain: MotorChain, index: int, register: Register) -> float | None:
-    """Return the value of a register; None when the motor, or its firmware, does not report it."""
+    """Return a register's value; None: the motor does not reply, or its firmware lacks the register."""
     try:
         return chain.read_register(index, register, timeout_s=_MOTOR_WAIT_S, attempts=_ATTEMPTS)
     except MotorError:

@@ -1,4 +1,4 @@
-"""Opening an arm's CAN channel, with errors that say what to check."""
+"""Opens an arm's CAN channel; error messages say what to check."""
 
 import contextlib
 import importlib
@@ -15,7 +15,7 @@ from lerobot_robot_yam.errors import BusError, YamError
 
 logger = logging.getLogger(__name__)
 
-# LeRobot's commands set the root logger to every level, at which python-can would log each frame that arrives.
+# LeRobot's commands set the root logger to NOTSET; python-can would then log each received frame.
 logging.getLogger("can.bus").setLevel(logging.INFO)
 
 _ID_MASK = 0x7FF
@@ -23,9 +23,9 @@ _KNOWN = (SOCKETCAN, VIRTUAL, "yam_lockstep")
 
 
 def load_driver(interface: str) -> None:
-    """Import python-can's module of an interface ahead of `open_bus`, since the first import takes 50 ms."""
+    """Import python-can's module for an interface ahead of `open_bus`, since the first import takes 50 ms."""
     if interface in can.interfaces.BACKENDS:
-        with contextlib.suppress(ImportError):  # `open_bus` names what is missing
+        with contextlib.suppress(ImportError):  # `open_bus` reports the missing module
             importlib.import_module(can.interfaces.BACKENDS[interface][0])
 
 
@@ -34,10 +34,10 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
 
     Args:
         config: the arm.
-        only: identifiers to receive; None: all.
+        only: CAN ids to receive; None: all.
 
     Raises:
-        BusError: interface or channel are unknown, or cannot be opened.
+        BusError: interface or channel is unknown, or cannot be opened.
     """
     if config.interface not in _KNOWN:
         what = "%s: python-can's %r has been tried with no arm: some interfaces take seconds to open, and no stand-by "
@@ -49,7 +49,7 @@ def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC
             interface=config.interface,
             channel=config.channel,
             can_filters=filters,
-            ignore_config=True,  # python-can's own configuration files are not meant for arms
+            ignore_config=True,  # ignores python-can's own configuration files
             **{"bitrate": BITRATE, **config.can_options},
         )
     except YamError:

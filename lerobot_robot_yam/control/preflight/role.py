@@ -1,6 +1,6 @@
-"""The role of an arm: a leader has a teaching handle, a follower a gripper motor.
+"""The role of an arm: a leader has a teaching handle, a follower has a gripper motor.
 
-The role distinguishes swapped cables from dead motors without any binding. Nothing is energised.
+The role distinguishes swapped cables from dead motors, even without a binding. Nothing is energised.
 """
 
 import can
@@ -14,12 +14,12 @@ from lerobot_robot_yam.damiao.tables import motor_type
 
 
 def mistaken_role(bus: can.BusABC, channel: str, name: str, gripper: GripperProfile, gripper_id: int) -> str | None:
-    """Return a message when an arm without the profile `gripper` answers; None when it may be the right arm.
+    """Return a message if the arm on the channel does not fit the profile `gripper`; None if the arm may be right.
 
-    Asks for the handle and for the gripper motor (`mounting.gripper_id`); up to 0.15 s when neither is there.
+    Requests handle and gripper motor (`mounting.gripper_id`); blocks for up to 0.15 s if neither replies.
 
     Raises:
-        BusError: the channel is gone.
+        BusError: the channel is lost.
     """
     handle, gear = _answering(bus, channel, gripper_id)
     has_motor = gear is not None
@@ -42,20 +42,20 @@ def mistaken_role(bus: can.BusABC, channel: str, name: str, gripper: GripperProf
 
 
 def answering_gripper(bus: can.BusABC, channel: str, gripper_id: int) -> str:
-    """Return the name of a gripper profile that fits what answers, see `likely_gripper`.
+    """Return the name of a gripper profile that fits the replies on the channel, see `likely_gripper`.
 
     Raises:
-        BusError: the channel is gone.
+        BusError: the channel is lost.
     """
     return likely_gripper(*_answering(bus, channel, gripper_id))
 
 
 def likely_gripper(handle: bool, gear: float | None) -> str:
-    """Return the name of the first gripper whose motor has that gear; several grippers may have motors of one type.
+    """Return the name of the first gripper profile that fits; several grippers may share a motor type.
 
     Args:
-        handle: whether a teaching handle answers.
-        gear: gear ratio of the gripper's motor, None when none answers.
+        handle: whether a teaching handle replies.
+        gear: gear ratio of the gripper motor; None: no gripper motor replies.
     """
     if handle:
         return "yam_teaching_handle"

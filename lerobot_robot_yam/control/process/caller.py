@@ -1,7 +1,7 @@
-"""The caller, which has started this process to drive arms: reads its job, answers, and notices its end.
+"""Connection to the caller, the process that started this one to drive arms: read the job, reply, detect its end.
 
-A JSON line on standard input names the arms; one on standard output says "ready" or what went wrong. This process
-has a session of its own, so that Ctrl-C does not reach it, and goes on when its terminal has gone.
+A JSON line on standard input names the arms; a JSON line on standard output reports "ready" or an error. This process
+runs in its own session, out of reach of Ctrl-C, and continues when the terminal is closed.
 """
 
 import contextlib
@@ -21,13 +21,13 @@ logger = logging.getLogger(__name__)
 
 
 class Caller:
-    """Caller of this process. Make this object first, in the main thread: it waits for the job.
+    """Caller of this process. Create this object first, in the main thread: the constructor waits for the job.
 
     Attributes:
         job: the caller's request.
 
     Raises:
-        SystemExit: the caller has gone already.
+        SystemExit: the caller has already exited.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class Caller:
             format="%(levelname)s %(asctime)s %(name)s %(message)s",
             datefmt="%Y-%m-%d %H:%M:%S",
         )
-        logging.raiseExceptions = False  # the terminal may be gone while the arms still have to land
+        logging.raiseExceptions = False  # the terminal may be closed while the arms still have to land
         for name in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE):
             signal.signal(name, signal.SIG_IGN)
         self._ended = self._gone = False
@@ -52,21 +52,21 @@ class Caller:
         self._ended = True
 
     def watch(self, every_s: float) -> None:
-        """Start a thread that checks whether the caller still runs. Fork before this, since no thread survives a fork.
+        """Start a thread that checks whether the caller still runs. Fork earlier: threads do not survive a fork.
 
         Args:
-            every_s: period of checking whether it has begun to exit, s; a finished exit is noticed at once.
+            every_s: period of checking whether the caller has begun to exit, s; a finished exit is noticed at once.
         """
         threading.Thread(target=self._watch, args=[every_s], name="yam-parent", daemon=True).start()
 
     def _watch(self, every_s: float) -> None:
-        """Check in a thread, since a look at a dying process may free its memory, which can take a while."""
+        """Check in a thread, since reading the status of a dying process may free its memory, which can be slow."""
         while not (hung_up(self.job["lifeline"], every_s) or self._exit.reached()):
             pass
         self._gone = True
 
     def wants_an_end(self) -> bool:
-        """Return whether arms must land: the caller has said so (SIGTERM), is gone, or runs another program."""
+        """Return whether arms must land: the caller has sent SIGTERM, has exited, or executes another program."""
         if not self._ended and (self._gone or os.getppid() != self._pid):
             gone = "the process that started this one (%d) is gone, or runs another program: landing"
             logger.warning(gone, self._pid)
@@ -74,14 +74,14 @@ class Caller:
         return self._ended
 
     def answer(self, **fields: object) -> None:
-        """Write one line to the caller; a caller that is gone is noticed elsewhere."""
+        """Write one line to the caller, ignoring errors: `wants_an_end` detects a dead caller."""
         with contextlib.suppress(OSError):
             sys.stdout.write(json.dumps(fields) + "\n")
             sys.stdout.flush()
 
     @contextlib.contextmanager
     def hears_of_errors(self, of: str) -> Iterator[None]:
-        """Answer the caller with an error inside the block, and exit with status 1. `of`: what this process is."""
+        """Report an exception inside the block to the caller, then exit with status 1. of: this process's name."""
         try:
             yield
             return

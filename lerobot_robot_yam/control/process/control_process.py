@@ -1,7 +1,7 @@
 """The control process: `python -m lerobot_robot_yam.control.process.control_process`, started by `ArmSession`.
 
-The process imports neither lerobot nor torch, lives in a separate session so that Ctrl-C does not reach it, and lands
-its arms when it is asked to (SIGTERM) or when its parent is gone.
+The process imports neither lerobot nor torch, runs in a separate session out of reach of Ctrl-C, and lands its arms
+after SIGTERM or when its parent has exited.
 """
 
 import contextlib
@@ -42,10 +42,10 @@ def control(
     must_land: Callable[[], bool],
     realtime: bool,
 ) -> None:
-    """Run the whole life of a robot's arms: lock, open, inspect, energise, run, land, release.
+    """Run a robot's arms from start to end: lock, open, inspect, energise, run, land, release.
 
     Raises:
-        YamError: bring-up failed; nothing is energised and everything is released.
+        YamError: bring-up failed; no arm is energised and all locks and buses are released.
     """
     configs = [arm.config for arm in arms]
     buses: list[can.BusABC] = []
@@ -76,7 +76,7 @@ def control(
 
 
 def main() -> int:
-    """Run the process; return its exit status."""
+    """Run the process; return the exit status."""
     caller = Caller()
     job = caller.job
     keys, pairs = job["keys"], [BlockPair.of(Descriptors(*descriptors)) for descriptors in job["blocks"]]
@@ -90,7 +90,7 @@ def main() -> int:
         nonlocal stand_by_pid
         try:
             ended = bool(stand_by_pid) and os.waitpid(stand_by_pid, os.WNOHANG)[0] != 0
-        except ChildProcessError:  # our parent ignores SIGCHLD, and so do we: the kernel keeps no ended children
+        except ChildProcessError:  # SIGCHLD is ignored, as in our parent: the kernel keeps no ended children
             ended = True
         if ended:
             stand_by_pid = 0

@@ -1,8 +1,8 @@
-"""How the processes that hold arms, and their caller, notice each other's end.
+"""Mutual detection of process exit between a caller and the processes that hold its arms.
 
-A pid does not show the end, since a caller that executes another program keeps its pid. A socket between both does: the
-kernel closes the caller's end of the socket, however the caller ends. No program can open a socket through /proc, to
-keep it open or to write.
+A pid is not sufficient, since a caller that executes another program keeps its pid. A socket pair is: the kernel closes
+the caller's end of the socket, however the caller ends. No program can open a socket through /proc, neither to keep the
+socket open nor to write.
 """
 
 import contextlib
@@ -11,12 +11,12 @@ import select
 import socket
 import weakref
 
-_FLAGS_AT = 6  # index of the flags among the fields after the name, see proc_pid_stat(5)
+_FLAGS_AT = 6  # index of the flags field among the fields after the name, see proc_pid_stat(5)
 _PF_EXITING = 0x4  # flag of an exiting process, include/linux/sched.h
 
 
 class Lifeline:
-    """The caller's end of a line. `far_end` is a descriptor to be inherited by the processes that hold the arms."""
+    """The caller's end of a socket pair. The processes that hold the arms inherit the descriptor `far_end`."""
 
     def __init__(self) -> None:
         self._near, self._far = socket.socketpair()
@@ -24,31 +24,31 @@ class Lifeline:
 
     @property
     def far_end(self) -> int:
-        """Descriptor of the other end, until `hand_over`."""
+        """Descriptor of the far end, valid until `hand_over`."""
         return self._far.fileno()
 
     def hand_over(self) -> None:
-        """Close the other end here, after the start of a process that inherits it."""
+        """Close this process's copy of the far end, after the start of a process that inherits the far end."""
         self._far.close()
 
     def nudge(self) -> None:
-        """Wake up a poll of the far end that waits for data. Never waits, never fails."""
-        with contextlib.suppress(OSError):  # closed; or so many nudges wait that one more is not needed
+        """Wake up a poll that waits for data at the far end. Never blocks, never fails."""
+        with contextlib.suppress(OSError):  # closed, or the buffer is full of unread nudges
             self._near.send(b"\0", socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
 
     @property
     def cut(self) -> bool:
-        """Whether no process has the other end any more."""
+        """Whether no process has the far end open any more."""
         return self._near.fileno() < 0 or hung_up(self._near.fileno(), 0.0)
 
     def close(self) -> None:
-        """Close both ends; at the far end this process counts as gone. Idempotent."""
+        """Close both ends; readers of the far end see this process as exited. Idempotent."""
         self._near.close()
         self._far.close()
 
 
 def take_nudges(descriptor: int) -> bool:
-    """Read what `Lifeline.nudge` has sent to a readable far end; return False if the other end is gone."""
+    """Read the bytes sent by `Lifeline.nudge` from a readable far end; return False if the near end is closed."""
     try:
         return bool(os.read(descriptor, 4096))
     except ConnectionResetError:
@@ -56,7 +56,7 @@ def take_nudges(descriptor: int) -> bool:
 
 
 def hung_up(descriptor: int, within_s: float) -> bool:
-    """Wait until no process has the other end of a line; return False if one has after `within_s`."""
+    """Wait until no process has the other end of the socket open; return False after a timeout of `within_s`."""
     poll = select.poll()
     poll.register(descriptor, select.POLLRDHUP)
     return bool(poll.poll(within_s * 1e3))
@@ -66,7 +66,7 @@ _lines: "weakref.WeakSet[Lifeline]" = weakref.WeakSet()
 
 
 def _let_go() -> None:
-    """Close all lines in a forked child, which may outlive its parent and must not hold the parent's ends."""
+    """Close all lifelines in a forked child, which may outlive its parent and must not keep the parent's ends open."""
     for line in list(_lines):
         line.close()
 
@@ -75,20 +75,20 @@ os.register_at_fork(after_in_child=_let_go)
 
 
 class ProcessEnd:
-    """Watch on one process of this machine, by its pid, that notices its end before the kernel reports it.
+    """Exit detection for one local process by pid, earlier than the kernel's exit notification.
 
-    The kernel reports an end after it has cleared the memory, which takes 0.1 s for a locked or large one. Arms need
-    not wait for that: a process executes nothing from the first step of its exit on.
+    The kernel reports an exit only after the process's memory is freed, 0.1 s for large or locked memory. Arms need not
+    wait that long: a process executes no code from the first step of its exit on.
 
     Raises:
-        FileNotFoundError: the process has ended.
+        FileNotFoundError: the process has already exited.
     """
 
     def __init__(self, pid: int):
         self._stat = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)
 
     def reached(self) -> bool:
-        """Return whether the process's main thread has begun to exit. Takes 10 µs."""
+        """Return whether the main thread of the process has begun to exit. Takes 10 µs."""
         try:
             fields = os.pread(self._stat, 1024, 0).rpartition(b")")[2].split()
         except ProcessLookupError:

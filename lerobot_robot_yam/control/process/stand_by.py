@@ -1,9 +1,10 @@
-"""The stand-by: a process that holds everything needed to land the arms should the control process die.
+"""The stand-by: a process that is ready to land the arms if the control process dies.
 
-The stand-by is forked off before the control process opens anything, builds its own models, and then only waits on that
-process's pid, and reads the state blocks 50 times a second. If that is gone (kill -9, out of memory) or has not
-ticked for a third of the motors' watchdog (stopped, stuck in the kernel: it is killed first), the stand-by opens the
-channels, lands what is energised, and takes the channel locks as the kernel frees them with their owner.
+The stand-by is forked before the control process opens any channel, builds its own models, and then only waits for the
+control process to exit and reads the state blocks, 50 times a second. If the control process has exited (kill -9, out
+of memory), or is killed by the stand-by because no tick came for a third of the motors' watchdog time (stopped, stuck
+in the kernel), the stand-by opens the channels, lands energised arms, and takes the channel locks once the kernel frees
+the locks of the dead process.
 """
 
 import contextlib
@@ -37,21 +38,21 @@ from lerobot_robot_yam.system.runtime_files import FileLock
 logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.02
-_CLEARED_MS = 5000  # time within which the kernel frees the locks of a dead process
-_HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # looks without a tick; not time, since a machine that stood still has not looked
+_CLEARED_MS = 5000  # maximum time for the kernel to free the locks of a dead process
+_HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # reads without a new tick; not a time, since a suspended machine makes no reads
 
 
 def spawn(arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[BlockPair], rt_priority: int) -> int:
-    """Fork the stand-by of this process, which must have opened nothing but its blocks. Return its pid."""
+    """Fork a stand-by for this process, which must have opened only its blocks; return the stand-by's pid."""
     control_pid = os.getpid()
     pid = os.fork()
     if pid:
         return pid
     status = 1
     try:
-        os.setsid()  # a signal to the control process's group is not for us
+        os.setsid()  # signals to the control process's group must not reach the stand-by
         with open(os.devnull, "r+b") as nothing:
-            for descriptor in (0, 1):  # else the caller would never see the end of the control process's output
+            for descriptor in (0, 1):  # else the caller would never see the control process's output end
                 os.dup2(nothing.fileno(), descriptor)
         for name in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE, signal.SIGTERM):
             signal.signal(name, signal.SIG_IGN)
@@ -63,17 +64,17 @@ def spawn(arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[Bloc
         logger.exception("stand-by failed")
     finally:
         sys.stderr.flush()
-        os._exit(status)  # the clean-up of the control process is not ours
+        os._exit(status)  # skips the exit handlers inherited from the control process
 
 
 class StandBy:
-    """Watch on one control process, whose arms it lands when the process ends.
+    """Monitor of one control process; lands the arms when that process ends.
+
+    The constructor reads all files in advance, since files may change later.
 
     Args:
-        arms, keys, pairs: arms of the process, the names by which others find their states, and their blocks.
+        arms, keys, pairs: arms of the control process, their channel keys, and their shared blocks.
         control_pid: pid of the control process.
-
-    Everything is read here, whatever happens to files later.
     """
 
     def __init__(self, arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[BlockPair], control_pid: int):
@@ -91,7 +92,7 @@ class StandBy:
         self._records: list[np.ndarray | None] = [None] * len(keys)
 
     def run(self, rt_priority: int) -> None:
-        """Wait for the control process's end; land what it has left in the air."""
+        """Wait for the control process to end; then land the arms that are still energised."""
         request_realtime(rt_priority)
         ticks, idle = -1, 0
         while not (self._poll.poll(_LOOK_S * 1e3) or self._end.reached()):
@@ -101,23 +102,23 @@ class StandBy:
                 logger.error("the control process (%d) has not ticked for %.2f s: ending it", self._pid, HUNG_S)
                 with contextlib.suppress(ProcessLookupError):
                     signal.pidfd_send_signal(self._process, signal.SIGKILL)
-                break  # a killed process executes nothing, however long the kernel takes to clear it away
+                break  # a killed process executes no more code, however long its clean-up takes
         self._look()
         if self._driving():
             self._take_over()
 
     def _look(self) -> int:
-        """Read the newest states; return the newest tick."""
+        """Read the newest states; return the highest tick number."""
         newest = 0
         for index, pair in enumerate(self._pairs):
-            record = pair.states.glance()  # a process killed in the middle of a write leaves no record
+            record = pair.states.glance()  # None: the process was killed during a write
             if record is not None:
                 self._records[index] = record
                 newest = max(newest, int(record["tick"]))
         return newest
 
     def _driving(self) -> bool:
-        """Return whether some arm is energised."""
+        """Return whether any arm is energised."""
         return any(record is not None and record["mode"] not in (Mode.OFF, Mode.OFFLINE) for record in self._records)
 
     def _take_over(self) -> None:
@@ -149,13 +150,13 @@ class StandBy:
             for bus in buses:
                 bus.shutdown()
             self._poll.poll(_CLEARED_MS)
-            _take(self._locks)  # so that their files are removed
+            _take(self._locks)  # a held lock's file is removed on release
             for lock in self._locks:
                 lock.release()
 
 
 def _take(locks: Sequence[FileLock]) -> bool:
-    """Take the locks as soon as the kernel frees them. Return True: the arms must land, and again after a fault."""
+    """Acquire the locks that the kernel has freed. Return True, for `must_land`: arms land, and retry after a fault."""
     for lock in locks:
         if not lock.held:
             with contextlib.suppress(ChannelInUseError, OSError):  # a full disk must not end the landing

@@ -1,14 +1,14 @@
-"""Target of a leader for its follower in each state of the gate, continuous over all states.
+"""A leader's target for its follower in each state of the gate, continuous across state changes.
 
-    HOMING, IDLE   on the way home, or there; behind a gate with a button IDLE stays where it is
+    HOMING, IDLE   moves home, or stays there; with a gate button, IDLE stays at the last target
     APPROACH       start + s (leader − start),  s = (1 − cos(π t / T)) / 2,  T = max(approach_s, π/2 · gap / speed)
-    ENGAGED        the leader
-    FINE           anchor + scale (leader − leader's anchor); the gripper as the trigger says
-    RECENTRE       stays; the gripper as the trigger says
+    ENGAGED        the leader's pose
+    FINE           anchor + scale (leader − leader's anchor); the gripper follows the trigger
+    RECENTRE       stays at the last target; the gripper follows the trigger
 
-The ramp stays at the set-point of a follower that takes no targets because nobody passes them on.
-Without a gate the follower gets the leader's pose from the beginning, and comes at its own speed limit. The gripper's
-opening, from 0 closed to 1 open, is what the leader's trigger asks, see `TriggerPickup`.
+While nobody forwards the targets to the follower, the ramp stays at the follower's set-point.
+Without a gate the target is the leader's pose from the start, and the follower moves there at its own speed limit. The
+leader's trigger sets the gripper's opening, 0 closed … 1 open, see `TriggerPickup`.
 """
 
 import math
@@ -20,19 +20,19 @@ from lerobot_robot_yam.control.laws.glide import Glide
 from lerobot_robot_yam.control.teleop.follower_view import FollowerView
 from lerobot_robot_yam.state.modes import Gate
 
-_ACCELERATION = 3.0  # acceleration of the joints on the way home, rad/s²
-_GRIPPER_ACCELERATION, _GRIPPER_SPEED = 10.0, 1.0  # limits of the gripper on the way home, strokes/s², strokes/s
-NEAR = 0.05  # share of the stroke: distance from the gripper's opening at which the trigger takes over
+_ACCELERATION = 3.0  # joint acceleration limit while homing, rad/s²
+_GRIPPER_ACCELERATION, _GRIPPER_SPEED = 10.0, 1.0  # gripper limits while homing: strokes/s², then strokes/s
+NEAR = 0.05  # distance between trigger and gripper opening below which the trigger takes over, share of the stroke
 
 Target = tuple[np.ndarray, np.ndarray]
 
 
 class TargetRamp:
-    """Ramp of the target of one pair, whose follower has m motors.
+    """Target ramp of one leader-follower pair; the follower has m motors.
 
     Args:
-        config: configuration of the leader.
-        home, lower, upper: (m,) home pose and range of the follower.
+        config: the leader's configuration.
+        home, lower, upper: (m,) the follower's home pose and range.
     """
 
     def __init__(self, config: LeadConfig, home: np.ndarray, lower: np.ndarray, upper: np.ndarray):
@@ -43,21 +43,21 @@ class TargetRamp:
         self._acceleration = acceleration
         self._glide = Glide(acceleration)
         self._goal = home
-        self._q: np.ndarray | None = None  # the target as given last
+        self._q: np.ndarray | None = None  # the last target
         self._dq = np.zeros(len(home))
         self._anchor, self._leader_anchor, self._start = home, home, home
         self._began_s, self._lasts_s = math.inf, 0.0
 
     def forget(self) -> None:
-        """Forget the target, since the arms were stopped: begin at the follower."""
+        """Forget the target after a stop of the arms, so that the next target starts at the follower."""
         self._q = None
 
     def approached(self, now: float) -> bool:
-        """Return whether the approach has run its time."""
+        """Return whether the planned time of the approach is over."""
         return self._config.gate == "always" or now - self._began_s >= self._lasts_s
 
     def enter(self, state: Gate, now: float, leader: np.ndarray, follower: FollowerView | None) -> None:
-        """Begin a state of the gate at this tick. leader: (m,) joints, rad, and the trigger's opening."""
+        """Enter a state of the gate at this tick. leader: (m,) joints, rad, then the trigger's opening."""
         before = leader if self._q is None else self._q
         if state in (Gate.HOMING, Gate.IDLE):
             self._glide.seed(before, self._dq)
@@ -74,7 +74,7 @@ class TargetRamp:
     def _begin_approach(self, now: float, leader: np.ndarray, follower: FollowerView | None) -> None:
         if follower is not None:
             self._start = follower.q.copy()
-            self._start[self._grips] = follower.setpoint[self._grips]  # the set-point is its grip
+            self._start[self._grips] = follower.setpoint[self._grips]  # keeps the grip force
         elif self._q is not None:
             self._start = self._q
         joints = np.delete(np.abs(leader - self._start), np.arange(len(leader))[self._grips])
@@ -84,13 +84,13 @@ class TargetRamp:
     def advance(
         self, state: Gate, now: float, dt: float, leader: np.ndarray, rate: np.ndarray, follower: FollowerView | None
     ) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """Compute the target and its speed (m,) at this tick; None until the follower was seen, where that matters.
+        """Compute the target (m,) and its speed (m,) at this tick; None while the start of a ramp is unknown.
 
         Args:
             state: present state of the gate.
             now, dt: time, and time since the last tick, s.
-            leader, rate: (m,) the leader's joints and its trigger's opening, and their speed.
-            follower: the follower while it is present, else None.
+            leader, rate: (m,) the leader's joints and the trigger's opening, and their speeds.
+            follower: view of the follower; None: the follower is absent.
         """
         direct = state is Gate.ENGAGED or (state is Gate.APPROACH and self._config.gate == "always")
         waits = follower is not None and not follower.follows
@@ -136,23 +136,23 @@ class TargetRamp:
 
 
 class TriggerPickup:
-    """Pick-up of the gripper by a trigger, which cannot be moved. The trigger does not count while another moves the
-    gripper, nor until it has met or passed the opening afterwards: so a person who takes over drops nothing.
+    """Takeover of the gripper by a trigger, which has no motor. While another source moves the gripper, the trigger is
+    ignored. Afterwards the trigger takes over once it meets or passes the opening, so that a held object stays held.
     """
 
     def __init__(self) -> None:
-        self._left: float | None = None  # opening at which another has left the gripper
+        self._left: float | None = None  # opening at which another source left the gripper
         self._before = 1.0  # the trigger's opening at the last tick
-        self.opening: float | None = None  # None before the first report, and before anything is left
+        self.opening: float | None = None  # None before the first report and the first `leave`
 
     def leave(self, opening: float, trigger: float) -> None:
-        """Note that another moves the gripper, and its `opening`; `trigger` as for `advance`."""
+        """Record that another source has moved the gripper to `opening`; see `advance` for `trigger`."""
         self._left = self.opening = opening
         if not math.isnan(trigger):
             self._before = 1.0 - trigger
 
     def advance(self, trigger: float) -> None:
-        """Process one tick; `trigger` 0 released … 1 squeezed, NaN while the handle is silent: the opening stays."""
+        """Process one tick. trigger: 0 released … 1 squeezed; NaN while the handle is silent: the opening stays."""
         if math.isnan(trigger):
             return
         asks, before = 1.0 - trigger, self._before

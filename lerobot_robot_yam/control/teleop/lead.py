@@ -1,7 +1,7 @@
-"""The leader's side of one pair of arms: its gate, the target of its follower, and the torques on its own joints.
+"""The leader's side of one pair of arms: gate, target for the follower, and torques on the leader's joints.
 
-The leader sees only the state that the follower publishes. A state that is stale, or of an arm with other joints, does
-not count: the gate waits, no force acts, and the leader's own motion goes on.
+The leader reads only the follower's published state. A state that is stale, or of an arm with a different number of
+joints or motors, is ignored: the gate waits, no force acts, and the leader's own motion continues.
 """
 
 import math
@@ -24,26 +24,26 @@ from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.few_values import largest
 
 _LEADS = (Mode.FLOAT, Mode.HOLD, Mode.TRACK)
-_AGE_MOST_S = 0.03  # largest age of a motor's sample
+_AGE_MOST_S = 0.03  # maximum age of a motor's sample
 _HOME_RAD, _LEADER_HOME_RAD = 0.05, 0.1
 _RECENTRED_RAD, _RECENTRE_RAD_S = 0.02, 0.15
-# Speed and acceleration limits of a leader that mirrors its follower: above what a policy asks of the follower, so that
-# the leader keeps up.
+# Speed and acceleration limits of a leader that mirrors its follower: above the motions of usual policies, so that the
+# leader keeps up.
 _MIRROR_RAD_S, _MIRROR_RAD_S2 = 2.0, 15.0
-_AGREES_S = 1.0  # time for a gripper to reach the trigger's opening, unless another moves the gripper
+_AGREES_S = 1.0  # time for a gripper to reach the trigger's opening; longer: another source moves the gripper
 _BUTTONS = {"top": 0, "bottom": 1}
-_ALPHA, _BETA = 0.2, 0.3  # gains of `MotionFilter`, per tick of 250 Hz
+_ALPHA, _BETA = 0.2, 0.3  # α and β of `MotionFilter`, per tick of 250 Hz
 _TICK_S = 0.004
-_RESTART_S = 0.05  # pause after which the filter begins anew
+_RESTART_S = 0.05  # pause after which the filter restarts
 
 
 class MotionFilter:
-    """Filter of position and speed of n joints that a hand moves: removes the encoders' steps with hardly any delay.
+    """Position and speed filter for n hand-moved joints: removes the encoders' quantisation with hardly any delay.
 
         q̂ += dq̂ Δt + α (q − q̂ − dq̂ Δt),   dq̂ += β (dq − dq̂)
 
-    A motor reports its position in steps of 0.38 mrad and its speed in steps of 5 to 15 mrad/s. A follower that is sent
-    the steps answers each with a jerk. A position extrapolated with the speed has no lag while the speed is steady.
+    A motor reports its position in steps of 0.38 mrad and its speed in steps of 5 to 15 mrad/s. Unfiltered, each step
+    causes a jerk of the follower. A position extrapolated with the speed has no lag while the speed is steady.
 
     Attributes:
         q, dq: (n,) filtered position, rad, and speed, rad/s, at `stamp_s`.
@@ -55,7 +55,7 @@ class MotionFilter:
         self.stamp_s = -np.inf
 
     def advance(self, q: np.ndarray, dq: np.ndarray, stamp_s: float) -> None:
-        """Process a sample (n,) of time `stamp_s`; ignore one that is not newer than the last."""
+        """Process a sample (n,) with timestamp `stamp_s`; ignore a sample that is not newer than the last one."""
         dt = stamp_s - self.stamp_s
         if dt <= 0.0:
             return
@@ -70,21 +70,21 @@ class MotionFilter:
 
 
 class Lead:
-    """Part of one leader in moving its follower.
+    """Teleoperation side of one leader: computes the follower's target and the leader's force feedback.
 
     Args:
         arm: the leader.
-        gate: the gate, which another leader may share.
-        index: number of this arm in the gate.
+        gate: the gate, which may be shared with another leader.
+        index: index of this arm in the gate.
 
     Attributes:
         state: present state of the gate.
-        action, action_dq: (m,) target of the follower, gripper last, and its speed; None while there is none.
-        stamp_s: time at which the leader was at `action`.
-        assist: torque and damping (joints,) that act on the leader beside its weight, None when none do.
+        action, action_dq: (m,) follower's target, gripper last, and the target's speed; None while there is no target.
+        stamp_s: timestamp of the leader's sample from which `action` is computed, s.
+        assist: torque and damping (joints,) on the leader in addition to gravity compensation; None: none.
 
     Raises:
-        ConfigError: the follower has other joints.
+        ConfigError: the follower's joint count differs from the leader's.
     """
 
     def __init__(self, arm: ResolvedArm, gate: SharedGate, index: int):
@@ -143,10 +143,10 @@ class Lead:
 
         Args:
             now: time, s.
-            mode: mode of the leader; None: the leader must not lead, because another arm is in trouble.
-            sample: q, dq and stamp of each joint's sample, (joints,) each or more.
-            handle: trigger, buttons, and stamp of the handle's newest report.
-            weight_nm: (joints,) torque of the leader's weight.
+            mode: the leader's mode; None: the leader must not lead, because another arm is in fault.
+            sample: q, dq and timestamps of the joints, (joints,) each or more.
+            handle: trigger, buttons, and timestamp of the handle's newest report.
+            weight_nm: (joints,) gravity torque on the leader.
         """
         dt, self._before_s = min(now - self._before_s, 0.02), now
         if self._own_gripper:
@@ -175,7 +175,7 @@ class Lead:
         self.assist = self._assist(mode, now, weight_nm, dt)
 
     def _give_nothing(self, mode: Mode | None) -> None:
-        """Give no target and no force, since the leader cannot lead or one of its motors is not heard."""
+        """Clear target and force, because the leader cannot lead or one of its motors is silent."""
         self.action = self.action_dq = self.assist = None
         self.stamp_s = math.nan
         self._follower.follows = self._mirrors = False
@@ -200,11 +200,11 @@ class Lead:
 
     @property
     def _goes_along(self) -> bool:
-        """Whether another moves the follower, and this leader mirrors that motion."""
+        """Whether another source moves the follower, and this leader mirrors that motion."""
         return self._config.mirror and self._follower.led_by_another
 
     def _opening(self) -> float:
-        """Return the opening asked of the follower's gripper; the present one before the trigger's first report."""
+        """Return the target opening of the follower's gripper; before the trigger's first report, the present one."""
         if self._trigger.opening is not None:
             return self._trigger.opening
         return float(self._follower.setpoint[-1]) if self._follower.there else 1.0
@@ -230,7 +230,7 @@ class Lead:
         )
 
     def _away_rad(self) -> float:
-        """Return the leader's distance from home over the joints that count, rad."""
+        """Return the leader's distance from home, rad: maximum over `gate_joints`, or L2 norm if these are empty."""
         if not self._counts:
             return float(np.linalg.norm(self._motion.q - self._home[: self._joints]))
         return max(abs(float(self._motion.q[joint] - self._home[joint])) for joint in self._counts)
@@ -252,8 +252,8 @@ class Lead:
         if mode is not Mode.FLOAT or not self._follower.coupled:
             return None
         if mirrored:
-            self.assist = None  # the last pull was the mirror's
-        if self.assist is None:  # no force at the last tick, or a new state: begin without a jolt
+            self.assist = None  # the last pull was the mirroring
+        if self.assist is None:  # no force at the last tick, or a new state: start without a jolt
             self._led.begin(self._motion.q)
             self._force.engage()
         if self.state is Gate.HOMING:
@@ -267,7 +267,7 @@ class Lead:
         return self._force.torque(error, self._motion.dq, weight_nm, dt), self._force.damping
 
     def note(self, record: np.ndarray) -> None:
-        """Put the target for the follower into the leader's record."""
+        """Write gate state and follower's target into the leader's state record."""
         m = self.motors
         record["gate"], record["action_stamp_s"] = self.state, self.stamp_s
         record["action"][:m] = np.nan if self.action is None else self.action
@@ -279,10 +279,10 @@ class Lead:
 
 
 def make_leads(arms: Sequence[ResolvedArm]) -> list[Lead | None]:
-    """Make the lead of each arm that has a follower; some share one gate, as configured.
+    """Create a `Lead` for each arm that has a follower, else None; leaders with `together` set share one gate.
 
     Raises:
-        ConfigError: a follower cannot be led, or has two leaders; or gates to be shared differ.
+        ConfigError: a follower cannot be led or has two leaders, or the configurations of a shared gate differ.
     """
     configs = [lead_of(arm.config) for arm in arms]
     check_leads([config for config in configs if config is not None])

@@ -1,6 +1,6 @@
-"""The loop of leaders without motors: it reads encoders, advances gates, and publishes states as a control loop does.
+"""Loop for leaders without motors: reads encoders, advances gates, and publishes states like a control loop.
 
-Nothing is energised and nothing lands. To all others such a leader looks like one that floats or is stopped.
+Nothing is energised and nothing lands. The published state of such a leader is FLOAT or STOPPED.
 """
 
 import logging
@@ -29,23 +29,23 @@ from lerobot_robot_yam.state.records import STATE_DTYPE, BlockPair, state_path
 logger = logging.getLogger(__name__)
 
 _UNKNOWN = ("temp_mos_c", "temp_rotor_c", "offset_rad", "gripper_stops_rad", "action", "action_dq", "action_stamp_s")
-_SILENT_S = 0.1  # time without a report after which a device is silent: 20 reports
-_AGAIN_S = 0.05  # pause after an error of the channel
-_RELEASED, _SQUEEZED = 0.3, 0.7  # positions of a trigger below and above which it is released, squeezed
+_SILENT_S = 0.1  # time without a report after which an encoder counts as silent: 20 reports
+_AGAIN_S = 0.05  # pause after a channel error before the next read
+_RELEASED, _SQUEEZED = 0.3, 0.7  # a trigger counts as released below the first value, as squeezed above the second
 
 
 class PassiveArm:
-    """Passive leader, without motors.
+    """Passive leader: an arm with encoders but without motors.
 
     Args:
-        arm: the leader as configured, with the follower's profile.
-        bus: open bus of the leader's channel; the caller closes it.
-        key: name by which others find the leader's states.
-        pair: the leader's blocks.
-        lead: the leader's part in moving its follower; None without one.
+        arm: the configured leader, with the follower's profile.
+        bus: open bus of the leader's channel; the caller closes the bus.
+        key: channel key under which the leader's states are published.
+        pair: the leader's shared blocks.
+        lead: the leader's teleoperation side; None without a follower.
 
     Raises:
-        YamError: the leader's calibration cannot be used.
+        YamError: the leader's calibration is unusable.
     """
 
     def __init__(self, arm: ResolvedArm, bus: can.BusABC, key: str, pair: BlockPair, lead: Lead | None):
@@ -67,17 +67,17 @@ class PassiveArm:
             logger.warning("%s: no other program can watch the arm: %s", arm.name, error)
         self._key = key
         tell_about(key, arm.config)
-        self._lost = ""  # what is wrong with the channel
+        self._lost = ""  # present error of the channel, or empty
         self._told: list[str] = []
-        self._trigger = HandleEncoder()  # the last device, as a handle
+        self._trigger = HandleEncoder()  # the last encoder, read as a teaching handle
         self._handle = HandleReader(arm.name, self._trigger, TriggerRange())
 
     def start(self) -> None:
-        """Wait for the encoders. Raises YamError: some are silent; the message names them."""
+        """Wait for all encoders. Raises YamError: encoders are silent; the message names these."""
         self._encoders.start(self.port, self.name)
 
     def read(self, until_s: float) -> None:
-        """Process reports until `until_s` (the clock's time). If the channel is gone the state gets stale."""
+        """Process encoder reports until the time `until_s`. If the channel is lost, the state becomes stale."""
         try:
             self._encoders.collect(self.port, until_s)
             self._lost = ""
@@ -87,11 +87,11 @@ class PassiveArm:
 
     @property
     def trigger(self) -> float:
-        """Trigger as published, 0 released … 1 squeezed; NaN while silent."""
+        """Trigger as published, 0 released … 1 squeezed; NaN while its encoder is silent."""
         return float(self._record["trigger"])
 
     def publish(self, now: float, mode: Mode) -> None:
-        """Publish the leader's state as of now. mode: FLOAT or STOPPED."""
+        """Publish the leader's state at time `now`. mode: FLOAT or STOPPED."""
         record, encoders, joints = self._record, self._encoders, self._joints
         j = slice(joints)
         q, dq = self._mapping.joints(encoders.angle_rad[j], encoders.rate_rad_s[j])
@@ -120,7 +120,7 @@ class PassiveArm:
             self._told = silent
 
     def end(self, now: float) -> None:
-        """Publish that the leader is off, and remove its state."""
+        """Publish mode OFF, then remove the leader's state block."""
         self._record["stamp_s"], self._record["mode"], self._record["gate"] = now, Mode.OFF, Gate.NONE
         self._states.write(self._record)
         if self._lead is not None:
@@ -130,24 +130,24 @@ class PassiveArm:
 
 
 class PassiveStop:
-    """Stop of the leaders of a loop, which fall when a hand lets go of them to stop the arms. Check once per tick.
+    """Emergency stop for the leaders of a loop, which may fall when a person lets go to stop the arms. Check each tick.
 
-    A leader that lies on the table must not take its follower along once the stop is released. A gate that begins with
-    a lift or a button takes care of that. All other leaders stay stopped until their triggers are squeezed: then they
-    are in a hand. A squeeze also keeps what the follower's gripper may hold.
+    A leader that fell onto the table must not move its follower once the stop is released. Gates that begin with a lift
+    or a button prevent such a motion. All other leaders stay stopped until their triggers are squeezed, a sign that a
+    person holds the leader. A squeezed trigger also keeps an object in the follower's gripper.
 
     Args:
         stop: the emergency stop.
-        names: number -> name of each leader that stays stopped until its trigger is squeezed.
+        names: leader index -> name, for leaders that stay stopped until their triggers are squeezed.
     """
 
     def __init__(self, stop: EmergencyStop, names: dict[int, str]):
         self._stop, self._names = stop, names
         self._stopped = self._told = False
-        self._least: dict[int, float] = {}  # least value of each trigger since the release
+        self._least: dict[int, float] = {}  # minimum of each trigger since the release
 
     def check(self, triggers: Sequence[float]) -> bool:
-        """Return whether the leaders are stopped. triggers: 0 released … 1 squeezed, NaN for a silent one."""
+        """Return whether the leaders are stopped. triggers: 0 released … 1 squeezed, NaN while silent."""
         if self._stop.latched:
             self._stopped, self._told = True, False
             self._least = dict.fromkeys(self._names, math.inf)
@@ -156,7 +156,7 @@ class PassiveStop:
         return self._stopped
 
     def _confirmed(self, triggers: Sequence[float]) -> bool:
-        """Return whether each trigger has been released and squeezed since the end of the stop."""
+        """Return whether each trigger has been released and then squeezed since the end of the stop."""
         if self._names and not self._told:
             which = " and ".join(self._names.values())
             logger.warning("%s: squeeze the trigger, with the leader in your hand, to go on after the stop", which)
@@ -177,13 +177,13 @@ def run(
     on_ready: Callable[[str], None],
     must_end: Callable[[], bool],
 ) -> None:
-    """Read the leaders until `must_end` returns True.
+    """Read and publish the leaders until `must_end` returns True.
 
     Args:
-        on_ready: called once with "" when all leaders are heard.
+        on_ready: called once, with "", when all encoders of all leaders report.
 
     Raises:
-        YamError: a leader is silent at the start, or its calibration cannot be used.
+        YamError: a leader is silent at the start, or a leader's calibration is unusable.
     """
     made: list[PassiveArm] = []
     try:
@@ -211,6 +211,6 @@ def run(
 
 
 def _waits(arm: ResolvedArm) -> bool:
-    """Return whether a gate waits for a person before the follower comes to this leader."""
+    """Return whether a gate waits for a person before the follower approaches this leader."""
     lead = lead_of(arm.config)
     return lead is not None and lead.gate != "always"

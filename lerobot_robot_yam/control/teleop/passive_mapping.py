@@ -1,4 +1,4 @@
-"""From the encoders of a passive leader to the follower's joints, and the file that keeps its zeros and ranges.
+"""Mapping from a passive leader's encoders to the follower's joints, and the calibration file with zeros and ranges.
 
 a = sign · encoder − zero                                    the leader's own angle
 q = a                                                        direct
@@ -24,7 +24,7 @@ _LEAST_TRAVEL_RAD = 0.1
 
 @dataclass(frozen=True)
 class PassiveCalibration:
-    """Calibration of one leader: zeros (n,) rad, ranges (n, 2) rad, and the trigger's angle when squeezed."""
+    """Calibration of one leader: zeros (n,) rad, ranges (n, 2) rad, and angle of the squeezed trigger, rad."""
 
     zero_rad: list[float]
     range_rad: list[list[float]]
@@ -32,10 +32,10 @@ class PassiveCalibration:
 
     @classmethod
     def load(cls, arm: str, path: Path, joints: int) -> "PassiveCalibration | None":
-        """Return the stored calibration; None when there is no file.
+        """Load the stored calibration; return None if there is no file.
 
         Raises:
-            ConfigError: the file cannot be read, or belongs to another leader.
+            ConfigError: the file is unreadable, invalid, or for a different number of joints.
         """
         try:
             data: dict[str, Any] = json.loads(path.read_text())
@@ -55,13 +55,13 @@ class PassiveCalibration:
         return found
 
     def check(self, arm: str) -> None:
-        """Refuse ranges of joints that were not moved. Raises ConfigError: a joint was not moved."""
+        """Check the calibrated motion. Raises ConfigError: a joint was not moved, or the trigger was not squeezed."""
         check_ranges(f"{arm}: a calibration", self.range_rad, len(self.zero_rad))
         if self.trigger_rad < _LEAST_TRAVEL_RAD:
             raise ConfigError(f"{arm}: the trigger was not squeezed; calibrate again")
 
     def save(self, arm: str, path: Path) -> None:
-        """Store the calibration. Raises ConfigError: the file cannot be written."""
+        """Write the calibration file. Raises ConfigError: the file cannot be written."""
         data = {"version": _FILE_VERSION, "zero_rad": self.zero_rad, "range_rad": self.range_rad}
         try:
             write_whole(path, json.dumps(data | {"trigger_rad": self.trigger_rad}, indent=1) + "\n")
@@ -70,15 +70,15 @@ class PassiveCalibration:
 
 
 class PassiveMapping:
-    """Mapping of the encoders of one leader with n joints.
+    """Encoder mapping for one leader with n joints.
 
     Args:
-        arm: name of the leader, for messages.
-        config: configuration of the passive leader.
-        limits_rad: (n, 2) limits of the follower's joints.
+        arm: the leader's name, for messages.
+        config: the passive leader's configuration.
+        limits_rad: (n, 2) joint limits of the follower.
 
     Raises:
-        ConfigError: the calibration cannot be used, or the range mapping has no ranges.
+        ConfigError: the calibration is unusable, or ranges for the range mapping are missing.
     """
 
     def __init__(self, arm: str, config: PassiveConfig, limits_rad: np.ndarray):
@@ -102,10 +102,10 @@ class PassiveMapping:
             self._shift = limits_rad[:, 0] - self._scale * low
 
     def joints(self, encoder_rad: np.ndarray, rate_rad_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute position and speed (n,) of the follower's joints."""
+        """Compute the follower's joint positions and speeds, (n,) each, from the leader's encoders, (n,) each."""
         q = self._scale * (self._sign * encoder_rad - self._zero) + self._shift
         return q, self._scale * self._sign * rate_rad_s
 
     def trigger(self, encoder_rad: float) -> float:
-        """Compute the trigger's position, 0 released … 1 squeezed, whichever way its encoder turns."""
+        """Compute the trigger's position, 0 released … 1 squeezed, for either direction of its encoder."""
         return min(abs(encoder_rad), self._travel) / self._travel
