@@ -1,12 +1,12 @@
 """Checks whether an arm may float, and whether a floating arm runs away.
 
-An arm may float if it would stay where it is, because the torque r that holds it beyond its model's is friction:
+An arm may float if it would stay in place, because friction can supply the residual torque r:
 
     r = tau − w,  w = gravity model · gravity factor
 
-While floating, the motors give w and nothing holds the arm against r any more, but friction. An arm that lies needs
-less torque than w, but its motors give w all the same: r is 0, and the arm may float. Where w is too much, motors that
-hold the arm must pull it down, and r shows that.
+While the arm floats, the motors produce w, and only friction acts against r. A lying arm needs less torque than w, but
+its motors still produce w: r is 0, and the arm may float. If w is too large, motors that hold the arm must pull
+downwards, which shows in r.
 """
 
 import math
@@ -21,23 +21,23 @@ from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import LifeCycleError
 from lerobot_robot_yam.system.few_values import largest
 
-_PATIENCE_S = 2.0  # longest wait for a hand that holds the arm up to let go, s
-_AT_STOP_RAD = 0.05  # distance from a limit that counts as its stop: zeros of real arms are off by a few hundredths
-_STILL_RAD_S = 0.15
-_KNOWN_S = 0.2  # time of standing still before torques count, s: the jerk of coming to rest fades
-_MEMORY_S = 1.0  # how long torques from before a motion count, s: a joint that slips for a moment proves nothing
+_PATIENCE_S = 2.0  # maximum wait for a hand that supports the arm to be removed, s
+_AT_STOP_RAD = 0.05  # distance to a joint limit that counts as its stop: real zeros are off by a few hundredths
+_STILL_RAD_S = 0.15  # maximum speed of an arm at rest
+_KNOWN_S = 0.2  # time at rest before torques are used, s: the jerk of the deceleration must fade
+_MEMORY_S = 1.0  # maximum age of torques from before a motion, s: a brief slip of a joint proves nothing
 _SMOOTH_S = 0.06
-_WRONG_SHARE = 0.2  # share of w that may be wrong: models are 10 to 20 % off (vendor's gravity factors: 1.0 … 1.2)
-_WRONG_NM = 0.02  # share of the motor's range that may be wrong, 0.56 Nm of a DM4340: twice the vendor's friction
+_WRONG_SHARE = 0.2  # tolerated error as a share of w: models are 10 to 20 % off (vendor's gravity factors: 1.0 … 1.2)
+_WRONG_NM = 0.02  # tolerated error as a share of the motor's range, 0.56 Nm of a DM4340: twice the vendor's friction
 CHECK = "check payload_mass_kg, gravity_factor, arm, gripper and base_tilt_rad"
 
 
 class GravityBalance:
-    """Comparison of n joints' torques with the model. Advance once per tick while the arm is held, `reset` when not.
+    """Comparison of n joints' torques with the model. Call `advance` at each tick of a held arm, else `reset`.
 
     Args:
-        names: (n,) names of the joints, for messages.
-        range_nm: (n,) torque range of the joints' motors.
+        names: (n,) joint names, for messages.
+        range_nm: (n,) torque ranges of the joints' motors.
     """
 
     def __init__(self, names: Sequence[str], range_nm: np.ndarray):
@@ -50,15 +50,15 @@ class GravityBalance:
         self._known_until = -math.inf
 
     def reset(self) -> None:
-        """Forget all torques: the arm is not held any more, or not by all its motors."""
+        """Forget all torques because the arm is not held by all its motors."""
         self._still_since, self._known_until = math.inf, -math.inf
 
     def advance(self, now: float, tau_nm: np.ndarray, weight_nm: np.ndarray, dq: np.ndarray) -> None:
-        """Process one tick of an arm that is held.
+        """Process one tick of a held arm.
 
         Args:
-            now: s.
-            tau_nm, weight_nm: (n,) measured torque, and the model's torque w.
+            now: time, s.
+            tau_nm, weight_nm: (n,) measured torque, and modelled gravity torque w.
             dq: (n,) speed, rad/s.
         """
         dt, self._before = now - self._before, now
@@ -74,12 +74,12 @@ class GravityBalance:
         self._weight = weight_nm
 
     def verdict(self, now: float, unknown: np.ndarray | None = None, memory_s: float = 0.0) -> str | None:
-        """Return a message that names the joints that would run away; "" if the arm may float, None while unknown.
+        """Return a message naming the joints that would run away; "" if the arm may float, None while unknown.
 
         Args:
-            now: s.
-            unknown: (n,) direction in which a stop may hold the joint, else 0; torque that way is not judged.
-            memory_s: time for which a moving arm is judged by its torques from before the motion, s.
+            now: time, s.
+            unknown: (n,) direction in which a stop may hold the joint, else 0; torque in this direction is ignored.
+            memory_s: maximum age of torques from before a motion that may be used for a moving arm, s.
         """
         if not now - self._still_since > _KNOWN_S and now - self._known_until >= memory_s:
             return None
@@ -98,7 +98,7 @@ class GravityBalance:
 
 
 class FloatMonitor:
-    """Monitor of one arm. Call `watch` once per tick, before the other methods."""
+    """Float monitor for one arm. Call `watch` once per tick, before the other methods."""
 
     def __init__(self, estimate: JointEstimate, impedance: Impedance, hardware: ResolvedArm):
         self._estimate, self._impedance, self._hardware = estimate, impedance, hardware
@@ -109,10 +109,10 @@ class FloatMonitor:
         self._awaited_since: float | None = None
 
     def watch(self, now: float, held: bool, afloat: bool) -> str:
-        """Process one tick of an arm that is `held` by all its motors, or `afloat`, or neither.
+        """Process one tick. held: whether all motors hold the arm; afloat: whether the arm floats.
 
         Returns:
-            A message that names the joint that runs away; empty when none does.
+            A message naming the joint that runs away; empty: no joint runs away.
         """
         self._now = now
         dq = self._estimate.dq[self._j]
@@ -121,7 +121,7 @@ class FloatMonitor:
         else:
             self._balance.reset()
         joint = self._impedance.float_speed.runs_away if afloat else None
-        # A joint that carries no weight can only have been moved by a shove.
+        # A joint that supports no weight can only have been moved by a push.
         if joint is None or not self._impedance.carries(self._estimate.q[self._j], joint):
             return ""
         return (
@@ -130,10 +130,10 @@ class FloatMonitor:
         )
 
     def settled(self) -> str | None:
-        """Return why a just energised arm that holds its pose may not float; "" when it may, None while unknown.
+        """Return why a newly energised, holding arm must not float; "" if the arm may float, None while unknown.
 
-        After None ask again at the next tick: a hand may still hold the arm up, and let go soon. An arm that a hand
-        moves all the time may float, since the hand holds it.
+        After None, call again at the next tick: a hand may still support the arm. An arm that is moved by hand all the
+        time may float, since the hand holds the arm.
         """
         if self._awaited_since is None:
             self._awaited_since = self._now
@@ -144,9 +144,9 @@ class FloatMonitor:
         return verdict or ""
 
     def check(self, arm: str) -> None:
-        """Refuse to let an arm float that would run away. `arm`: its name, for the message.
+        """Check that the arm would not run away when floating. arm: name of the arm, for the message.
 
-        Torque that presses a joint onto the stop at an end of its range does not count.
+        Torque that presses a joint onto the stop at an end of its range is ignored.
 
         Raises:
             LifeCycleError: joints would run away; the message names joints and torques.

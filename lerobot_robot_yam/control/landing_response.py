@@ -54,7 +54,7 @@ class LandingResponse:
             self.switch_off()  # a gripper without arm cannot fall
 
     def end(self, now: float) -> None:
-        """Land because the session ends. Call every tick: after a fault during the landing, the arm retries."""
+        """Land, even from FAULT. Call every tick: after a fault during the landing, the arm retries."""
         status = self._status
         if now < self._end_again_at or status.rearming or (status.mode is Mode.FAULT and status.stopped):
             return

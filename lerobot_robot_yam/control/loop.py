@@ -1,8 +1,8 @@
-"""The deadline loop: one thread owns the clock and every bus of a robot, so that all its arms tick together.
+"""The control loop: one thread owns the clock and all buses of a robot, so that all arms tick together.
 
-    send all → sleep while the wire works → collect and publish each → laws → sleep until the next deadline
+    send all → sleep during transmission → collect and publish each arm → laws → sleep until the next deadline
 
-Deadlines are absolute; after an overrun the loop starts anew from now: no burst, no drift.
+Deadlines are absolute; after an overrun the deadlines restart from the present time: no burst, no drift.
 """
 
 import logging
@@ -25,29 +25,29 @@ from lerobot_robot_yam.state.records import BlockPair
 
 logger = logging.getLogger(__name__)
 
-_STRAGGLER_S, _STRAGGLER_MOST_S = 0.0008, 0.002  # least and longest wait for late replies, s
-_MOMENT_S = 0.0004  # least wait for the replies, s, where this process woke up too late
-_EARLY_S = 0.0002  # time before the wire is idle, s, when decoding begins while the last frames travel
-_WAKE_UP_S = 0.00006  # typical delay of waking up from a sleep, s
-_LAWS_S = 0.0008  # time kept for states and laws, s: two arms take half of it on an idle machine
-_BREATH_S = 0.0001  # least sleep per tick, s: the kernel stops real-time processes that never sleep for 50 ms at a time
-_MOST_DT_S = 0.012  # longest step of the set-points, s: after a pause they go on without a leap
+_STRAGGLER_S, _STRAGGLER_MOST_S = 0.0008, 0.002  # minimum and maximum wait for late replies, s
+_MOMENT_S = 0.0004  # minimum wait for replies after a late wake-up of this process, s
+_EARLY_S = 0.0002  # lead time of decoding before the bus is idle, s, while the last frames are in transit
+_WAKE_UP_S = 0.00006  # typical wake-up delay after a sleep, s
+_LAWS_S = 0.0008  # time reserved for states and laws, s: twice the need of two arms on an idle machine
+_BREATH_S = 0.0001  # minimum sleep per tick, s: the kernel throttles real-time processes that never sleep, by 50 ms
+_MOST_DT_S = 0.012  # maximum step of the set-points, s: no leap after a pause
 _STOPPED_EARLY = (
     "the emergency stop was latched while the arms came up; they land when it is released: look at them, then "
     "`yam-estop release`, and connect again"
 )
-_GUARDED = (Mode.HOLD, Mode.TRACK)  # modes with a workspace guard; a landing ends where the arm touches itself
+_GUARDED = (Mode.HOLD, Mode.TRACK)  # modes with a workspace guard; not LAND: a folded arm touches itself
 
 
 class ControlLoop:
-    """Loop that runs the arms of one robot until all are off.
+    """Loop that runs all arms of one robot until all are off.
 
     Args:
         controllers: one per arm, inspected, not yet energised.
         blocks: shared blocks of each arm, in the same order.
-        rate_hz: ticks per second; 0 runs as fast as the wire allows.
-        workspace: guard that keeps driven arms clear; a loop that only lands arms needs none.
-        stop: the emergency stop that the loop obeys; None: this user's.
+        rate_hz: ticks per second; 0: as fast as the bus allows.
+        workspace: guard against collisions; None: no guard, as in a loop that only lands arms.
+        stop: emergency stop to obey; None: this user's emergency stop.
     """
 
     def __init__(
@@ -66,13 +66,13 @@ class ControlLoop:
         self._stop = stop or EmergencyStop()
         self._workspace = workspace
         self._clock = controllers[0].clock
-        self._failure = ""  # why bring-up failed
-        self._ready = True  # no arm is coming up, as in a stand-by
+        self._failure = ""  # reason why bring-up failed
+        self._ready = True  # whether no arm is in bring-up, as in a stand-by
         self._tick = 0
-        self._last = 0.0  # when set-points were stepped last, s
+        self._last = 0.0  # time of the last set-point step, s
 
     def start(self) -> None:
-        """Energise every arm, or leave all of them limp. Raises YamError: bring-up failed; the message says why."""
+        """Energise all arms, or leave all arms limp. Raises YamError: bring-up failed; the message says why."""
         self._ready = False
         begun: list[tuple[ArmController, ControllerBlocks]] = []
 
@@ -82,13 +82,13 @@ class ControlLoop:
                 for _ in controller.bring_up.energise():
                     self._start_tick(begun)
         except BaseException:
-            for controller, _ in begun:  # these arms were limp and have not moved
+            for controller, _ in begun:  # cutting torque is safe: these arms were limp and have not moved
                 controller.abandon()
             self.run()
             raise
 
     def _start_tick(self, begun: Sequence[tuple[ArmController, ControllerBlocks]]) -> None:
-        """Run one tick of the start: command the arms that are up, and the next one; publish their states."""
+        """Run one tick of the start: command and publish the arms in `begun`; the last one is being energised."""
         self._tick += 1
         begin = self._clock.now()
         refuse_stopped(begun[-1][0].name, self._stop)
@@ -110,15 +110,15 @@ class ControlLoop:
     def ticks(
         self, on_ready: Callable[[str], None] = lambda _: None, must_land: Callable[[], bool] = lambda: False
     ) -> Iterator[None]:
-        """Tick until every arm is off, step by step: each step sleeps until the next deadline and ticks once.
+        """Tick until every arm is off, as a generator: each step sleeps until the next deadline and ticks once.
 
         Args:
-            on_ready: called once: with "" when every arm has left bring-up, or with what failed when the arms begin to
-                land.
-            must_land: called every tick; once it returns True all arms land and the loop ends.
+            on_ready: called once, with "" when every arm has left bring-up, or with the reason if bring-up fails and
+                the arms begin to land.
+            must_land: called every tick; once the result is True, all arms land and the loop ends.
 
         Raises:
-            YamError: bring-up failed. The arms have landed then.
+            YamError: bring-up failed, and the arms have landed.
         """
         landing = False
         clock = self._clock
@@ -152,11 +152,11 @@ class ControlLoop:
                 deadline = now
 
     def _think(self, on_ready: Callable[[str], None], collect_until: float) -> None:
-        """Turn replies into states for the callers, and into commands for the next `_send_all`.
+        """Process replies: publish states for the callers, and compute commands for the next `_send_all`.
 
         Args:
             on_ready: see `ticks`.
-            collect_until: time until which replies are awaited, s.
+            collect_until: time at which waiting for replies ends, s.
         """
         self._tick += 1
         arms = list(zip(self._controllers, self._blocks, strict=True))
@@ -175,14 +175,14 @@ class ControlLoop:
             self._ready = self._bring_up(on_ready)
 
     def _guard(self, controller: ArmController, work: Callable[..., None], *arguments: Any) -> None:
-        """Run `work` for one arm. An arm must be commanded even if the work fails: an arm without commands falls."""
+        """Run `work` for one arm; on an exception, hold that arm, since an arm without commands falls."""
         try:
             work(controller, *arguments)
         except Exception as error:
             controller.faults.fail(error)
 
     def _tell_peers(self) -> None:
-        """Have the other arms answer an arm's trouble as the fault table says."""
+        """Let the other arms respond to an arm's new fault according to the fault table."""
         for controller in self._controllers:
             trouble = controller.faults.take_news()
             if trouble is not None and RESPONSES[trouble].peer is Response.HOLD:
@@ -191,18 +191,18 @@ class ControlLoop:
                         peer.faults.halt(controller.status)
 
     def _stopped(self, now: float) -> bool:
-        """Return whether the emergency stop is latched; a handle's button and an effort limit latch it."""
+        """Latch the emergency stop if an arm has a stop reason; return whether the emergency stop is latched."""
         for controller in self._controllers:
             reason = controller.stop_reason(now)
             if reason:
                 try:
                     self._stop.latch(reason)
-                except OSError as error:  # at least these arms hold
+                except OSError as error:  # without a latch file at least these arms stop
                     logger.critical("emergency stop, until you connect again: %s (%s)", reason, error)
         return self._stop.latched
 
     def _measure(self, controller: ArmController, blocks: ControllerBlocks, collect_until: float, tick: int) -> None:
-        """Read and publish an arm's state at once, since samples age."""
+        """Read one arm's state and publish it immediately, since samples age."""
         if not controller.status.ended:
             controller.collect(collect_until)
             controller.measure(self._clock.now())
@@ -216,14 +216,14 @@ class ControlLoop:
             controller.decide(now)
 
     def _advance(self, now: float, dt: float) -> None:
-        """Step the set-points, clear of each other and of what the workspaces forbid."""
+        """Step the set-points, with the workspace guard if there is one."""
         try:
             if self._workspace is None:
                 for controller in self._controllers:
                     controller.actuation.setpoint.step(now, dt)
             else:
                 self._advance_guarded(self._workspace, now, dt)
-        except Exception as error:  # whichever arm is to blame: none may be left without commands
+        except Exception as error:  # whichever arm caused the error, all arms need commands
             for controller in self._controllers:
                 if not controller.status.ended:
                     controller.faults.fail(error)
@@ -241,7 +241,7 @@ class ControlLoop:
         if not controller.status.ended:
             controller.actuation.compute_command(now, dt)
         if controller.mode is not blocks.published_mode:
-            blocks.publish(self._clock.now(), tick)  # a waiting caller sees it at once
+            blocks.publish(self._clock.now(), tick)  # so that a waiting caller sees the new mode at once
 
     def _active(self) -> list[ArmController]:
         return [controller for controller in self._controllers if not controller.status.ended]
@@ -252,11 +252,11 @@ class ControlLoop:
 
     @staticmethod
     def _patience(through_s: float, next_s: float) -> float:
-        """Return when to stop waiting for replies: the wire is idle at `through_s`, laws need time before `next_s`."""
+        """Return the deadline for replies. through_s: time when the bus becomes idle; next_s: next tick's deadline."""
         return min(max(through_s + _STRAGGLER_S, next_s - _LAWS_S), through_s + _STRAGGLER_MOST_S)
 
     def _await_wire(self, sent_s: float) -> None:
-        """Wait until the frames sent at `sent_s` should have passed the wire; decode most replies before that."""
+        """Wait until the bus should be idle after the frames sent at `sent_s`; decode most replies meanwhile."""
         through_s = sent_s + self._wire_s
         self._clock.sleep(max(_BREATH_S, through_s - _EARLY_S - self._clock.now()))
         for controller in self._active():
@@ -266,7 +266,7 @@ class ControlLoop:
             self._clock.sleep(left_s)
 
     def _bring_up(self, on_ready: Callable[[str], None]) -> bool:
-        """Return whether all arms have left bring-up; if one fails all land, since a hand may have let go by now."""
+        """Return whether all arms have left bring-up; if one fails, all land, since hands may not support them now."""
         modes = [controller.mode for controller in self._controllers]
         if not self._failure:
             if Mode.FAULT in modes:
@@ -282,10 +282,10 @@ class ControlLoop:
         return True
 
     def close(self, stand_by: bool = False) -> None:
-        """Log how the loop did and remove the state blocks.
+        """Log the loop's statistics and remove the state blocks.
 
         Args:
-            stand_by: whether a stand-by takes over arms that are still in the air, and needs their blocks.
+            stand_by: whether a stand-by exists, which takes over energised arms and needs their blocks.
         """
         lost = {c.name: int(c.interface.chain.lost.sum()) for c in self._controllers}
         logger.info("control loop: %s; lost replies %s", self.statistics.summary(), lost)
@@ -293,15 +293,15 @@ class ControlLoop:
             for what in controller.interface.complaints():
                 logger.warning(what)
             if controller.mode is Mode.OFF:
-                blocks.publish(self._clock.now(), 0)  # a stand-by may still look at the block
+                blocks.publish(self._clock.now(), 0)  # a stand-by may still read the block
             blocks.close(remove=not (stand_by and controller.mode in ENERGISED))
 
 
 def build(arms: Sequence[ResolvedArm], keys: Sequence[str], buses: Sequence, pairs: Sequence[BlockPair]) -> ControlLoop:
-    """Build controllers on open buses and inspect them: what can be refused without torque is refused here.
+    """Create and inspect controllers on open buses, so that errors are found before any arm has torque.
 
     Raises:
-        YamError: a part is not as configured; the message names it.
+        YamError: a part differs from its configuration; the message names the part.
     """
     controllers = [ArmController(arm, bus) for arm, bus in zip(arms, buses, strict=True)]
     for controller, lead in zip(controllers, make_leads(arms), strict=True):

@@ -1,4 +1,4 @@
-"""The commands of one arm, as its mode asks: float, or follow the set-point."""
+"""Commands of one arm according to its mode: float, or follow the set-point."""
 
 import numpy as np
 
@@ -13,15 +13,15 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.system.few_values import any_of
 
-_TOLD_AFLOAT = Limited.JOINT_LIMIT | Limited.TORQUE  # limits reported only while they last
+_TOLD_AFLOAT = Limited.JOINT_LIMIT | Limited.TORQUE  # limits reported only while they act
 
 
 class ModeCommand:
-    """Computation of commands from an arm's state and set-point.
+    """Computes commands from an arm's state and set-point.
 
     Args:
         hardware, status, estimate, setpoint, impedance: parts of one arm.
-        gripper: the gripper's axis, if it has a motor.
+        gripper: the gripper's axis, or None if the gripper has no motor.
     """
 
     def __init__(
@@ -41,8 +41,8 @@ class ModeCommand:
 
         Args:
             now, dt: time, and time since the last tick, s.
-            landing: the landing under way, if any.
-            grips, assist: see `Inputs`; used while the arm floats.
+            landing: the landing in progress, or None.
+            grips, assist: see `Inputs`; used only while the arm floats.
         """
         status, setpoint = self._status, self._setpoint
         pressed = self._gripper is not None and self._gripper.force_limited
@@ -52,7 +52,7 @@ class ModeCommand:
             self._catch(now, landing)
             commands = self._follow(now, dt, landing)
         if pressed and self._gripper is not None and not self._gripper.force_limited:
-            # The object in the gripper is gone: fingers go on at their own speed, without a leap to the set-point.
+            # The gripped object is gone: restart at the measured opening, so that the fingers do not snap shut.
             if grips or not status.afloat:
                 setpoint.start_one(self._hardware.n - 1)
             if not status.afloat:
@@ -75,7 +75,7 @@ class ModeCommand:
 
     def _float(self, now: float, dt: float, grips: bool, assist: Assist | None) -> np.ndarray:
         status = self._status
-        self._setpoint.float_along(grips)  # the set-point is where the arm is when floating ends
+        self._setpoint.float_along(grips)  # so that the set-point is at the measured pose when floating ends
         if status.limited:
             status.limited &= ~_TOLD_AFLOAT
         if status.mode is not Mode.FLOAT or not self._estimate.all_usable:
@@ -99,14 +99,14 @@ class ModeCommand:
         return commands
 
     def _tell(self, limited: Limited) -> None:
-        """Add to the reported limits, if there are any: flags take long to combine."""
+        """Add `limited` to the reported limits, unless empty: combining flags is slow."""
         if limited:
             self._status.limited |= limited
 
     def _catch(self, now: float, landing: Landing | None) -> None:
-        """Catch joints that come free, unless the arm lies or sinks already, and report that for a while."""
+        """Catch joints that come free, unless the arm already fades or sinks; report a catch for a while."""
         status = self._status
         if (landing is None or landing.fade is None) and self._setpoint.catch(now):
             status.limited |= Limited.CAME_FREE  # until a new target resets the limits
-        elif status.limited:  # while an arm holds, no target resets it
+        elif status.limited:  # while an arm holds, no target resets the limits
             status.limited &= ~Limited.CAME_FREE

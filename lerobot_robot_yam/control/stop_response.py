@@ -1,7 +1,7 @@
-"""The emergency stop of one arm: its triggers, which stop all arms, and its response.
+"""Emergency stop of one arm: triggers that stop all arms, and the arm's response.
 
-A button of its handle stops all arms, and so does too much effort. Effort above its limit for longer than a knock lasts
-means that the arm presses on something it should not. While the stop is latched an arm holds or floats, then goes on.
+A handle button and excessive effort stop all arms. Effort above the limit for longer than a knock lasts means that the
+arm presses on an obstacle. While the stop is latched, an arm holds or floats; afterwards the arm continues.
 """
 
 import math
@@ -19,17 +19,17 @@ from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 
-PRESS_NM = 5.0  # torque with which a stopped joint may press on, Nm: an unknown load of 1 kg at 0.5 m
-PATIENCE_S = 0.05  # how long effort may exceed its limit, s: knocks and starts are shorter
+PRESS_NM = 5.0  # maximum torque with which a stopped joint keeps pressing, Nm: an unknown load of 1 kg at 0.5 m
+PATIENCE_S = 0.05  # maximum time of effort above the limit, s: knocks and starts are shorter
 _BUTTONS = {None: None, "top": 0, "bottom": 1}
 
 
 class EffortLimit:
-    """Monitor of the measured torque of n motors. Check once per tick.
+    """Monitor of the measured torques of n joints. Check once per tick.
 
     Args:
-        limit_nm: (n,) largest |tau|.
-        names: (n,) names of the joints.
+        limit_nm: (n,) maximum |tau|.
+        names: (n,) joint names.
     """
 
     def __init__(self, limit_nm: np.ndarray, names: Sequence[str]):
@@ -37,7 +37,7 @@ class EffortLimit:
         self._since: np.ndarray = np.full(len(limit_nm), math.inf)
 
     def check(self, now: float, tau_nm: np.ndarray) -> str:
-        """Name the joint farthest above its limit, in a message, if one has been for PATIENCE_S; else return ""."""
+        """Return a message naming the joint farthest above its limit, if a joint exceeds PATIENCE_S; else ""."""
         above = np.abs(tau_nm) > self._limit
         self._since = np.where(above, np.minimum(self._since, now), math.inf)
         over = now - self._since > PATIENCE_S
@@ -49,29 +49,29 @@ class EffortLimit:
 
 
 class StopTriggers:
-    """Triggers of one arm. Check once per tick, if there are any.
+    """Stop triggers of one arm. If any exist, check once per tick.
 
     Attributes:
-        exist: whether a button or an effort limit is configured.
+        exist: whether a stop button or an effort limit is configured.
     """
 
     def __init__(self, hardware: ResolvedArm):
         config, self._arm = hardware.config, hardware.name
         self._button = _BUTTONS[config.estop_button]
-        self._down = True  # a button that is down at the start counts after its release
+        self._down = True  # so that a button pressed at the start is ignored until its release
         self._effort: EffortLimit | None = None
         if config.effort_limit_nm is not None and hardware.joints:
             self._effort = EffortLimit(np.array(config.effort_limit_nm), hardware.joint_names)
         self.exist = self._button is not None or self._effort is not None
 
     def check(self, now: float, buttons: tuple[bool, bool], tau_nm: np.ndarray, works: bool) -> str:
-        """Return why everything has to stop; empty if nothing has to.
+        """Return the reason for an emergency stop; empty: no reason.
 
         Args:
             now: time, s.
-            buttons: whether the buttons of the handle are down.
+            buttons: whether each button of the handle is pressed.
             tau_nm: (joints,) measured torque.
-            works: whether the effort limit applies now.
+            works: whether the effort limit applies at this tick.
         """
         if self._button is not None:
             before, self._down = self._down, bool(buttons[self._button])
@@ -90,7 +90,7 @@ class StopResponse:
         self._triggers = StopTriggers(actuation.hardware)
 
     def reason(self, now: float, buttons: tuple[bool, bool]) -> str:
-        """Return why everything has to stop; empty if nothing has to. buttons: whether the handle's are down."""
+        """Return the reason for an emergency stop; empty: no reason. buttons: whether each handle button is pressed."""
         if not self._triggers.exist:
             return ""
         arm, status = self._actuation, self._status
@@ -98,13 +98,13 @@ class StopResponse:
         return self._triggers.check(now, buttons, arm.estimate.tau[: arm.hardware.joints], works)
 
     def check(self, now: float) -> None:
-        """Process one tick: stop while the emergency stop is latched, go on once it is released."""
+        """Process one tick: stop while the emergency stop is latched, resume after its release."""
         if self._status.stopped:
             self._stop()
         elif self._status.mode is Mode.STOPPED:
             self._resume(now)
-        elif self._status.limited:  # rarely, and flags take long to combine
-            self._status.limited &= ~Limited.EMERGENCY_STOP  # an arm in trouble answers the next stop, too
+        elif self._status.limited:  # rare; saves the slow combination of flags
+            self._status.limited &= ~Limited.EMERGENCY_STOP  # so that an arm in FAULT responds to the next stop, too
 
     def _stop(self) -> None:
         arm, status = self._actuation, self._status
@@ -123,7 +123,7 @@ class StopResponse:
         self._press_less()
 
     def _may_float(self) -> bool:
-        """Return whether the arm floats, or may as far as is known; of a landing arm nothing is known."""
+        """Return whether the arm floats, or may float according to `FloatMonitor`; False for a landing arm."""
         if self._status.mode in (Mode.FLOAT, Mode.LAND):
             return self._status.mode is Mode.FLOAT
         try:
@@ -133,12 +133,12 @@ class StopResponse:
         return True
 
     def _press_less(self) -> None:
-        """Reduce the joints' pull to what carries a load: a person may be in the arm's way."""
+        """Limit the joints' pull to the torque of a small load: a person may be in the arm's way."""
         impedance = self._actuation.impedance
         self._actuation.setpoint.press_less(impedance.kp, impedance.sag_nm, PRESS_NM)
 
     def _resume(self, now: float) -> None:
-        """Go on from the measured pose: the emergency stop has been released."""
+        """Resume from the measured pose after the release of the emergency stop."""
         arm, status = self._actuation, self._status
         status.limited &= ~Limited.EMERGENCY_STOP
         arm.setpoint.start_joints()

@@ -1,21 +1,21 @@
-"""How hard a gripper may press: the force limiter, and the allowance that shrinks while it presses or warms up.
+"""Grip force: the force limiter, and the force allowance, which is reduced during long grips and with motor heat.
 
-The limiter: while the gripper presses on something, it moves the motor's target so that the fingers squeeze with the
-wanted force and no more. The equations are those published for the maker's limiter; tests compare this code with golden
-traces (`tests/golden/gripper_limiter.json`):
+The limiter: while the gripper presses on an object, the limiter moves the motor's target so that the fingers squeeze
+with the configured force. The equations are published for the manufacturer's limiter; tests compare this code with
+golden traces (`tests/golden/gripper_limiter.json`):
     T          = map(F_max) + 0.3 Nm                               friction allowance
     s          = sign(target − current)
     zero-effort = previous command − s |effort| / kp
     raw        = zero-effort + s |T| / kp
     filtered   = 0.9 filtered + 0.1 raw
-The maker's limiter takes 1 rad for the command before its first, wherever the motor is. A gripper that presses when the
-limiter begins gets one tick of wrong torque. This limiter takes the command that explains the measured torque.
+The manufacturer's limiter starts with a previous command of 1 rad at any motor angle, which causes one tick of wrong
+torque if the gripper presses at the start. This limiter starts with the command that explains the measured torque.
 
 The allowance: a gripper that keeps squeezing an object turns all its power into heat. The DM3507's rated torque,
-0.8 Nm, is below the 1.03 Nm of a 50 N squeeze. Holding an object takes much less than gripping it.
-    stalled   pressing one way, standing still, for a second
-    share     goes from 1 to HOLD_SHARE within half a second of the stall, back to 1 when the command lets go
-    derating  1 at level 0 of `heat`, 0.3 at the trip; the smaller of the two factors counts
+0.8 Nm, is below the 1.03 Nm of a 50 N squeeze. Holding an object takes much less force than gripping it.
+    stalled   pressing in one direction without motion for a second
+    share     falls from 1 to HOLD_SHARE within half a second after the stall, returns to 1 when the command releases
+    derating  1 at heat level 0, 0.3 at the motor's trip point; the factor in force is the smaller of share and derating
 """
 
 import math
@@ -30,11 +30,11 @@ _LEAVE_EFFORT_NM = 0.2
 HOLD_SHARE = 0.5
 _STALL_S = 1.0
 _EASE_S = 0.5
-_STILL_PER_S = 0.05  # speed below which the gripper stands still, strokes/s
-_PRESSING_NM = 0.5  # torque from which the gripper presses, at which the maker's limiter begins to act
-_SMOOTH_S = 0.1  # time constant of the low-pass filter on torque, s: single readings are noisy
-_LOST_STROKES = 0.05  # way after which the object is gone: a gripped one gives way by less
-_GAP_S = 0.2  # pause between updates after which a grip starts anew
+_STILL_PER_S = 0.05  # maximum speed of a gripper at rest, strokes/s
+_PRESSING_NM = 0.5  # minimum torque of a pressing gripper; the manufacturer's limiter uses the same threshold
+_SMOOTH_S = 0.1  # time constant of the torque low-pass filter, s: single readings are noisy
+_LOST_STROKES = 0.05  # travel after which an object counts as lost: gripped objects yield less
+_GAP_S = 0.2  # pause between updates after which a grip restarts, s
 _TRIP_SHARE = 0.3
 
 
@@ -42,9 +42,9 @@ class GripForce:
     """Force allowance of one gripper. Update once per tick.
 
     Attributes:
-        stalled: whether the gripper presses on something that does not give way.
-        opening: whether the gripper presses outwards while it is stalled.
-        press_nm: torque with which the gripper pressed when the stall was noticed, Nm.
+        stalled: whether the gripper presses on an object that does not yield.
+        opening: whether the present or last press is outwards.
+        press_nm: pressing torque when the stall was detected, Nm.
     """
 
     def __init__(self) -> None:
@@ -60,11 +60,11 @@ class GripForce:
 
     @property
     def factor(self) -> float:
-        """Share of the configured force, 0 … 1."""
+        """Allowed share of the configured force, 0 … 1."""
         return min(self._share, self._derating)
 
     def derate(self, level: float) -> None:
-        """Take the motor's heat level, 0 … 1, into account."""
+        """Set the derating from the motor's heat level, 0 … 1."""
         self._derating = 1.0 - (1.0 - _TRIP_SHARE) * min(max(level, 0.0), 1.0)
 
     def update(self, now: float, u_set: float, u: float, rate: float, tau_nm: float) -> bool:
@@ -74,10 +74,10 @@ class GripForce:
             now: time, s.
             u_set, u: set-point and measured position, 0 closed … 1 open.
             rate: measured speed, strokes/s.
-            tau_nm: measured motor torque towards open.
+            tau_nm: measured motor torque, positive towards open.
 
         Returns:
-            True on the tick on which a stall is noticed.
+            True at the tick at which a stall is detected.
         """
         dt = now - self._last
         self._last = now
@@ -109,13 +109,13 @@ class GripForce:
 
 
 class ForceLimiter:
-    """State of one gripper's limiter. Angles are joint-space motor radians, stops [closed, open].
+    """Force limiter of one gripper. Angles are joint-space motor angles, rad.
 
     Args:
-        limiter: the profile's parameters of the limiter.
-        kp: gripper gain with which the motor is driven, Nm/rad.
-        stops_rad: [closed, open].
-        max_force_n: squeeze force between the fingers; may be changed at any time.
+        limiter: limiter parameters from the profile.
+        kp: the motor's position gain, Nm/rad.
+        stops_rad: motor angles [closed, open].
+        max_force_n: maximum squeeze force between the fingers; may be changed at any time.
     """
 
     def __init__(self, limiter: Limiter, kp: float, stops_rad: tuple[float, float], max_force_n: float):
@@ -130,7 +130,7 @@ class ForceLimiter:
         self.clogged = False
 
     def torque_at(self, motor_rad: float) -> float:
-        """Return the motor torque, Nm, that squeezes with the wanted force at this angle, with friction allowance."""
+        """Return the motor torque, Nm, for a squeeze of `max_force_n` at this angle, including friction allowance."""
         p = self._limiter
         if p.force_map == "linear":
             torque = self.max_force_n * p.gripper_stroke_m / p.motor_stroke_rad
@@ -144,8 +144,8 @@ class ForceLimiter:
 
         Args:
             now: time, s.
-            target, position: motor rad.
-            rate: normalised gripper velocity, strokes/s (the threshold is compared with this).
+            target, position: target and measured motor angle, rad.
+            rate: normalised gripper velocity, strokes/s, as used by the speed threshold.
             effort: measured motor torque, Nm.
         """
         self._note(now, effort)
@@ -179,12 +179,12 @@ class ForceLimiter:
             self._effort_sum -= self._efforts.popleft()[1]
 
     def release(self, now: float, effort: float) -> None:
-        """Note that the gripper opens and squeezes nothing. Call this instead of `limit`, whose rules would clog on an
-        obstacle to the opening and unclog again with every tick."""
-        self._note(now, effort)  # else the next effort would count as the mean
+        """Record that the gripper opens. Call instead of `limit`, which would clog and unclog at every tick if an
+        obstacle blocked the opening."""
+        self._note(now, effort)  # else the next effort alone would be the mean
         self.clogged = False
         self._filtered = None
 
     def sent(self, command: float) -> None:
-        """Note what was really commanded after the final clip."""
+        """Record the motor angle that was commanded after the final clip."""
         self._previous = command

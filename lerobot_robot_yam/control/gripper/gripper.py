@@ -1,4 +1,4 @@
-"""The gripper's part of an arm: search for its stops, normalised coordinate, force-limited command."""
+"""Gripper axis of an arm: search for the stops, normalised coordinate, force-limited command."""
 
 import logging
 import threading
@@ -24,11 +24,11 @@ logger = logging.getLogger(__name__)
 
 
 class Gripper:
-    """Axis of a gripper motor: takes motor angles in joint space, gives MIT commands.
+    """Axis of a gripper motor: computes MIT commands from joint-space motor angles.
 
     Args:
-        config, profile: the arm's configuration and its gripper.
-        kp, kd: gains with which the motor is driven, Nm/rad and Nm s/rad.
+        config, profile: the arm's configuration, and the gripper's profile.
+        kp, kd: the motor's gains, Nm/rad and Nm s/rad.
     """
 
     def __init__(self, config: ArmConfig, profile: GripperProfile, kp: float, kd: float):
@@ -50,27 +50,27 @@ class Gripper:
 
     @property
     def searching(self) -> bool:
-        """True while the stops are being found or verified."""
+        """Whether the stops are being searched or verified."""
         return self._search is not None
 
     @property
     def force_limited(self) -> bool:
-        """True while the limiter holds the squeeze back."""
+        """Whether the limiter reduces the squeeze."""
         return self._limiter is not None and self._limiter.clogged
 
     @property
     def stalled(self) -> bool:
-        """True while the gripper holds an object with reduced force, having pressed on it for a while."""
+        """Whether the gripper holds an object with reduced force, after a long press."""
         return self._grip.stalled
 
     def derate(self, level: float) -> None:
-        """Reduce the grip force by the motor's heat level: 0 cool … 1 where the motor switches itself off."""
+        """Reduce the grip force by the motor's heat level, 0 cool … 1 at the motor's thermal shutdown."""
         self._grip.derate(level)
 
     def begin(self, calibrate: bool = False) -> None:
-        """Start to verify the known stops, or to find them when none are known or `calibrate` is set.
+        """Start verifying the known stops, or start a search if no stops are known or `calibrate` is set.
 
-        Stops that this session has found or verified come first, then configured ones, then stored ones.
+        Priority: stops found or verified in this session, then configured stops, then stored stops.
 
         Raises:
             GripperError: the stored stops are damaged or impossible.
@@ -92,7 +92,7 @@ class Gripper:
         self._push = next(self._search)
 
     def begin_if_known(self) -> None:
-        """Begin like `begin`, before a calibration, but search nothing and ignore stops that do not fit."""
+        """Start verifying known stops before a calibration; without known stops do nothing, ignore wrong stops."""
         try:
             if self._configured is None and (
                 self._path is None or load_stops(self._name, self._path, self._profile.name) is None
@@ -108,7 +108,7 @@ class Gripper:
         self.stop_search()
 
     def advance(self, now: float, motor_rad: float) -> float | None:
-        """Advance the search by one tick. Return the shift of the reading, rad, once the stops are known; else None.
+        """Advance the search by one tick. Return the shift of the reading, rad, once the stops are known, else None.
 
         Raises:
             GripperError: the search failed.
@@ -139,14 +139,14 @@ class Gripper:
         return None
 
     def _store(self, path: Path, stops: GripperStops) -> None:
-        """Store the stops, in a thread: a file system can take longer than motors wait for commands."""
+        """Write the stops to a file, in a thread: a file system may block for longer than the motors' watchdog."""
         try:
             save_stops(self._name, path, self._profile.name, stops)
-        except GripperError as error:  # the arm can be driven; `await_stored` looks for the file
+        except GripperError as error:  # the arm remains usable; `await_stored` reports the missing file
             logger.error("%s", error)
 
     def adopt(self, closed_rad: float, open_rad: float) -> None:
-        """Take over stops that another loop has verified; NaN keeps the motor still, its stops unknown."""
+        """Use stops that another loop has verified; NaN: stops unknown, the motor is kept still."""
         if np.isfinite([closed_rad, open_rad]).all():
             self._use(GripperStops(closed_rad, open_rad))
         else:
@@ -159,12 +159,12 @@ class Gripper:
             self._limiter = ForceLimiter(self._profile.limiter, self._kp, ends, self._force_limit_n)
 
     def stop_search(self) -> None:
-        """Give up the search and keep still."""
+        """Abort the search and keep the motor still."""
         self._search = None
         self._push = (0.0, self._kd)
 
     def normalised(self, motor_rad: float, motor_rate: float) -> tuple[float, float]:
-        """Return position, 0 closed … 1 open, and rate, 1/s; zeros until the stops are known."""
+        """Return position, 0 closed … 1 open, and rate, 1/s; zeros while the stops are unknown."""
         if self.stops is None:
             return 0.0, 0.0
         return self.stops.normalised(motor_rad), motor_rate / self.stops.span_rad
@@ -172,7 +172,7 @@ class Gripper:
     def command(
         self, row: np.ndarray, now: float, u: float, u_rate: float, motor_rad: float, rate: float, tau: float
     ) -> None:
-        """Fill the gripper's command row for set-point `u` moving at `u_rate`; `rate` and `tau` are measured."""
+        """Fill the gripper's command row for a set-point `u` moving at `u_rate`; rate, tau: measured, 1/s and Nm."""
         if self.stops is None:
             speed, kd = self._push
             row[:] = motor_rad, speed, 0.0, kd, 0.0
@@ -201,7 +201,7 @@ class Gripper:
             self._clip(row, motor_rad, rate * span)
 
     def _clip(self, row: np.ndarray, motor_rad: float, motor_rate: float) -> None:
-        """Clip the torque where no limiter acts: for a gripper without one, or one that presses outwards."""
+        """Clip the torque while no limiter acts: for a gripper without limiter, or one that presses outwards."""
         most = self._torque_limit_nm
         if self._grip.stalled:
             most = min(most, self._grip.press_nm)

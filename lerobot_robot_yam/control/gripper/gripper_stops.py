@@ -1,8 +1,8 @@
-"""The gripper's normalised coordinate, how its stops are found and verified, and the file that keeps them.
+"""The gripper's normalised coordinate, search and verification of its stops, and the calibration file.
 
 u = (motor − closed) / (open − closed), 0 closed … 1 open. The stroke exceeds one turn while a motor knows its angle
-within one turn only, so stored stops are never taken on trust: an angle that fits two turns is resolved by a gentle
-move towards open, with at most the calibration torque. An object between the fingers is not a stop.
+only within one turn, so stored stops are always verified: an angle that fits two turns is resolved by a gentle move
+towards open, with at most the calibration torque. An object between the fingers is not a stop.
 """
 
 import contextlib
@@ -21,21 +21,21 @@ from lerobot_robot_yam.system.paths import write_whole
 
 logger = logging.getLogger(__name__)
 
-_SPEED_RAD_S = 5.0  # speed of the search; with kd = torque / speed a blocked motor pushes with the calibration torque
-_STOP_TOLERANCE_RAD = 0.06  # how far a stop may lie from where it was stored
+_SPEED_RAD_S = 5.0  # search speed; with kd = torque / speed a blocked motor pushes with the calibration torque
+_STOP_TOLERANCE_RAD = 0.06  # maximum distance between a stop and its stored angle
 _NUDGE_RAD = 0.6  # length of a move that leaves the zone in which two turns fit
 _WRONG_WAY_RAD = 0.15  # move against the command that is an error: more than play and a finger's spring
-_MOVED_RAD = 0.03  # least length of a move; less is play
+_MOVED_RAD = 0.03  # minimum length of a move; less is play
 _FILE_VERSION = 1
-_STORE_TIMEOUT_S = 2.0  # longest time to store the file, s: other programs may write to the disk
+_STORE_TIMEOUT_S = 2.0  # timeout for storing the file, s: other programs may write to the disk
 
 Search = Generator[tuple[float, float], tuple[float, float], "GripperStops"]
-"""Yields (dq*, kd) for the gripper motor, is sent (now_s, motor_rad), returns the stops."""
+"""Generator that yields (dq*, kd) for the gripper motor, receives (now_s, motor_rad), and returns the stops."""
 
 
 @dataclass(frozen=True)
 class GripperStops:
-    """Joint-space motor angles of the two stops, rad, and the shift that puts the present reading on their turn."""
+    """Joint-space motor angles of both stops, rad, and the shift that moves the present reading to their turn."""
 
     closed_rad: float
     open_rad: float
@@ -46,17 +46,17 @@ class GripperStops:
         return (motor_rad - self.closed_rad) / (self.open_rad - self.closed_rad)
 
     def motor(self, u: float) -> float:
-        """Return the motor angle of normalised position `u`, rad."""
+        """Return the motor angle, rad, for the normalised position `u`."""
         return self.closed_rad + u * (self.open_rad - self.closed_rad)
 
     @property
     def span_rad(self) -> float:
-        """open − closed, signed."""
+        """Signed difference open − closed, rad."""
         return self.open_rad - self.closed_rad
 
 
 def check_span(arm: str, calibration: Calibration, closed_rad: float, open_rad: float) -> None:
-    """Refuse stops that cannot be the gripper's two ends.
+    """Check that these angles can be the gripper's two stops.
 
     Raises:
         GripperError: the stops are too close (an object, a blocked finger), too far apart, or inverted (wrong mapping).
@@ -78,7 +78,7 @@ def check_span(arm: str, calibration: Calibration, closed_rad: float, open_rad: 
 def _push(
     arm: str, opening: bool, calibration: Calibration, most_rad: float
 ) -> Generator[tuple[float, float], tuple[float, float], tuple[float, bool]]:
-    """Drive one way until standstill or `most_rad`; return (motor_rad, stood still)."""
+    """Move in one direction until standstill or for `most_rad`; return (motor_rad, whether at standstill)."""
     direction = 1.0 if opening is not calibration.closed_is_larger else -1.0
     kd = calibration.torque_nm / _SPEED_RAD_S
     now, position = yield (0.0, kd)
@@ -112,10 +112,10 @@ def _never_moved(arm: str, calibration: Calibration, position: float) -> Gripper
 
 
 def find_stops(arm: str, calibration: Calibration) -> Search:
-    """Search both stops: close, then open, each until standstill at no more than the calibration torque.
+    """Search both stops: close, then open, each until standstill, with at most the calibration torque.
 
     Raises:
-        GripperError: the stops do not make sense.
+        GripperError: the stops are implausible, or the gripper does not move as commanded.
     """
     closed_rad, _ = yield from _push(arm, False, calibration, math.inf)
     open_rad, _ = yield from _push(arm, True, calibration, math.inf)
@@ -134,7 +134,7 @@ def _fitting_turns(position: float, stops: GripperStops) -> list[float]:
 
 
 def verify_stops(arm: str, calibration: Calibration, stored: GripperStops) -> Search:
-    """Put the reading on the turn of the stored stops, moving a little towards open if two turns fit.
+    """Shift the reading to the turn of the stored stops, after a short move towards open if two turns fit.
 
     Raises:
         GripperError: the reading contradicts the stored stops.
@@ -160,10 +160,10 @@ def verify_stops(arm: str, calibration: Calibration, stored: GripperStops) -> Se
 
 
 def load_stops(arm: str, path: Path, gripper: str) -> GripperStops | None:
-    """Return the stored stops, or None when there is no file.
+    """Load the stored stops; return None if there is no file.
 
     Raises:
-        GripperError: the file cannot be read, is damaged or belongs to another gripper.
+        GripperError: the file is unreadable, damaged, or for another gripper.
     """
     try:
         data = json.loads(path.read_text())
@@ -190,7 +190,7 @@ def load_stops(arm: str, path: Path, gripper: str) -> GripperStops | None:
 
 
 def save_stops(arm: str, path: Path, gripper: str, stops: GripperStops) -> None:
-    """Write the stops; a crash in the middle leaves the old file. Raises GripperError: the file cannot be written."""
+    """Write the stops atomically. Raises GripperError: the file cannot be written."""
     data = {"version": _FILE_VERSION, "gripper": gripper, "closed_rad": stops.closed_rad, "open_rad": stops.open_rad}
     try:
         write_whole(path, json.dumps(data, indent=1) + "\n")
@@ -202,10 +202,10 @@ def save_stops(arm: str, path: Path, gripper: str, stops: GripperStops) -> None:
 
 
 def await_stored(arm: str, path: Path, gripper: str, closed_rad: float, open_rad: float) -> None:
-    """Wait until the control loop has stored the stops that it has found. The loop goes on when that fails.
+    """Wait until the control loop has stored the stops found by its search. The loop continues if storing fails.
 
     Raises:
-        GripperError: the file is not there after 2 s.
+        GripperError: the file does not contain these stops after 2 s.
     """
     deadline = time.monotonic() + _STORE_TIMEOUT_S
     while True:

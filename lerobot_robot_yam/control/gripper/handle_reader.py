@@ -1,4 +1,4 @@
-"""Readings of a teaching handle: trigger within its own range, buttons without bounce, and whether it answers."""
+"""Reader of a teaching handle: trigger scaled to its calibrated range, debounced buttons, silence detection."""
 
 import logging
 import math
@@ -10,11 +10,11 @@ from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
 logger = logging.getLogger(__name__)
 
 _SILENT_S = 0.25
-_BOUNCE_S = 0.01  # time for which a button must have changed, s: switches bounce for some milliseconds
+_BOUNCE_S = 0.01  # debounce time of the buttons, s: switches bounce for some milliseconds
 
 
 class HandleState(NamedTuple):
-    """Trigger 0 released … 1 squeezed, NaN while the handle is silent; buttons; stamp of the newest report, s."""
+    """Trigger 0 released … 1 squeezed, NaN while the handle is silent; buttons; timestamp of the newest report, s."""
 
     trigger: float
     buttons: tuple[bool, bool]
@@ -30,23 +30,23 @@ class HandleReader:
     Args:
         arm: name of the arm, for messages.
         encoder: decoder of the handle's reports.
-        travel: the trigger's range, as learnt.
+        travel: the trigger's calibrated range.
     """
 
     def __init__(self, arm: str, encoder: HandleEncoder, travel: TriggerRange):
         self._arm, self._encoder, self._travel = arm, encoder, travel
         self._silent = False
         self._buttons = [False, False]
-        self._since_s = [math.inf, math.inf]  # since when each button is reported as changed
-        self._held = [True, True]  # whether held since the handle was silent: no press before a release
+        self._since_s = [math.inf, math.inf]  # time since which each button is reported as changed
+        self._held = [True, True]  # whether held since the handle was silent; ignored until released
 
     @property
     def raw_buttons(self) -> tuple[bool, bool]:
-        """Buttons as reported last, with bounce: a stop does not wait."""
+        """Buttons of the newest report, not debounced, so that an emergency stop acts at once."""
         return (False, False) if self._silent else self._encoder.report.buttons
 
     def read(self, now: float) -> HandleState:
-        """Return the handle's state at this tick. A silent handle is logged once, and never reads as zero."""
+        """Return the handle's state at this tick. A silent handle is logged once; its trigger reads as NaN, not 0."""
         encoder = self._encoder
         before, self._silent = self._silent, now - encoder.stamp_s > _SILENT_S
         if self._silent:

@@ -1,4 +1,4 @@
-"""The range of a handle's trigger: learnt once (lerobot-calibrate), kept in a file, nominal before that."""
+"""Range of a handle's trigger: calibrated once (lerobot-calibrate) and stored in a file; nominal by default."""
 
 import json
 import math
@@ -10,23 +10,23 @@ from lerobot_robot_yam.errors import GripperError
 from lerobot_robot_yam.system.paths import write_whole
 
 _FILE_VERSION = 1
-_LEAST = 0.4  # least range, as a share of the nominal travel: with less the trigger was not squeezed
-_MARGIN = 0.02  # share of the range cut off at each end: springs and fingers do not come back to the count
+_LEAST = 0.4  # minimum range of a squeezed trigger, as a share of the nominal travel
+_MARGIN = 0.02  # share of the range cut off at each end: springs and fingers do not return exactly
 
 
 class TriggerRange(NamedTuple):
-    """Where a trigger is released and squeezed, as shares of the nominal travel."""
+    """Positions of the released and the squeezed trigger, as shares of the nominal travel."""
 
     released: float = 0.0
     squeezed: float = 1.0
 
     def share(self, travelled: float) -> float:
-        """Return the position, 0 released … 1 squeezed, for a share of the nominal travel."""
+        """Convert a share of the nominal travel to the position, 0 released … 1 squeezed."""
         return min(max((travelled - self.released) / (self.squeezed - self.released), 0.0), 1.0)
 
 
 def learn(arm: str, travelled: Sequence[float]) -> TriggerRange:
-    """Compute the range from shares of the nominal travel while the trigger was squeezed and released.
+    """Compute the range from samples (shares of the nominal travel) taken while the trigger was squeezed and released.
 
     Raises:
         GripperError: the trigger has moved too little.
@@ -43,10 +43,10 @@ def learn(arm: str, travelled: Sequence[float]) -> TriggerRange:
 
 
 def load_range(arm: str, path: Path, gripper: str) -> TriggerRange:
-    """Return the stored range; the nominal one when there is no file.
+    """Load the stored range; return the nominal range if there is no file.
 
     Raises:
-        GripperError: the file cannot be read, is damaged or belongs to something else.
+        GripperError: the file is unreadable, damaged, or for another gripper.
     """
     try:
         data = json.loads(path.read_text())
@@ -65,7 +65,7 @@ def load_range(arm: str, path: Path, gripper: str) -> TriggerRange:
 
 
 def save_range(arm: str, path: Path, gripper: str, travel: TriggerRange) -> None:
-    """Write the range; a crash in the middle leaves the old file. Raises GripperError: the file cannot be written."""
+    """Write the range atomically. Raises GripperError: the file cannot be written."""
     data = {"version": _FILE_VERSION, "gripper": gripper, **travel._asdict()}
     try:
         write_whole(path, json.dumps(data, indent=1) + "\n")

@@ -57,7 +57,7 @@ class Sink:
 
     @property
     def sunk(self) -> np.ndarray:
-        """(n,) bool, joints that have lost stiffness while their motors did not answer: nobody knows where they are."""
+        """(n,) bool, joints that have lost stiffness while their motors were silent, so that they may have sunk."""
         return ~self._heard & (self.shares < 1.0)
 
     def look(self, seen: Seen) -> None:
@@ -147,7 +147,7 @@ class Landing:
 
     @property
     def sunk(self) -> np.ndarray:
-        """(n,) bool, joints that have lost stiffness while their motors did not answer: nobody knows where they are."""
+        """(n,) bool, joints that have lost stiffness while their motors were silent, so that they may have sunk."""
         return self._sink.sunk
 
     def advance(self, seen: Seen) -> None:

@@ -1,4 +1,4 @@
-"""Monitor of one channel: silent, disobedient or implausible motors, another driver, and frames that cannot be sent."""
+"""Monitor of one channel: silent, faulted or implausible motors, another driver, and frames that cannot be sent."""
 
 import errno
 import math
@@ -11,11 +11,11 @@ from lerobot_robot_yam.damiao.tables import Fault, fault_text
 from lerobot_robot_yam.errors import BusError
 from lerobot_robot_yam.state.faults import FAULT_TROUBLE, SILENT_S, Trouble
 
-_MOTOR_MISSED = 10  # unanswered questions of a lost motor; time alone does not count: a machine may have stood still
-_CHANNEL_MISSED = 5  # unanswered questions of every motor that may mean a lost channel
-_WINDOW_S = 0.4  # window over which stray frames are counted, so that they are reported within 0.5 s
-_DUPLICATES = 5  # surplus answers in a window, besides late ones, that mean a doubled id
-_FOREIGN = 3  # foreign commands in a window that mean another driver
+_MOTOR_MISSED = 10  # unanswered commands after which a motor is lost; time alone does not count: machines may be suspended
+_CHANNEL_MISSED = 5  # commands without a reply, for every motor, that may mean a lost channel
+_WINDOW_S = 0.4  # counting window for stray frames, s; reports them within 0.5 s
+_DUPLICATES = 5  # surplus replies per window, late ones excluded, that indicate a duplicate CAN id
+_FOREIGN = 3  # foreign commands per window that indicate another driver
 _LIES = "readings that jump as no joint can; check cable and plug, and that no second arm shares the channel"
 
 _BUS_TROUBLE = {
@@ -23,12 +23,12 @@ _BUS_TROUBLE = {
     errno.ENETDOWN: Trouble.LINK_DOWN,
     errno.ENOBUFS: Trouble.BUS_OFF,
 }
-_FULL_S = 0.05  # time after which a full transmit queue counts as stuck, s; after a late tick it empties sooner
+_FULL_S = 0.05  # time after which a full transmit queue counts as stuck, s; after a late tick a queue empties sooner
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of a check. bad: (n,) bool, motors that cannot be relied on; trouble: None when all is well."""
+    """Result of a check. bad: (n,) bool, unreliable motors; trouble: fault of the channel or a motor, or None."""
 
     bad: np.ndarray
     trouble: Trouble | None = None
@@ -36,20 +36,20 @@ class Finding:
 
 
 class ChannelMonitor:
-    """Monitor of a chain's motors: some may be silent, disobedient or implausible. Check once per tick."""
+    """Monitor of a chain's motors for silence, faults and implausible readings. Check once per tick."""
 
     def __init__(self, chain: MotorChain):
         self._chain = chain
         self._none = self._bad = np.zeros(len(chain), dtype=bool)
         self._well = Finding(self._none)
         self._faulty: np.ndarray = ~self._none
-        self._told_s: np.ndarray = np.full(len(chain), math.nan)  # time of the answer that first reported a fault
+        self._told_s: np.ndarray = np.full(len(chain), math.nan)  # timestamp of the reply that first reported a fault
         self._stray = _StrayFrames(chain)
 
     def check(self, now: float) -> Finding:
-        """Check every motor; the message names each in trouble with its reason."""
+        """Check every motor; the message of the finding names each unreliable motor and the reason."""
         chain = self._chain
-        if chain.all_answered and chain.all_normal:  # nearly always
+        if chain.all_answered and chain.all_normal:  # the usual case
             self._bad = self._faulty = self._none
             trouble, message = self._stray.check(now)
             return self._well if trouble is None else Finding(self._none, trouble, message)
@@ -57,7 +57,7 @@ class ChannelMonitor:
         silent = (chain.silence_s(now) > SILENT_S) & (missed >= _MOTOR_MISSED)
         bad = silent | lies | self._confirmed(chain.fault != Fault.NORMAL)
         falling = (missed >= _CHANNEL_MISSED).all() and not silent.all() and not (bad & ~silent).any()
-        if falling:  # within SILENT_S the others answer again, or the channel is silent
+        if falling:  # wait until the other motors reply again or are silent for SILENT_S, too
             return Finding(self._bad)
         self._bad = bad
         if not bad.any():
@@ -82,9 +82,9 @@ class ChannelMonitor:
         return Finding(bad, trouble or (Trouble.IMPLAUSIBLE if lies.any() else Trouble.MOTOR_SILENT), message)
 
     def _confirmed(self, faulty: np.ndarray) -> np.ndarray:
-        """Return motors that report for the second time that they do not obey; one answer may be garbled.
+        """Return (n,) bool: motors with a fault in at least two replies, since a single reply may be garbled.
 
-        A motor that was bad before, silent perhaps, is believed at once.
+        For a motor that was already unreliable, e.g. silent, a single reply is sufficient.
         """
         stamp_s = self._chain.stamp_s
         first = faulty & ~self._faulty
@@ -95,7 +95,7 @@ class ChannelMonitor:
 
 
 class _StrayFrames:
-    """Frames that should not be there: second answers, commands of another driver."""
+    """Counter of unexpected frames: surplus replies, and commands of another driver."""
 
     def __init__(self, chain: MotorChain):
         self._chain = chain
@@ -111,14 +111,14 @@ class _StrayFrames:
         if now - self._since < _WINDOW_S:
             return None, ""
         chain = self._chain
-        # A late answer comes when it is no longer expected: each lost one explains one surplus answer, even if it was
-        # given up in the window before.
+        # A late reply counts as surplus: each lost reply explains one surplus reply, even if the reply was lost in the
+        # previous window.
         beyond = chain.duplicates - self._doubled - (chain.lost - self._lost_before)
         doubled = np.flatnonzero(beyond >= _DUPLICATES)
         foreign = chain.foreign_commands - self._foreign
         self._note(now)
         if foreign >= _FOREIGN:
-            return (  # checked first, since answers to foreign commands look doubled, too
+            return (  # checked first, since replies to foreign commands look like duplicates
                 Trouble.FOREIGN_DRIVER,
                 f"another driver commands the motors on {chain.channel} ({foreign} frames in {_WINDOW_S} s); stop it",
             )
@@ -129,18 +129,18 @@ class _StrayFrames:
 
 
 class BusLoss:
-    """State of a channel that may take no frames. `lost`: whether nothing reaches the motors."""
+    """Send state of a channel. `lost`: whether no frame reaches the motors."""
 
     def __init__(self) -> None:
         self.lost = False
         self._full_since_s = math.inf
 
     def clear(self) -> None:
-        """Note that the channel has taken the frames of a whole tick."""
+        """Record that the channel has accepted all frames of a tick."""
         self.lost, self._full_since_s = False, math.inf
 
     def note(self, error: BusError, now: float) -> Trouble | None:
-        """Note that the channel has not. Return the trouble once, as soon as it is certain."""
+        """Record a failed send. Return the fault once, as soon as the loss is certain; else None."""
         trouble = _BUS_TROUBLE.get(error.errno or 0, Trouble.ADAPTER_GONE)
         if trouble is Trouble.BUS_OFF:
             self._full_since_s = min(self._full_since_s, now)

@@ -1,18 +1,18 @@
-"""Guard: keeps the set-points of all arms of a control loop clear of each other, of keep-out boxes and of the floor.
+"""Collision guard: keeps the set-points of all arms in a loop clear of each other, of keep-out boxes and of the floor.
 
-A set-point cannot stop at once. Therefore the guard judges where it would come to rest if it braked after the step, all
-joints in proportion, so that it keeps its direction:
+A set-point cannot stop at once. The guard therefore checks where the set-point would come to rest if braking began
+after the step, with all joints braking in proportion, so that the direction of motion stays the same:
 
     q_rest = q + dq T / 2        T = max |dq_j| / a_j
 
-The step and the way to its resting place are one straight line, and `clearance` judges all of it. As long as every
-step that was taken has a way to rest without conflict, braking is always possible. In a conflict the guard tries these
-proposals in order, and judges each like the step itself:
+The step and its braking path are one straight line, which `clearance` checks as a whole. As long as every executed step
+has a braking path without conflict, braking is always possible. In a conflict the guard tries these proposals in order,
+with the same check for each:
 
-    1. the step as wanted
-    2. the joints that bring the parts together are slowed, just as far as the limit demands; the others go on
-    3. those joints brake
-    4. the arms concerned brake
+    1. the step as planned
+    2. joints that bring the parts together are slowed, only as much as the limit requires; other joints continue
+    3. joints that bring the parts together brake
+    4. the arms in conflict brake
     5. all arms brake
 """
 
@@ -25,15 +25,15 @@ from lerobot_robot_yam.arm.collision.clearance import Clearance, Conflict
 from lerobot_robot_yam.arm.collision.parts import GuardedArm
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 
-_RESERVE = 0.02  # share of the way to the limit that a slowed step leaves, so that rounding cannot make it fail
-_MOST_SLOWED = 4  # pairs that are slowed at a time, at most, which bounds the time of a tick
-_ROUNDS = 3  # passes of slowing joints, at most: one slowed for a pair may have been moving another pair apart
-_GAIN_M = 1e-7  # least effect on a distance, m, that counts for a joint
-_STANDS = 1e-3  # share of a step below which it counts as 0: an arm that leans on a limit stands still
+_RESERVE = 0.02  # share of the distance to the limit left by a slowed step, as a margin for rounding
+_MOST_SLOWED = 4  # maximum number of pairs handled in one pass, to bound the time of a tick
+_ROUNDS = 3  # maximum number of passes: slowing a joint for one pair may bring another pair together
+_GAIN_M = 1e-7  # minimum effect of a joint on a distance, m
+_STANDS = 1e-3  # share of a step that is rounded down to 0, so that an arm pressing on a limit stands still
 
 
 class Nearness(NamedTuple):
-    """Two parts and their distance in m, negative where the parts overlap.
+    """Two parts and their distance, m; negative if the parts overlap.
 
     arms: indices of the arms that can change the distance.
     """
@@ -48,11 +48,13 @@ class Nearness(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """Part of a step that may be taken.
+    """Permitted part of a step.
 
-    q, dq: per arm (joints,), where the set-points may go, before they are kept within their ranges: joints that brake
-    in proportion may be too fast for the end of a range. blocked: per arm, whether it is held back. because: the
-    pairs in conflict, with their distances before the step; empty when no arm is blocked.
+    Attributes:
+        q, dq: per arm (joints,), permitted set-points, not yet clamped to the joint ranges: joints that brake in
+            proportion may be too fast for the end of a range.
+        blocked: per arm, whether the guard reduces the arm's step.
+        because: pairs in conflict, with their distances before the step; empty if no arm is blocked.
     """
 
     q: list[np.ndarray]
@@ -61,12 +63,12 @@ class Verdict(NamedTuple):
     because: tuple[Nearness, ...]
 
     def message(self, arm: int) -> str:
-        """Name the parts that hold this arm back: "left link4 – keep-out 'camera mast', 12 mm"; empty when none do."""
+        """Name the parts that block this arm: "left link4 – keep-out 'camera mast', 12 mm"; empty: not blocked."""
         return "; ".join(str(row) for row in self.because if arm in row.arms) if self.blocked[arm] else ""
 
 
 class _Step(NamedTuple):
-    """Tick of dt seconds of all joints (N,): as wanted (q, dq), and with all joints braking by `decel`."""
+    """Step of `dt` s for all joints (N,): as planned (q, dq), and with all joints braking by `decel`."""
 
     start: np.ndarray
     q: np.ndarray
@@ -80,24 +82,24 @@ class _Step(NamedTuple):
     def plan(
         cls, start: np.ndarray, speed: np.ndarray, q: np.ndarray, dq: np.ndarray, decel: np.ndarray, dt: float
     ) -> "_Step":
-        """Plan a step from (start, speed) to (q, dq)."""
+        """Create a step from (start, speed) to (q, dq)."""
         to_rest_s = _braking_time(speed, decel)
         dq_brake = speed * max(1.0 - dt / to_rest_s, 0.0) if to_rest_s > 0.0 else np.zeros_like(speed)
         return cls(start, q, dq, start + dq_brake * dt, dq_brake, decel, dt)
 
     def take(self, share: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-        """Return (q, dq) of a step between braking (share 0) and as wanted (1)."""
+        """Return (q, dq) interpolated between braking (share 0) and the planned step (share 1)."""
         q = self.q_brake + share * (self.q - self.q_brake)
         return q, self.dq_brake + share * (self.dq - self.dq_brake)
 
     def way(self, share: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return the straight way to where a step comes to rest: start, end, and the step's share of the way."""
+        """Return the straight path of a step and its braking: start, end, and the step's share of the path."""
         q, dq = self.take(share)
         braking_s = _braking_time(dq, self.decel)
         return self.start, q + dq * (braking_s / 2), self.dt / (self.dt + braking_s / 2) if self.dt > 0.0 else 1.0
 
     def rests(self, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return where joints come to rest after a step, and where each would if it braked while the others go on."""
+        """Return rest positions (N,) twice: after a step, and of each joint if it alone braked at once."""
         q, dq = self.take(share)
         braking_s = _braking_time(dq, self.decel)
         return q + dq * (braking_s / 2), self.q_brake + self.dq_brake * (braking_s / 2)
@@ -108,15 +110,15 @@ def _braking_time(dq: np.ndarray, decel: np.ndarray) -> float:
 
 
 class WorkspaceGuard:
-    """Guard of the set-points of all arms of one control loop.
+    """Guard for the set-points of all arms in one control loop.
 
-    Grippers count as wide open until `open_grippers` says otherwise.
+    Grippers count as fully open until `open_grippers` is called.
 
     Args:
         arms: the guarded arms, in the order of all lists below.
 
     Raises:
-        ConfigError: a workspace cannot be used, or arms stand in one another.
+        ConfigError: a workspace is invalid, or the mounting positions of arms overlap.
     """
 
     def __init__(self, arms: Sequence[GuardedArm]):
@@ -128,7 +130,7 @@ class WorkspaceGuard:
         self._memory: tuple[np.ndarray, Verdict] | None = None
 
     def open_grippers(self, openings: Sequence[float]) -> None:
-        """Set how far the grippers are open, 0 closed … 1 open, one number per arm."""
+        """Set the gripper openings, 0 closed … 1 open, one per arm."""
         if self._clearance.parts.open_grippers(openings):
             self._memory = None
 
@@ -140,15 +142,15 @@ class WorkspaceGuard:
         now: float,
         dt: float,
     ) -> Verdict:
-        """Advance all set-points by one tick, as `SetPoint.step` does, except where that would be a conflict.
+        """Advance all set-points by one tick like `SetPoint.step`, with steps reduced where they cause a conflict.
 
-        Speed and acceleration limits also hold for steps that were changed.
+        Reduced steps also respect the speed and acceleration limits.
 
         Args:
-            setpoints: set-points of the arms; their first coordinates are the joints, further ones are left alone.
-            measured: joints (joints,) or more of every arm, rad: where an arm is that is not guarded.
-            guarded: arms that may be held back. The others (floating, landing, off) are only in the way.
-            now, dt: monotonic time and length of the tick, s.
+            setpoints: the arms' set-points; the joints are the first coordinates, other coordinates are not changed.
+            measured: measured joints of every arm, (joints,) or more, rad; used for arms that are not guarded.
+            guarded: whether each arm may be slowed. Other arms (floating, landing, off) are obstacles only.
+            now, dt: monotonic time, and length of the tick, s.
         """
         start = self._row([s.q for s in setpoints], measured, guarded)
         still = [np.zeros(n) for n in self._joints]
@@ -171,13 +173,13 @@ class WorkspaceGuard:
         return verdict
 
     def _row(self, ours: Sequence[np.ndarray], theirs: Sequence[np.ndarray], guarded: Sequence[bool]) -> np.ndarray:
-        """Join all joints in a row (N,): guarded arms from `ours`, the others from `theirs`."""
+        """Concatenate all joints (N,): guarded arms from `ours`, other arms from `theirs`."""
         return np.concatenate(
             [(a if g else b)[:n] for a, b, g, n in zip(ours, theirs, guarded, self._joints, strict=True)]
         )
 
     def _settle(self, step: _Step, movable: np.ndarray) -> Verdict:
-        """Return the step, or the first proposal of the module's docstring that causes no conflict."""
+        """Return the first proposal, in the order of the module docstring, that causes no conflict."""
         first = conflicts = self._clearance.conflicts(*step.way(1.0))
         if not conflicts:
             return self._verdict(step.q, step.dq, np.zeros(len(self._joints), dtype=bool), [])
@@ -209,10 +211,10 @@ class WorkspaceGuard:
     def _slow(
         self, step: _Step, share: np.ndarray, conflicts: Sequence[Conflict], movable: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Compute factors (N,) on `share` that leave every pair its distance, and which joints bring a pair together.
+        """Compute factors (N,) for `share` that keep every pair's distance, and which joints bring a pair together.
 
-        With c_j what braking joint j alone adds to the distance, factor_j = 1 - min(1, mu c_j): the joint that does
-        most to bring the parts together is slowed most, and mu is such that the distances add up to what is lacking.
+        factor_j = 1 - min(1, mu c_j), where c_j is the distance gained if joint j alone brakes. The joint that
+        contributes most to the approach is slowed most; mu is chosen so that the gains sum to the missing distance.
         """
         factor = np.ones(len(share))
         approaching = np.zeros(len(share), dtype=bool)
@@ -249,14 +251,14 @@ class WorkspaceGuard:
         return Verdict(q_by_arm, dq_by_arm, tuple(blocked.tolist()), tuple(because.values()))
 
     def _joints_of(self, arms: Collection[int]) -> np.ndarray:
-        """Return (N,) bool: joints of these arms."""
+        """Return (N,) bool: joints that belong to `arms`."""
         return np.any([self._arm_of == arm for arm in arms], axis=0)
 
 
 def _fill(gains: np.ndarray, needed: float) -> np.ndarray:
-    """Compute parts (n,) of 0 … 1 in proportion to `gains`, cut off at 1, such that sum(parts * gains) = needed.
+    """Compute parts (n,), 0 … 1, proportional to `gains` and clamped to 1, such that sum(parts * gains) = needed.
 
-    All are 1 when even then the sum is less than needed.
+    If sum(gains) is less than needed, all parts are 1.
     """
     full = np.zeros(len(gains), dtype=bool)
     while not full.all():

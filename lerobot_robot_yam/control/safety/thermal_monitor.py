@@ -1,16 +1,15 @@
-"""How near the motors are to switching themselves off for heat: an arm backs off before one of them does.
+"""Thermal monitor: reduces an arm's load, or lands the arm, before a motor's over-temperature shutdown.
 
-Two sensors per motor. Where they trip, by public sources on Damiao motors (a driver that quotes the DM9008 manual, and
-Seeed Studio's page on the series): the power stage at a fixed 120 °C; the coil at register OT_VALUE, for which at most
-100 °C is advised. It is not known which of the two sensors the register really guards, so both count as
-tripping there.
+Each motor has two sensors. Trip points according to public sources on Damiao motors (a driver that quotes the DM9008
+manual, and Seeed Studio's page on the series): power stage fixed at 120 °C; coil at register OT_VALUE, recommended
+maximum 100 °C. Which of the two sensors the register guards is unknown, so the register limits both sensors.
 
-    level = 0 … 1 over the 15 °C below the trip, the worse of the two sensors
-    WARM    15 °C below the trip: half speed, less grip
-    HOT      5 °C below: the arm lands while all its motors still obey
+    level = 0 … 1 over the 15 °C below the trip point, for the worse of the two sensors
+    WARM    15 °C below the trip point: half speed, less grip
+    HOT      5 °C below the trip point: the arm lands while all its motors still obey
 
-A temperature is believed once it has been steady for half a second. Coils warm up by 5 °C/s at the very most (60 W into
-30 g of copper), so whatever moves faster is no temperature.
+A temperature is accepted once steady for half a second. Coils warm up by at most 5 °C/s (60 W into 30 g of copper), so
+faster changes are not real temperatures.
 """
 
 import logging
@@ -23,19 +22,19 @@ import numpy as np
 
 logger = logging.getLogger(__name__)
 
-MOS_TRIP_C = 120.0  # trip of the power stage, see above
-COIL_TRIP_C = 100.0  # trip of the coil, see above
-_OT_RANGE_C = (80.0, 200.0)  # range of OT_VALUE; any other value was never written
-WARM_C = 15.0  # margin below the trip from which a motor is warm
+MOS_TRIP_C = 120.0  # trip point of the power stage, see above
+COIL_TRIP_C = 100.0  # maximum trip point of the coil, see above
+_OT_RANGE_C = (80.0, 200.0)  # valid range of OT_VALUE; other values mean an unset register
+WARM_C = 15.0  # margin below the trip point at which a motor becomes WARM
 HOT_C = 5.0
 _HYSTERESIS_C = 3.0
-_STEADY_C = 10.0  # largest change of a true temperature in _STEADY_S
+_STEADY_C = 10.0  # maximum change of a real temperature in _STEADY_S
 _STEADY_S = 0.5
 _WARM_SPEED = 0.5
 
 
 class Stage(IntEnum):
-    """Stage of a motor's warmth."""
+    """Thermal stage of a motor."""
 
     NONE = 0
     WARM = 1
@@ -44,13 +43,13 @@ class Stage(IntEnum):
 
 @dataclass(frozen=True)
 class Heat:
-    """Heat of the motors of one arm.
+    """Thermal state of one arm's motors.
 
     Attributes:
-        level: (n,) heat level, 0 cool … 1 at the trip.
+        level: (n,) heat level, 0 cool … 1 at the trip point.
         stages: (n,) `Stage` of each motor.
-        stage: stage of the warmest motor.
-        message: WARM and HOT motors with both temperatures and trips; empty when there are none.
+        stage: highest stage of all motors.
+        message: WARM and HOT motors with temperatures and trip points of both sensors; empty: no such motor.
     """
 
     level: np.ndarray
@@ -60,12 +59,12 @@ class Heat:
 
     @property
     def speed_scale(self) -> float:
-        """Factor on the set-point's speed limits: 1, or one half as long as a motor is warm."""
+        """Factor for the set-point's speed limits: 1, or 0.5 while any motor is WARM or HOT."""
         return _WARM_SPEED if self.stage else 1.0
 
 
 def trips_c(ot_value_c: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return where power stages and coils count as tripping, °C (n,) each, from registers OT_VALUE (n,)."""
+    """Return the assumed trip points of power stages and coils, °C, (n,) each. ot_value_c: registers OT_VALUE (n,)."""
     found = np.asarray(ot_value_c, dtype=float)
     low, high = _OT_RANGE_C
     set_to = np.where((found >= low) & (found < high), found, low)
@@ -73,12 +72,12 @@ def trips_c(ot_value_c: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
 
 
 class ThermalMonitor:
-    """Monitor of the temperatures of the n motors of one arm. Check once per tick.
+    """Temperature monitor for one arm with n motors. Check once per tick.
 
     Args:
-        arm: name for messages.
-        mos_trip_c, rotor_trip_c: (n,) °C, where power stage and coil switch the motor off, see `trips_c`.
-        names: (n,) names of the motors.
+        arm: name of the arm, for messages.
+        mos_trip_c, rotor_trip_c: (n,) trip points of power stage and coil, °C, see `trips_c`.
+        names: (n,) motor names.
     """
 
     def __init__(self, arm: str, mos_trip_c: np.ndarray, rotor_trip_c: np.ndarray, names: Sequence[str]):
@@ -93,7 +92,7 @@ class ThermalMonitor:
         self._heat = Heat(np.zeros(n), self._stages)
 
     def check(self, now: float, temp_mos_c: np.ndarray, temp_rotor_c: np.ndarray) -> Heat:
-        """Return the heat after this tick's readings (n,), °C; `now` in s. NaN counts as no reading."""
+        """Process this tick's readings (n,), °C, NaN without a reading; return the thermal state."""
         reading = np.array((temp_mos_c, temp_rotor_c))
         if not self._believe(now, reading):
             return self._heat
@@ -108,7 +107,7 @@ class ThermalMonitor:
         return self._heat
 
     def _believe(self, now: float, reading: np.ndarray) -> bool:
-        """Take over readings that can be temperatures; return whether any has changed."""
+        """Accept plausible readings; return whether an accepted temperature may have changed."""
         near = np.abs(reading - self._believed) <= _STEADY_C
         if near.all():
             changed = bool((reading != self._believed).any())
@@ -123,7 +122,7 @@ class ThermalMonitor:
         return True
 
     def _stage(self, margin: np.ndarray) -> np.ndarray:
-        """Return the stages: up at once, down only _HYSTERESIS_C further below."""
+        """Return the stages: upwards at once, downwards only with an additional margin of _HYSTERESIS_C."""
         up = (margin <= WARM_C).astype(int) + (margin <= HOT_C)
         down = (margin <= WARM_C + _HYSTERESIS_C).astype(int) + (margin <= HOT_C + _HYSTERESIS_C)
         return np.maximum(up, np.minimum(self._stages, down))
