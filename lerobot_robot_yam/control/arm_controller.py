@@ -1,7 +1,7 @@
-"""The controller of one arm: requests, targets, troubles and the emergency stop move it from mode to mode.
+"""Controller of one arm: changes the mode on requests, targets, faults and the emergency stop.
 
-The controller has no clock and waits for nothing. `actuation` moves the arm; `bring_up`, `landing_response`,
-`fault_response` and `stop_response` lead from one mode to another.
+The controller has no clock of its own and never blocks. `actuation` moves the arm; `bring_up`, `landing_response`,
+`fault_response` and `stop_response` implement the mode changes.
 """
 
 import logging
@@ -37,24 +37,24 @@ from lerobot_robot_yam.system.few_values import largest
 logger = logging.getLogger(__name__)
 
 _HEAT_PERIOD_S = 0.1  # period of checking temperatures, s: they change slowly
-_UNHEARD_S = 0.03  # age of the oldest reply at which the set-point stops, s: seven ticks
+_UNHEARD_S = 0.03  # maximum age of the oldest reply before the set-point stops, s: seven ticks
 _HELD = (Mode.BRING_UP, Mode.HOLD, Mode.TRACK, Mode.FAULT)
 
 
 class ArmController:
-    """Controller of the motors of one channel.
+    """Controller of the arm on one channel.
 
-    Bring-up: `inspect` (energises nothing), `bring_up.energise`. Then each tick: `send`, `collect`, `measure`,
+    Bring-up: `inspect` (energises nothing), `bring_up.energise`. Then at each tick: `send`, `collect`, `measure`,
     `decide`, the set-point's `step`, `actuation.compute_command`.
 
     Args:
         hardware: the arm.
-        bus: an open bus; the controller does not close it.
-        gravity: the arm's gravity model, if one was made before.
+        bus: an open bus; the caller closes it.
+        gravity: the arm's gravity model; None: create one.
 
     Attributes:
-        lead: a leader's part in teleoperation; None if the arm leads no follower.
-        coupling: link to the leader that this arm may follow at loop rate.
+        lead: the teleoperation side of a leader; None if the arm leads no follower.
+        coupling: coupling to a leader that this arm may follow at loop rate.
     """
 
     def __init__(self, hardware: ResolvedArm, bus: can.BusABC, gravity: GravityModel | None = None):
@@ -76,7 +76,7 @@ class ArmController:
 
     @property
     def mode(self) -> Mode:
-        """The present mode; `status` has the rest."""
+        """The present mode, see `status` for details."""
         return self.status.mode
 
     @property
@@ -86,11 +86,11 @@ class ArmController:
 
     @property
     def wire_s(self) -> float:
-        """Time for which the frames of one tick occupy the wire, s."""
+        """Time for which the frames of one tick occupy the bus, s."""
         return self.interface.chain.expected_wire_s
 
     def send(self) -> None:
-        """Send this tick's commands, or the last good ones where these cannot be encoded."""
+        """Send this tick's commands, or the last valid commands if encoding fails."""
         self._talk(self._send)
 
     def _send(self) -> None:
@@ -103,11 +103,11 @@ class ArmController:
             self.actuation.send()
 
     def drain(self) -> None:
-        """Process the replies that have arrived, without waiting."""
+        """Process the replies received so far, without waiting."""
         self._talk(self.interface.chain.drain)
 
     def collect(self, until_s: float) -> None:
-        """Process the replies to this tick's commands; wait for late ones until `until_s`."""
+        """Process the replies to this tick's commands; wait for late replies until `until_s`."""
         self._talk(lambda: self.interface.chain.collect(until_s))
 
     def _talk(self, work: Callable[[], object]) -> None:
@@ -116,21 +116,21 @@ class ArmController:
             work()
         except BusError as error:
             self.faults.lose_bus(error, self.clock.now())
-        except Exception as error:  # the other arms must be held all the same
+        except Exception as error:  # the other arms still need commands
             self.faults.fail(error)
 
     def inspect(self) -> None:
-        """Check that everything is there and as configured. Sends no command that moves or energises anything.
+        """Check that all parts reply and match the configuration, without moving or energising a motor.
 
         Raises:
-            YamError: a part is missing or differs; the message names it.
+            YamError: a part is missing or differs from the configuration; the message names the part.
         """
         self.interface.inspect()
 
     def adopt(self, record: np.ndarray, now: float) -> None:
-        """Take over from a loop that has died, and land. `record`: the last state that it published.
+        """Take over from a dead loop, and land. record: last state published by the dead loop.
 
-        An arm of which no motor is enabled is left alone.
+        An arm without an enabled motor is left limp.
         """
         arm = self.actuation
         self.interface.adopt(record)
@@ -144,12 +144,12 @@ class ArmController:
         arm.compute_command(now, 0.0)  # else the first tick would send zeros
 
     def abandon(self) -> None:
-        """Cut torque during bring-up, over the next ticks: the arm was limp before and has not left its pose."""
+        """Cut torque during bring-up, over the next ticks. Safe because the limp arm has not left its pose."""
         if not self.status.ended:
             self.landing.switch_off()
 
     def measure(self, now: float) -> None:
-        """Update the arm's state from the replies; answer trouble as the table in `state.faults` says."""
+        """Update the arm's state from the replies; respond to faults according to the table in `state.faults`."""
         arm, status = self.actuation, self.status
         arm.estimate.read()
         if self.interface.handle is not None:
@@ -171,7 +171,7 @@ class ArmController:
             arm.assist = self.lead.assist
 
     def _derate(self, now: float, monitor: ThermalMonitor) -> None:
-        """Let an arm with warm motors press and move less, unless it lands; land one with hot motors."""
+        """Reduce speed (except while landing) and grip force of an arm with WARM motors; land an arm with HOT ones."""
         arm, status, heat = self.actuation, self.status, self._heat
         if heat is None or now >= self._heat_due_s:
             heat = self._heat = monitor.check(now, arm.chain.temp_mos_c, arm.chain.temp_rotor_c)
@@ -188,12 +188,12 @@ class ArmController:
                 self.faults.suffer(Trouble.HOT, heat.message, now)
 
     def stop_reason(self, now: float) -> str:
-        """Return why everything has to stop (the handle's button, too much effort); empty if nothing has to."""
+        """Return the reason for an emergency stop (handle button, excessive effort); empty: no reason."""
         handle = self.interface.handle
         return self._stop.reason(now, NO_HANDLE.buttons if handle is None else handle.raw_buttons)
 
     def decide(self, now: float) -> None:
-        """Decide on the mode and on the set-point's goal; the loop steps the set-point afterwards."""
+        """Update mode and set-point target for this tick; the loop steps the set-point afterwards."""
         arm, status = self.actuation, self.status
         if status.letting_go:
             return
@@ -218,7 +218,7 @@ class ArmController:
             arm.hold_here()
         if status.mode is Mode.TRACK:
             if now - arm.estimate.oldest_s() > _UNHEARD_S + arm.chain.round_trip.one_way_s:
-                arm.setpoint.stop()  # else it runs ahead of an arm that hears nothing, and the arm hurries later
+                arm.setpoint.stop()  # else the set-point runs ahead of an unreachable arm, which rushes to it later
         if arm.landing is not None:
             self.landing.advance(now)
         elif status.mode in (Mode.HOLD, Mode.TRACK):
@@ -235,14 +235,14 @@ class ArmController:
         kd: np.ndarray | None = None,
         age_s: float = 0.0,
     ) -> bool:
-        """Accept a target (n,), gripper 0 … 1, given `age_s` ago, if the arm holds or tracks; return whether it does.
+        """Accept a target (n,), gripper 0 … 1, issued `age_s` ago; return False if the arm neither holds nor tracks.
 
-        An arm that is guided by hand floats on; only its gripper goes to the target.
+        An arm guided by hand keeps floating; only its gripper moves to the target.
         """
         arm, status = self.actuation, self.status
         if status.mode is Mode.FLOAT and arm.grips and not status.halted:
             self._last_target_at = now
-            arm.setpoint.set_target(target, now)  # each tick resets the joints' targets to where they are
+            arm.setpoint.set_target(target, now)  # each tick resets the joints' targets to their positions
             return True
         if status.mode not in (Mode.HOLD, Mode.TRACK) or status.halted:
             return False
@@ -256,7 +256,7 @@ class ArmController:
         return True
 
     def _follow_leader(self, now: float) -> None:
-        """Take the target of this tick from the leader, as far as the caller permits it."""
+        """Set this tick's target from the leader, if the caller permits coupling."""
         arm, status, coupling = self.actuation, self.status, self.coupling
         if status.mode not in (Mode.HOLD, Mode.TRACK) or status.halted:
             coupling.end()
@@ -264,7 +264,7 @@ class ArmController:
         setpoint = arm.setpoint
         if not coupling.advance(now, (setpoint.q, setpoint.dq), arm.q):
             return
-        if coupling.number:  # else the set-point only comes to rest, which no caller has asked for
+        if coupling.number:  # else the set-point only comes to rest, which is no new target
             self._last_target_at = now
             if not arm.impedance.own_gains:
                 arm.use_gains()
@@ -276,21 +276,21 @@ class ArmController:
         setpoint.track(coupling.target, coupling.velocity, now)
 
     def change_gains(self, kp: np.ndarray, kd: np.ndarray) -> None:
-        """Change the arm's own gains (n,), NaN as configured. Raises LifeCycleError: the arm lands."""
+        """Change the arm's own gains (n,); NaN: as configured. Raises LifeCycleError: the arm is landing."""
         if self.mode is Mode.LAND:
             raise LifeCycleError(f"{self.name}: it lands with the configured gains; change them once it is up again")
         self.actuation.change_gains(kp, kd)
 
     def held_back(self, by: str) -> None:
-        """Note that the workspace holds the set-point back; `by` names the parts, empty if nothing does."""
+        """Record whether the workspace guard blocks the set-point. by: names of the parts in conflict, or empty."""
         if self._progress.by_workspace(by):
             self.status.limited |= Limited.WORKSPACE
 
     def request(self, request: Request, now: float) -> None:
-        """Change the mode as requested. This may go on while `status.busy`; then `status.refusal` has the result.
+        """Execute a request. Some continue while `status.busy`; `status.refusal` has the reason if these fail.
 
         Raises:
-            YamError: the present mode forbids the request, or it cannot be done.
+            YamError: the request is not allowed in the present mode, or fails.
         """
         arm, status = self.actuation, self.status
         if request is Request.LAND:
@@ -318,7 +318,7 @@ class ArmController:
                 arm.enter(Mode.FLOAT)
             arm.grips = request is Request.GUIDE and status.mode is Mode.FLOAT
             if arm.grips:
-                self._last_target_at = now  # guiding goes on as long as targets come
+                self._last_target_at = now  # guiding ends when targets stop arriving
         elif request is Request.CALIBRATE_GRIPPER:
             if arm.gripper is None:
                 raise MotorError(f"{self.name}: {arm.hardware.gripper.name} has no motor to calibrate")

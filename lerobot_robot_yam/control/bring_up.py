@@ -1,4 +1,4 @@
-"""Bring-up: from a limp arm to one that holds or floats, its gripper's stops known."""
+"""Bring-up: energise a limp arm and find its gripper's stops, until the arm holds or floats."""
 
 from collections.abc import Iterator
 
@@ -9,11 +9,11 @@ from lerobot_robot_yam.errors import ChannelInUseError, MotorError, YamError
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 
-_ENABLE_TICKS = 20  # ticks within which a motor has to report that it is enabled: a reply may get lost
+_ENABLE_TICKS = 20  # maximum number of ticks until a motor reports that it is enabled: replies may get lost
 
 
 class BringUp:
-    """Bring-up of one arm, which ends in the mode `after`."""
+    """Bring-up of one arm, ending in the mode `after`."""
 
     def __init__(self, actuation: Actuation, interface: JointInterface, floating: FloatMonitor):
         self._actuation, self._interface, self._floating = actuation, interface, floating
@@ -21,11 +21,11 @@ class BringUp:
         self.after = Mode.FLOAT if self._status.floats else Mode.HOLD
 
     def energise(self) -> Iterator[None]:
-        """Enable the motors, one step a tick, holding the measured pose from the first command on.
+        """Enable the motors, one step per tick, and hold the measured pose from the first command on.
 
         Raises:
-            ChannelInUseError: another driver commands these motors; nothing was sent.
-            MotorError: a motor does not enable, or another driver appears: the arm has to be abandoned.
+            ChannelInUseError: another driver commands these motors; no frame was sent.
+            MotorError: a motor does not enable, or another driver appears; the caller must call `abandon`.
         """
         arm = self._actuation
         where = f"{arm.name} ({arm.config.channel})"
@@ -51,11 +51,11 @@ class BringUp:
                 break
         if finding.bad.any():
             raise MotorError(f"{where}: cannot enable {finding.message}; power-cycle the arm or look at its motors")
-        if finding.trouble is not None:  # another driver is on the channel
+        if finding.trouble is not None:  # another driver on the channel
             raise MotorError(f"{where}: {finding.message}")
 
     def advance(self, now: float) -> tuple[Trouble, str] | None:
-        """Advance one tick: leave bring-up once the gripper's stops are known. Return the trouble that prevents it."""
+        """Advance by one tick; leave bring-up once the gripper's stops are known. Return a fault that prevents this."""
         arm = self._actuation
         if arm.gripper is not None and arm.gripper.searching:
             try:

@@ -1,4 +1,4 @@
-"""The response of an arm to trouble, its own or the other arm's, and its re-arming. The table is `state.faults`."""
+"""Response of an arm to faults, its own or the other arm's, and re-arming. Fault table: `state.faults`."""
 
 import logging
 from collections.abc import Generator
@@ -20,7 +20,7 @@ RELEASE_FIRST = "the emergency stop is latched: look at the arms, then `yam-esto
 
 
 class FaultResponse:
-    """Responses of one arm to trouble."""
+    """Fault responses and re-arming of one arm."""
 
     def __init__(
         self, rearm: Rearm, actuation: Actuation, landing: LandingResponse, bring_up: BringUp, floating: FloatMonitor
@@ -28,15 +28,15 @@ class FaultResponse:
         self._actuation, self._status = actuation, actuation.status
         self._landing, self._bring_up, self._floating = landing, bring_up, floating
         self._rearm = rearm
-        self._rearming: Generator[None] | None = None  # re-arming under way
+        self._rearming: Generator[None] | None = None  # re-arming in progress
         self._halted_afloat = False
         self._news: Trouble | None = None
-        self._peer: ArmStatus | None = None  # arm whose trouble halted this one
+        self._peer: ArmStatus | None = None  # arm whose fault halted this one
 
     def suffer(self, trouble: Trouble, message: str, now: float) -> None:
-        """Answer trouble as the fault table says, and note it for the other arms.
+        """Respond to a fault according to the fault table, and record the fault for the other arms.
 
-        An arm that already holds in trouble, or lands, continues to do so.
+        An arm that is already in FAULT or lands continues to do so.
         """
         arm, status = self._actuation, self._status
         if status.mode in (Mode.FAULT, Mode.LAND) or status.letting_go:
@@ -52,7 +52,7 @@ class FaultResponse:
         arm.enter(Mode.FAULT)
 
     def fail(self, error: Exception) -> None:
-        """Hold with the last commands that were sent, at rest, after an error in our own code."""
+        """Hold with the last commands at zero speed after an internal error."""
         arm, status = self._actuation, self._status
         if status.ended or status.letting_go:
             logger.critical("%s: internal error; it has no torque", arm.name, exc_info=error)
@@ -68,18 +68,18 @@ class FaultResponse:
         arm.repeat()
 
     def lose_bus(self, error: BusError, now: float) -> None:
-        """Respond to a channel that takes no frames: the motors keep the last command until their own watchdogs act."""
+        """Respond to a failed send; meanwhile the motors obey the last command until their own watchdogs act."""
         trouble = self._actuation.bus_loss.note(error, now)
         if trouble is not None:
             self.suffer(trouble, str(error), now)
 
     def take_news(self) -> Trouble | None:
-        """Return the trouble that has come up since the last call."""
+        """Return the fault that has occurred since the last call, or None."""
         news, self._news = self._news, None
         return news
 
     def halt(self, peer: ArmStatus) -> None:
-        """Hold, and refuse targets until both arms are re-armed: `peer` is in trouble."""
+        """Hold, and refuse targets until both arms are re-armed, because `peer` is in fault."""
         status = self._status
         self._peer = peer
         if status.mode in (Mode.HOLD, Mode.TRACK, Mode.FLOAT, Mode.STOPPED, Mode.BRING_UP):
@@ -91,12 +91,13 @@ class FaultResponse:
                 self._actuation.hold_here()
 
     def rearm(self) -> None:
-        """Begin to enable failed motors again and to hold the measured pose; `advance` goes on while `status.rearming`.
+        """Begin to re-enable failed motors and hold the measured pose; `advance` continues while `status.rearming`.
 
-        An arm whose own trouble has ended goes on holding as long as the other arm is in trouble.
+        An arm whose own fault has ended keeps holding while the other arm is in fault.
 
         Raises:
-            LifeCycleError: this trouble needs a new connection, or the arm holds because another arm is in trouble.
+            LifeCycleError: the fault requires a new connection, the arm lands, the emergency stop is latched, the arm
+                would not float safely, or the arm holds because another arm is in fault.
         """
         arm, status = self._actuation, self._status
         if status.mode is Mode.LAND or status.must_land:
@@ -112,8 +113,8 @@ class FaultResponse:
         self._release()
 
     def advance(self) -> None:
-        """Advance a re-arming by one tick. If it fails, `status.refusal` says why, and motors that obey hold."""
-        work, self._rearming = self._rearming, None  # an error in our own code ends the re-arming, too
+        """Advance re-arming by one tick. After a failure `status.refusal` has the reason, and working motors hold."""
+        work, self._rearming = self._rearming, None  # an internal error ends the re-arming, too
         if work is None:
             return
         self._status.rearming = False
@@ -129,7 +130,7 @@ class FaultResponse:
         self._rearming, self._status.rearming = work, True
 
     def _release(self) -> None:
-        """Take targets again, unless the other arm is in trouble."""
+        """Accept targets again, unless the other arm is in fault."""
         arm, status = self._actuation, self._status
         if self._halted_afloat and status.mode is Mode.HOLD:
             self._floating.check(arm.name)
@@ -138,7 +139,7 @@ class FaultResponse:
         peer, self._peer = self._peer, None
         status.halted, self._halted_afloat = False, False
         status.trouble, status.message, status.limited = None, "", Limited.NOTHING
-        if peer is not None and peer.trouble is not None:  # the peer was in trouble, too
+        if peer is not None and peer.trouble is not None:  # the peer is still in fault
             self.halt(peer)
 
     def _check_rearm(self) -> None:

@@ -1,4 +1,4 @@
-"""The impedance of one arm: from set-point and measured state to MIT commands, without life cycle or clock."""
+"""Impedance control of one arm: computes MIT commands from set-point and measured state, without modes or clock."""
 
 from typing import NamedTuple
 
@@ -16,38 +16,38 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.system.few_values import all_of, largest
 
-_GLIDE_S = 0.5  # time in which gains change to others, s
-_SOFT_FADE_S = 0.3  # time in which the friction feed-forward of soft joints fades in or out, s
+_GLIDE_S = 0.5  # transition time of a gain change, s
+_SOFT_FADE_S = 0.3  # time in which the friction feedforward of soft joints fades in or out, s
 _STILL_RAD_S = 1e-3  # speed below which a set-point counts as at rest, rad/s
-_WORTH_SAYING_RAD = 0.01  # way beyond a limit that is reported, rad: some joints rest on a limit
-_RUBS = 0.05  # share of the torque limit that friction may hold back: 1.4 Nm of a DM4340
-_MOST_KD = 5.0  # largest damping that the motors take, Nm s/rad: what is still unsupported sinks slowly
-_PLANNED_SHARE = 0.9  # share of the torque limit that a set-point may use; the rest is for what models do not know
-_LEAST_SHARE = 0.2  # least share of the acceleration: a set-point must always be able to brake
-_AHEAD_TICKS = 1.5  # ticks from a sample to the middle of the tick during which its command holds
+_WORTH_SAYING_RAD = 0.01  # minimum distance beyond a joint limit that is reported, rad: some joints rest on a limit
+_RUBS = 0.05  # maximum friction torque, as a share of the torque limit: 1.4 Nm of a DM4340
+_MOST_KD = 5.0  # maximum damping accepted by the motors, Nm s/rad: unsupported parts sink slowly
+_PLANNED_SHARE = 0.9  # share of the torque limit available to a set-point; the rest is for unmodelled torque
+_LEAST_SHARE = 0.2  # minimum share of the acceleration: a set-point must always be able to brake
+_AHEAD_TICKS = 1.5  # ticks from a sample to the middle of the tick in which its command acts
 
 
 Assist = tuple[np.ndarray, np.ndarray]
-"""More torque, Nm, and damping, Nm s/rad, of a floating arm, (joints,) each."""
+"""Additional torque, Nm, and damping, Nm s/rad, for a floating arm, (joints,) each."""
 
 
 class Inputs(NamedTuple):
-    """What the commands of one tick are computed from.
+    """Inputs for the commands of one tick.
 
     Attributes:
         now, dt: time, and time since the last tick, s.
-        q, dq: (n,) of the motors, gripper in rad.
+        q, dq: (n,) joint-space motor positions and speeds, gripper in rad.
         before: q and dq of each motor's previous sample, NaN without one.
         gripper: the gripper's measured rate and torque, strokes/s and Nm.
-        asked, asked_ddq: (2, n) position and speed of the set-point, (n,) its acceleration.
+        asked, asked_ddq: (2, n) position and speed of the set-point, (n,) acceleration of the set-point.
         mode: present mode of the arm.
-        whole: whether all motors can be relied on.
-        feed_nm: (n,) torque that carries the arm, see `Impedance.feed_forward`; empty while it floats.
-        learns: whether a landing arm that hangs off its set-point learns the torque that its model misses.
-        fade: (joints,) remaining shares of stiffness with feed-forward, and of the landing's damping, while a landing
-            ends; None: the arm's own gains.
-        assist: torque and damping beside the weight while the arm floats, within the torque limits; None: none.
-        grips: whether the gripper of a floating arm keeps to its set-point; else the gripper is free, too.
+        whole: whether all motors are reliable.
+        feed_nm: (n,) feedforward torque, see `Impedance.feed_forward`; empty while the arm floats.
+        learns: whether a landing arm learns a torque that corrects its gravity model.
+        fade: remaining shares (joints,) of stiffness and feedforward, and shares (joints,) of the maximum damping,
+            at the end of a landing; None: the arm's own gains.
+        assist: torque and damping added to gravity compensation while the arm floats; None: none.
+        grips: whether the gripper of a floating arm follows its set-point; else the gripper is free, too.
     """
 
     now: float
@@ -68,15 +68,15 @@ class Inputs(NamedTuple):
 
 
 class LiveGains:
-    """Gains of n motors, which a caller changes while the arm is energised; they change gradually: no torque jumps.
+    """Gains of n motors that a caller may change while the arm is energised; changes are gradual, without torque jumps.
 
-    kp(t) = kp0 + (kp1 - kp0) t / T, kd alike: damping that suits both ends suits all gains between, too.
+    kp(t) = kp0 + (kp1 - kp0) t / T, and kd likewise: damping suitable at both ends is also suitable in between.
 
     Args:
-        kp, kd: (n,) as configured, Nm/rad and Nm s/rad.
+        kp, kd: (n,) configured gains, Nm/rad and Nm s/rad.
 
     Attributes:
-        kp, kd: (n,) in force.
+        kp, kd: (n,) present gains.
     """
 
     def __init__(self, kp: np.ndarray, kd: np.ndarray):
@@ -97,13 +97,13 @@ class LiveGains:
         return damping
 
     def change(self, kp: np.ndarray, kd: np.ndarray) -> None:
-        """Begin to change to these gains (n,); NaN means as configured."""
+        """Begin a change to these gains (n,); NaN: as configured."""
         wanted = np.array((kp, kd))
         self._goal = np.where(np.isnan(wanted), self._configured, wanted)
         self._step = (self._goal - self._now) / _GLIDE_S
 
     def advance(self, dt: float) -> bool:
-        """Advance the gains by `dt` s; return whether they change."""
+        """Advance the gains by `dt` s; return whether the gains have changed."""
         if self._now is self._goal:
             return False
         way, step = self._goal - self._now, self._step * dt
@@ -117,44 +117,44 @@ class LiveGains:
 
 
 class Impedance:
-    """Computation of one arm's commands, (n, 5) in joint coordinates, and of what limits them.
+    """Computes one arm's commands, (n, 5) in joint coordinates, and the limits that act on them.
 
     Args:
         hardware: the arm.
-        gravity: the arm's gravity model; None for a gripper alone.
-        gripper: the gripper's axis, if it has a motor.
+        gravity: the arm's gravity model; None for a gripper without arm.
+        gripper: the gripper's axis, or None if the gripper has no motor.
 
     Attributes:
         live: the arm's own gains, which a caller may change.
-        weight_nm: (joints,) torque of the arm's weight by the model, as of the last commands.
-        coupled: whether the arm follows a leader at loop rate. Then the profile's friction of soft joints is fed
-            forward, unless the configuration sets friction.
+        weight_nm: (joints,) gravity torque by the model at the last commands.
+        coupled: whether the arm follows a leader at loop rate. While coupled, the profile's friction of soft joints is
+            fed forward unless the configuration sets friction.
     """
 
     def __init__(self, hardware: ResolvedArm, gravity: GravityModel | None, gripper: Gripper | None):
         self._hardware, self._gravity, self._gripper = hardware, gravity, gripper
         self.live = LiveGains(hardware.kp, hardware.kd)
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
-        self.own_gains = True  # gains are as configured, not those of a target
+        self.own_gains = True  # whether the gains are as configured, not a target's
         self._of_target = False
         self._exact = hardware.config.track_integral
         self._sag = Sag(hardware)
         self._rubs = bool(hardware.coulomb_nm.any())
-        # Friction holds a soft joint 10 mrad off a moving target, and makes it stick where the target turns.
+        # Friction keeps a soft joint 10 mrad off a moving target, and makes the joint stick where the target reverses.
         soft = hardware.kp[: hardware.joints] < SOFT_NM_RAD
         asked = hardware.config.coulomb_friction_nm is not None
         self._soft_nm = np.where(soft & (not asked), hardware.arm.coulomb_friction_nm, 0.0)
         self._soft_share = 0.0
         self.coupled = False
         self._clipped = False
-        # No position beyond these is sent; the gripper keeps its own stops.
+        # Bounds of all commanded positions; the gripper has its own stops.
         beyond = np.append(np.full(hardware.joints, RANGE_TOLERANCE_RAD), [np.inf] * hardware.has_gripper)
         self._lower, self._upper = hardware.lower - beyond, hardware.upper + beyond
         self.weight_nm: np.ndarray = np.zeros(hardware.joints)
         self.float_speed = mit_laws.FloatDamping(hardware.config.float_speed_rad_s, hardware.joints)
 
     def gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
-        """Use these gains (n,) of a target from now on; NaN or None means the arm's own ones."""
+        """Use the gains (n,) of a target; NaN or None: the arm's own gains."""
         hw, own = self._hardware, self.live
         self.kp = own.kp if kp is None else np.where(np.isnan(kp), own.kp, kp)
         self.kd = own.kd if kd is None else np.where(np.isnan(kd), own.kd, kd)
@@ -163,28 +163,28 @@ class Impedance:
 
     @property
     def sag_nm(self) -> np.ndarray:
-        """Torque (joints,), Nm, that carries what the gravity model misses."""
+        """Torque (joints,), Nm, that compensates the error of the gravity model."""
         return self._sag.nm
 
     def explains(self, q: np.ndarray, error: np.ndarray) -> bool:
-        """Return whether a model of a wrong weight can explain that the arm hangs `error` (joints,) rad behind."""
+        """Return whether a wrong weight in the model can explain a position error of `error` (joints,) rad."""
         hw, j = self._hardware, slice(self._hardware.joints)
         missed = np.abs(self.kp[j] * error + self.sag_nm)
         return all_of(missed <= self._may_weigh_nm(q) + _RUBS * hw.torque_limit_nm[j])
 
     def carries(self, q: np.ndarray, joint: int) -> bool:
-        """Return whether the joint carries a weight at q (joints,); the base joint of an upright arm does not."""
+        """Return whether gravity acts on the joint at q (joints,), unlike on the base joint of an upright arm."""
         return bool(self._may_weigh_nm(q)[joint] > _RUBS * self._hardware.torque_limit_nm[joint])
 
     def _may_weigh_nm(self, q: np.ndarray) -> np.ndarray:
-        """Return the torque (joints,), Nm, by which a model may be wrong: its whole torque plus the heaviest load."""
+        """Return the maximum model error (joints,), Nm: the whole modelled torque plus that of the maximum load."""
         if self._gravity is None:
             return np.zeros(self._hardware.joints)
         load_nm: np.ndarray = PAYLOAD_MOST_KG * np.abs(self._gravity.torque_per_kg(q))
         return load_nm + np.abs(self._gravity.torque(q))
 
     def float_free(self, inputs: Inputs) -> tuple[np.ndarray, Limited]:
-        """Compute commands that let the arm float, gravity-compensated, pushed back gently beyond the joint limits."""
+        """Compute commands that let the arm float with gravity compensation and soft walls at the joint limits."""
         hw, q, dq = self._hardware, inputs.q, inputs.dq
         out = np.zeros((hw.n, 5))
         j = slice(hw.joints)
@@ -198,7 +198,7 @@ class Impedance:
             out[j, mit_laws.KD] += inputs.assist[1]
         share = self.float_speed.share(dq[j], inputs.dt)
         if share is not None:
-            # Damping keeps within what the torque limit leaves: the clip would turn a misread speed into a real one.
+            # Limit the damping to the torque margin: the torque clip would turn a misread speed into a commanded one.
             room = np.maximum(hw.torque_limit_nm[j] - np.abs(tau[j]), 0.0) / np.maximum(np.abs(dq[j]), 1e-9)
             out[j, mit_laws.KD] = np.minimum(out[j, mit_laws.KD] + share * (_MOST_KD - hw.idle_kd[j]), room)
         wall = mit_laws.soft_wall(
@@ -212,7 +212,7 @@ class Impedance:
         return self._clip(out, inputs, limited)
 
     def follow(self, inputs: Inputs) -> tuple[np.ndarray, Limited]:
-        """Compute commands that hold or track the set-point."""
+        """Compute commands that make the arm hold or track the set-point."""
         hw, dt, mode = self._hardware, inputs.dt, inputs.mode
         out = np.zeros((hw.n, 5))
         j = slice(hw.joints)
@@ -240,11 +240,11 @@ class Impedance:
         return self._clip(out, inputs, limited)
 
     def sink(self, commands: np.ndarray, joints: np.ndarray) -> None:
-        """Reduce the commands of these joints, (joints,) bool, to damping."""
+        """Reduce the commands for `joints`, (joints,) bool, to damping."""
         mit_laws.sink(commands[: self._hardware.joints], joints, _MOST_KD)
 
     def _grip(self, out: np.ndarray, inputs: Inputs) -> Limited:
-        """Turn the gripper's row into a command of its motor, with limited force."""
+        """Replace the gripper's row by a force-limited motor command."""
         assert self._gripper is not None
         u, u_rate = inputs.asked[:, -1].tolist()
         self._gripper.command(out[-1], inputs.now, u, u_rate, float(inputs.q[-1]), *inputs.gripper)
@@ -254,7 +254,7 @@ class Impedance:
         return mit_laws.friction(dq, self._hardware.coulomb_nm) if self._rubs else 0.0
 
     def _weight(self, q: np.ndarray) -> np.ndarray:
-        """Return the torque (n,), Nm, that carries the arm at rest."""
+        """Return the torque (n,), Nm, that compensates gravity at rest."""
         hw = self._hardware
         tau = np.zeros(hw.n)
         if self._gravity is not None:
@@ -263,13 +263,13 @@ class Impedance:
         return tau
 
     def feed_forward(self, inputs: Inputs) -> tuple[np.ndarray, float | None]:
-        """Compute the torque (n,), Nm, that carries the arm along the set-point, with its speed and acceleration.
+        """Compute the feedforward torque (n,), Nm, for gravity and the set-point's speed and acceleration.
 
-        Without terms for speed and acceleration the arm answers a quick start with up to twice the set-point's speed.
+        Without speed and acceleration terms, an arm overshoots a quick start with up to twice the set-point's speed.
 
         Returns:
-            The torque, and the share to which the set-point's acceleration has to be held back, None as long as there
-            is torque for all of it: an arm that cannot follow its set-point would hurry after it later.
+            The torque, and the share to which the set-point's acceleration must be reduced. None: the torque is
+            sufficient for the full acceleration. An arm that lags behind its set-point would rush to catch up later.
         """
         hw = self._hardware
         tau = np.zeros(hw.n)
@@ -284,7 +284,7 @@ class Impedance:
         steady, inertia = self.weight_nm + turning, inertia + hw.arm.armature_kg_m2 * ddq
         tau[j] = steady + inertia
         most = _PLANNED_SHARE * hw.torque_limit_nm[j]
-        if all_of(np.abs(tau[j]) <= most):  # nearly always
+        if all_of(np.abs(tau[j]) <= most):  # the usual case
             return tau, None
         room = most - steady * np.sign(inertia)
         share = max(float(np.min(room / np.maximum(np.abs(inertia), 1e-9), initial=1.0)), _LEAST_SHARE)
@@ -294,8 +294,8 @@ class Impedance:
     def _clip(self, out: np.ndarray, inputs: Inputs, limited: Limited) -> tuple[np.ndarray, Limited]:
         """Clip commands to torque limits and joint ranges.
 
-        For the torque limits, a measured position beyond its joint's range counts as the end of the range, so that the
-        command is not moved out there.
+        For the torque limits, a measured position beyond the joint's range counts as the end of the range, so that the
+        clip does not move the command out of the range.
         """
         q = np.minimum(np.maximum(inputs.q, self._lower), self._upper)
         self._clipped = mit_laws.clip_torque(out, q, inputs.dq, self._hardware.torque_limit_nm, inputs.before)
@@ -304,7 +304,7 @@ class Impedance:
 
 
 def gravity_model(hardware: ResolvedArm) -> GravityModel | None:
-    """Return the gravity model of an arm; None for a gripper alone."""
+    """Create the gravity model of an arm; None for a gripper without arm."""
     if not hardware.joints:
         return None
     return GravityModel(hardware.arm, hardware.gripper, load=hardware.load, tilt_rad=hardware.tilt_rad)

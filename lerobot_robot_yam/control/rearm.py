@@ -1,12 +1,12 @@
-"""Re-arming of an arm in trouble, tick by tick: judge what failed motors answer, enable those that have let go, hold.
+"""Re-arming of an arm in fault, tick by tick: check the replies of failed motors, re-enable limp motors, hold.
 
-    listen   keep answers of failed motors apart, unused until they are judged: a single answer proves nothing
-    judge    refuse motors whose answers contradict each other, that swing, or for which two motors answer
-    compare  refuse motors that had power all the time and report a position where they cannot be
-    enable   clear the faults of motors that have let go; a silent one gets commands only, since it may still hold
+    listen   collect replies of failed motors in a separate store, unused until checked: a single reply proves nothing
+    judge    reject motors with contradictory replies, swinging motors, and ids to which two motors reply
+    compare  reject motors that kept their torque and report an impossible position or torque
+    enable   clear the faults of limp motors and enable them; a silent motor gets only commands, as it may still hold
     hold     hold the measured pose until all motors are well
 
-At every tick the arm is commanded as before; a motor that is being enabled is commanded no torque.
+At every tick the arm is commanded as before; motors being enabled are commanded zero torque.
 """
 
 from collections.abc import Generator, Iterator, Sequence
@@ -20,16 +20,16 @@ from lerobot_robot_yam.damiao.receiver import FeedbackStore
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
 from lerobot_robot_yam.errors import MotorError
 
-_LISTEN_S = 0.05  # longest time to listen, s: an answer may get lost; the adapter's delay is added
-_LISTEN_TICKS = 3  # shortest time to listen, ticks: an answer may be another motor's
-_AGREE = 2  # answers that have to agree: one may be garbled
-_MISSED = 10  # unanswered questions in a row after which a motor counts as silent
-_DOUBLED = 2  # surplus answers that reveal a second motor; one may be late
-_HOLD_TICKS = 8  # ticks within which every motor has to be well
-_SWINGS_RAD_S = 1.0  # speed above which a joint without torque swings
-_TOO_FAST_RAD_S = 10.0  # speed above which no joint is re-armed: to hold it at once would be a blow
-_PUSHED_RAD = 0.5  # how far a hand or a load can push a joint off a set-point that it holds
-_OFF_SHARE = 0.15  # share of its range by which a motor's torque may differ from its command's
+_LISTEN_S = 0.05  # maximum time to listen, s: replies may get lost; the adapter's delay is added
+_LISTEN_TICKS = 3  # minimum number of ticks to listen: a reply may be another motor's
+_AGREE = 2  # required number of agreeing replies: one reply may be garbled
+_MISSED = 10  # consecutive commands without a reply after which a motor counts as silent
+_DOUBLED = 2  # surplus replies that indicate a second motor with the same id; one reply may be late
+_HOLD_TICKS = 8  # maximum number of ticks until every motor is well
+_SWINGS_RAD_S = 1.0  # speed above which a limp joint counts as swinging
+_TOO_FAST_RAD_S = 10.0  # maximum speed of a joint for re-arming: stopping a faster joint at once would be a blow
+_PUSHED_RAD = 0.5  # maximum distance by which a hand or load can push a holding joint off its set-point
+_OFF_SHARE = 0.15  # tolerated difference between measured and commanded torque, as a share of the motor's range
 
 
 class Rearm:
@@ -41,11 +41,11 @@ class Rearm:
         self._where = f"{actuation.name} ({actuation.config.channel})"
 
     def run(self) -> Generator[None, None, list[int]]:
-        """Re-arm, one step a tick; return the motors that had failed.
+        """Re-arm, one step per tick; return the motors that had failed.
 
         Raises:
-            MotorError: a motor reports an impossible position, contradicts itself or moves too fast, or two answer:
-                nothing has changed. Or a motor still does not obey: the others hold.
+            MotorError: a motor's replies are impossible or contradictory, a motor moves too fast, or two motors share
+                an id (in these cases nothing has changed); or a motor still does not obey, and the others hold.
         """
         arm, chain, trial = self._actuation, self._chain, self._chain.listen()
         failed = np.flatnonzero(~arm.estimate.usable).tolist()
@@ -57,7 +57,7 @@ class Rearm:
         self._compare([i for i in heard if i not in off], trial)
         chain.feedback.adopt(trial, heard)
         arm.estimate.read()
-        self._interface.resolve([i for i in off if i < self._hardware.joints])  # motors forget their turn without power
+        self._interface.resolve([i for i in off if i < self._hardware.joints])  # unpowered motors lose their turn
         arm.estimate.read()
         yield from self._enable(off)
         for _ in range(_HOLD_TICKS):
@@ -68,15 +68,15 @@ class Rearm:
             raise MotorError(f"{self._where}: cannot re-arm: {arm.finding.message}")
         asked = arm.setpoint.q.copy()
         arm.setpoint.start_joints()
-        for motor in set(failed) - set(off):  # these still hold where they were sent
+        for motor in set(failed) - set(off):  # these motors still hold at their last command
             arm.setpoint.reseed(motor, float(asked[motor]))
         return failed
 
     def _listen(self, motors: Sequence[int], trial: FeedbackStore) -> Generator[None, None, list[int]]:
-        """Listen until each of these motors has answered often enough, or is silent; return those that answer.
+        """Listen until each of `motors` has replied often enough, or is silent; return the motors that reply.
 
         Raises:
-            MotorError: motors cannot be believed; the message names them.
+            MotorError: replies are not credible; the message names the motors.
         """
         chain = self._chain
         believed_rad_s, limp = chain.velocity_rad_s, chain.fault != Fault.NORMAL
@@ -95,11 +95,11 @@ class Rearm:
             news = trial.stamp_s > stamp_s
             answers, stamp_s = answers + news, trial.stamp_s
             fastest_rad_s = np.where(news, np.maximum(fastest_rad_s, np.abs(trial.velocity_rad_s)), fastest_rad_s)
-        if (chain.duplicates - chain.lost - doubled_before >= _DOUBLED).any():  # nobody knows whose answers are right
+        if (chain.duplicates - chain.lost - doubled_before >= _DOUBLED).any():  # unknown which replies are right
             raise MotorError(f"{self._where}: motors answer twice; look for a second arm on the channel")
         too_fast = fastest_rad_s > _TOO_FAST_RAD_S
-        too_fast[self._hardware.joints :] = False  # a gripper weighs next to nothing
-        # One answer does not even prove that a motor has let go, and clearing its fault would cut its torque.
+        too_fast[self._hardware.joints :] = False  # a gripper has hardly any mass
+        # A single reply does not prove that a motor is limp, and clearing a fault would cut the motor's torque.
         garbled = (answers < _AGREE) | (trial.rejected > 0)
         heard = [i for i in motors if not silent[i]]
         refused = [i for i in heard if too_fast[i] or garbled[i]]
@@ -109,9 +109,9 @@ class Rearm:
         return heard
 
     def _refusal(self, refused: Sequence[int], swings_rad_s: np.ndarray) -> MotorError:
-        """Return the error that names swinging motors, which may have met a stop, or motors whose answers do not fit.
+        """Return an error naming the swinging motors if any (one may have hit a stop), else the contradictory ones.
 
-        swings_rad_s: (n,) speed of motors without torque, else 0.
+        swings_rad_s: (n,) speeds of limp motors, else 0.
         """
         swinging = [i for i in refused if i < self._hardware.joints and swings_rad_s[i] > _SWINGS_RAD_S]
         if swinging:
@@ -124,17 +124,16 @@ class Rearm:
         return MotorError(f"{self._where}: {what}; {remedy}")
 
     def _compare(self, motors: Sequence[int], trial: FeedbackStore) -> None:
-        """Compare the readings of motors with power with their last command.
+        """Compare the readings of `motors`, which kept their torque, with their last commands.
 
         Raises:
-            MotorError: a motor reports a position that it cannot have reached from its last command and its believed
-                position, or another torque than its last command gives there,
-                kp (q* − q) + kd (dq* − dq) + tau: a joint that was pushed away pulls back.
+            MotorError: a motor reports a position that is unreachable from its last command, or a torque that differs
+                from the law of its last command, kp (q* − q) + kd (dq* − dq) + tau: a displaced joint pulls back.
         """
         sent, specs, direction = self._interface.sent, self._hardware.motors, self._hardware.direction
         q, dq, tau = self._interface.position(trial.position_rad), trial.velocity_rad_s, trial.torque_nm * direction
         low = high = sent[:, mit_laws.Q]
-        if self._actuation.gripper is not None:  # an object may have kept the gripper from where it was sent
+        if self._actuation.gripper is not None:  # an object may keep the gripper off its target
             believed = float(self._actuation.estimate.motor_q[-1])
             low, high = low.copy(), high.copy()
             low[-1], high[-1] = min(low[-1], believed), max(high[-1], believed)
@@ -155,7 +154,7 @@ class Rearm:
             raise MotorError(f"{self._where}: {told}; {advice}")
 
     def _enable(self, motors: Sequence[int]) -> Iterator[None]:
-        """Enable motors that have let go, without torque; their set-points follow as they sag."""
+        """Re-enable limp motors at zero torque; their set-points track the joints while these sag."""
         arm = self._actuation
         joints = [i for i in motors if i < self._hardware.joints]
         arm.limp = list(motors)

@@ -1,4 +1,4 @@
-"""The control loop's end of an arm's shared blocks: publish state, read targets and requests."""
+"""The control loop's side of an arm's shared blocks: publish states, read targets and requests."""
 
 import logging
 import os
@@ -22,13 +22,13 @@ _EACH_TICK_AT, _EACH_TICK = EACH_TICK
 
 
 class ControllerBlocks:
-    """Connection of one controller with its two blocks; others can watch its states.
+    """Connection between one controller and its two shared blocks. Other programs can read the states.
 
     Args:
-        controller: the arm.
-        key: name by which others find the arm's states.
-        pair: the arm's blocks of states and commands.
-        adopt: the last state of a loop that has died; its block stays in use, so that readers notice nothing.
+        controller: the arm's controller.
+        key: channel key under which the states are published.
+        pair: the arm's state block and command block.
+        adopt: last state of a dead loop, whose block stays in use, so that readers are not interrupted; or None.
     """
 
     def __init__(self, controller: ArmController, key: str, pair: BlockPair, adopt: np.ndarray | None = None):
@@ -36,7 +36,7 @@ class ControllerBlocks:
         self._states, self._commands = pair
         try:
             self._states.publish(state_path(key))
-        except (OSError, YamError) as error:  # a full disk, a log-out that had the user's files removed
+        except (OSError, YamError) as error:  # full disk, or files removed by a log-out
             logger.warning("%s: no other program can watch the arm: %s", controller.name, error)
         tell_about(key, controller.config)
         self._bytes = bytearray(STATE_DTYPE.itemsize)
@@ -46,7 +46,7 @@ class ControllerBlocks:
         if adopt is not None:
             self._record[()] = adopt
             self._states.adopt()
-            for field in _ACTION:  # the stand-by leads nobody
+            for field in _ACTION:  # the stand-by leads no follower
                 self._record[field] = np.nan
             self._record["gate"] = self._record["coupled_to"] = 0
         hardware = controller.actuation.hardware
@@ -57,26 +57,26 @@ class ControllerBlocks:
         self._asked = self._answered = int(self._record["request_sequence"])
         self._ended = False
         self.published_mode = Mode.OFFLINE
-        self._coupled = False  # whether coupled, as published last
+        self._coupled = False  # whether coupled, in the last published state
         self._slots = hardware.slots
-        # Views of the record: finding a field by its name takes longer than filling it.
+        # Views of the record: looking up a field by name takes longer than filling the field.
         self._measured = [self._record[field][self._slots] for field in _MEASURED]
         self._sunk = self._record["sunk"][: hardware.joints]
         self._handle: tuple = (controller.handle.trigger, *controller.handle.buttons, controller.handle.stamp_s)
-        self._well = False  # whether all motors were well, as published last
-        self._seldom: tuple | None = None  # seldom changing values, as published last
+        self._well = False  # whether all motors were well in the last published state
+        self._seldom: tuple | None = None  # rarely changing values in the last published state
 
     def read_target(self, now: float) -> None:
-        """Give the controller what the caller has written since the last tick."""
+        """Pass the caller's new requests and targets to the controller."""
         sequence, status = self._commands.sequence(), self._controller.status
         if sequence == self._seen or status.busy:
             return
-        command = self._commands.glance()  # without waiting for a caller that hangs or dies while writing
+        command = self._commands.glance()  # does not wait: a caller may hang or die while writing
         if command is None:
             return
         self._seen = sequence
         record, controller = self._record, self._controller
-        if command["request_sequence"] > self._asked:  # an older request has been withdrawn
+        if command["request_sequence"] > self._asked:  # older requests count as withdrawn
             self._asked, status.refusal = int(command["request_sequence"]), ""
             controller.coupling.end()
             try:
@@ -107,14 +107,14 @@ class ControllerBlocks:
                     record["action"][slots] = q
 
     def publish(self, now: float, tick: int) -> None:
-        """Write the arm's state as of this tick. The state of an arm that is off is written once."""
+        """Write the arm's state at this tick. After OFF has been published, nothing is written."""
         if self._ended:
             return
         status, arm = self._controller.status, self._controller.actuation
         chain, estimate = arm.chain, arm.estimate
         self._ended = status.mode is Mode.OFF
         self.published_mode = status.mode
-        if not self._ended:  # the handle of an arm that is off is not read any more
+        if not self._ended:  # once an arm is off, its handle is not read any more
             handle = self._controller.handle
             self._handle = (handle.trigger, *handle.buttons, handle.stamp_s)
         _EACH_TICK.pack_into(
@@ -147,20 +147,20 @@ class ControllerBlocks:
         self._states.write_bytes(self._bytes)
 
     def _note_action(self) -> None:
-        """Put into the record what a leader asks of its follower, or what a coupled follower is asked."""
+        """Write a leader's target for its follower, or a coupled follower's target, into the record."""
         record, lead, coupling = self._record, self._controller.lead, self._controller.coupling
         if lead is not None:
             lead.note(record)
         elif coupling.number or self._coupled:
             self._coupled = bool(coupling.number)
             record["coupled_to"] = coupling.number
-            if coupling.number:  # else the action may be another caller's by now
+            if coupling.number:  # else `action` may already be a caller's target
                 slots = self._slots
                 record["action"][slots], record["action_dq"][slots] = coupling.target, coupling.velocity
                 record["action_stamp_s"] = record["stamp_s"]
 
     def _note_seldom(self, stops: GripperStops | None, trouble: Trouble | None, message: str) -> None:
-        """Write rarely changing values into the record, only when one has changed: encoding texts takes longest."""
+        """Write rarely changing values into the record if any has changed: encoding texts is slow."""
         seldom = (stops, trouble, message)
         if seldom != self._seldom:
             self._record["gripper_stops_rad"] = np.nan if stops is None else (stops.closed_rad, stops.open_rad)
@@ -170,11 +170,11 @@ class ControllerBlocks:
 
     @property
     def owned(self) -> bool:
-        """False once another loop has taken the arm over."""
+        """Whether this process still owns the arm; False once another loop has taken over."""
         return bool(self._states.peek(*OWNER) == self._owner)
 
     def close(self, remove: bool) -> None:
-        """Close both blocks; `remove` hides the states, unless a stand-by goes on with them."""
+        """Close both blocks. remove: whether to remove the state block; False if a stand-by continues to use it."""
         if self._controller.lead is not None:
             self._controller.lead.close()
         self._controller.coupling.close()

@@ -1,4 +1,4 @@
-"""Configuration of a running arm, in a file beside its state block, for programs that watch arms."""
+"""Configuration of a running arm, in a file next to its state block, for programs that monitor arms."""
 
 import contextlib
 import dataclasses
@@ -14,16 +14,16 @@ from lerobot_robot_yam.system.runtime_files import ABOUT, runtime_dir
 
 logger = logging.getLogger(__name__)
 
-_MOST_BYTES = 1 << 20  # largest part of a file that is read
+_MOST_BYTES = 1 << 20  # maximum number of bytes read from a file
 
 
 def about_path(key: str) -> Path:
-    """Return the path of the file for the arm with this channel key."""
+    """Return the path of the configuration file for the arm with the channel key `key`."""
     return runtime_dir() / f"{ABOUT}{key}"
 
 
 def tell_about(key: str, config: ArmConfig) -> None:
-    """Write the file; log a warning if that fails."""
+    """Write an arm's configuration file; log a warning if writing fails."""
     try:
         path = about_path(key)
         aside = path.with_name(f".{path.name}.{os.getpid()}")
@@ -34,13 +34,13 @@ def tell_about(key: str, config: ArmConfig) -> None:
 
 
 def forget_about(key: str) -> None:
-    """Remove the file. Idempotent."""
+    """Remove an arm's configuration file. Idempotent."""
     with contextlib.suppress(OSError, YamError):
         about_path(key).unlink()
 
 
 def read_about(directory: Path, key: str) -> dict[str, Any] | None:
-    """Read the fields of an arm's configuration from a runtime directory; None: unknown."""
+    """Read the fields of an arm's configuration from a runtime directory; return None if absent or invalid."""
     try:
         with open(directory / f"{ABOUT}{key}", "rb") as file:
             found = json.loads(file.read(_MOST_BYTES))

@@ -1,10 +1,10 @@
-"""Channel between a LeRobot command and a page that shows it: a file with the command's status, a socket for requests.
+"""Channel between a LeRobot command and a page that displays the command: status file and request socket.
 
-    desk-PID.json   the status; replaced as a whole
+    desk-PID.json   the status; replaced atomically
     desk-PID.sock   receives requests, one datagram each: {"meaning": "next", "by": "yam-view", "turn": 12.3}
 
-Both lie in this user's runtime directory. A socket whose process is gone refuses connections. So files left behind are
-recognised even if their process number is in use again, or belongs to another container.
+Both files are in this user's runtime directory. A socket of a dead process refuses connections, so stale files are
+recognised even if the pid is in use again or belongs to another container.
 """
 
 import atexit
@@ -21,18 +21,18 @@ from typing import Any, NamedTuple
 from lerobot_robot_yam.system.runtime_files import DESK
 
 _STATUS, _SOCKET = ".json", ".sock"
-_LONGEST = 512  # longest request, bytes
-_MOST = 16  # requests read at once, at most; more wait in the kernel, which refuses their sender when full
-_STATUS_BYTES = 1 << 16  # largest part of a status that is read
+_LONGEST = 512  # maximum request size, bytes
+_MOST = 16  # maximum number of requests per read; more wait in the kernel, whose full queue refuses new requests
+_STATUS_BYTES = 1 << 16  # maximum number of bytes read from a status file
 
 
 class Asked(NamedTuple):
     """Request to a LeRobot command.
 
     Attributes:
-        meaning: name of a button, see `Meaning` in `face/lerobot_command/running_command.py`; not checked here.
-        by: program that sends the request.
-        turn: run of the command's loop that the page has shown; None: any.
+        meaning: name of a button, see `Meaning` in `face/lerobot_command/running_command.py`; not validated here.
+        by: name of the program that sends the request.
+        turn: start time of the loop run that the page displayed, see `running_command`; None: any run.
     """
 
     meaning: str
@@ -41,13 +41,13 @@ class Asked(NamedTuple):
 
 
 class DeskPost:
-    """Command's end of the channel; a process has one.
+    """The command's side of the channel; at most one per process.
 
     Args:
         directory: the runtime directory.
 
     Raises:
-        OSError: the socket cannot be made.
+        OSError: the socket cannot be created.
     """
 
     def __init__(self, directory: Path):
@@ -62,16 +62,16 @@ class DeskPost:
             self._socket.close()
             raise
         self._owner = os.getpid()
-        atexit.register(self.close)  # after a second Ctrl-C, which ends LeRobot's commands anywhere
+        atexit.register(self.close)  # for a second Ctrl-C, which may end a LeRobot command at any point
 
     def tell(self, status: Mapping[str, Any]) -> None:
-        """Replace the status. Raises OSError: the file cannot be written."""
+        """Replace the status file atomically. Raises OSError: the file cannot be written."""
         aside = self._status.with_name(f".{self._status.name}")
         aside.write_text(json.dumps(status))
         aside.replace(self._status)
 
     def asked(self, within_s: float) -> tuple[list[Asked], int]:
-        """Wait for requests. Return up to `_MOST` of them, and the number of malformed datagrams."""
+        """Wait for requests; return at most `_MOST` requests, and the number of malformed datagrams."""
         found, malformed = [], 0
         self._socket.settimeout(within_s)
         with contextlib.suppress(TimeoutError, BlockingIOError):
@@ -86,11 +86,11 @@ class DeskPost:
         return found, malformed
 
     def wake(self) -> None:
-        """End a running wait for requests."""
+        """Wake up a thread that waits in `asked`."""
         _send(self._path, b"")
 
     def close(self) -> None:
-        """Remove both files. Idempotent; a forked child only closes the socket."""
+        """Remove both files; a forked child only closes the socket. Idempotent."""
         atexit.unregister(self.close)
         for path in (self._status, self._path) if os.getpid() == self._owner else ():
             with contextlib.suppress(OSError):
@@ -109,7 +109,7 @@ def _parsed(data: bytes) -> Asked | None:
 
 
 def running_desks(directory: Path) -> dict[int, dict[str, Any]]:
-    """Read process number -> status of every running command; `age_s` is added, the age of the status."""
+    """Return pid -> status of every running command. The key `age_s` is added: age of the status, s."""
     found = {}
     for path in sorted(directory.glob(f"{DESK}*{_STATUS}")):
         number = path.name.removeprefix(DESK).removesuffix(_STATUS)
@@ -131,7 +131,7 @@ def _read(path: Path) -> dict[str, Any] | None:
 
 
 def ask(directory: Path, number: int, asked: Asked) -> bool:
-    """Send a request to the command with this process number, without waiting; return whether it was sent."""
+    """Send a request to the command with pid `number`, without waiting; return whether the request was sent."""
     return _send(directory / f"{DESK}{number}{_SOCKET}", json.dumps(asked._asdict()).encode())
 
 
@@ -144,7 +144,7 @@ def _send(path: Path, data: bytes) -> bool:
 
 
 def forget_the_dead(directory: Path) -> None:
-    """Remove the files of dead processes."""
+    """Remove status files and sockets of dead processes."""
     for path in directory.glob(f"{DESK}*{_SOCKET}"):
         if not _answers(path):
             for left in (path.with_suffix(_STATUS), path):
@@ -153,7 +153,7 @@ def forget_the_dead(directory: Path) -> None:
 
 
 def _answers(path: Path) -> bool:
-    """Return whether a process has this socket open."""
+    """Return whether a live process has the socket at `path` open."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ours:
         try:
             ours.connect(str(path))

@@ -1,8 +1,8 @@
-"""Emergency stop of all arms that one user drives on this machine: any program latches it, a person releases it.
+"""Emergency stop for all arms of one user on this machine: any program may latch the stop, a person releases it.
 
-The latch is a file: it outlives the process that made it, and a loop checks for it at each tick in 4 µs. On a full
-disk, or without a free file descriptor, no file can be made. Then the sticky bit of the directory is the latch: a
-change of mode needs neither room nor a descriptor.
+The latch is a file, which outlives the process that created it; a loop checks for the file at each tick, in 4 µs. If no
+file can be created because of a full disk or a lack of file descriptors, the sticky bit of the directory is the latch:
+changing the directory's mode bits needs neither disk space nor a descriptor.
 """
 
 import contextlib
@@ -21,35 +21,35 @@ from lerobot_robot_yam.system.runtime_files import runtime_dir
 logger = logging.getLogger(__name__)
 
 _FILE = "emergency-stop"
-_MOST_BYTES = 65536  # largest part of the file that is read
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM)  # errors that mean a full disk
-_NO_DESCRIPTOR = (errno.EMFILE, errno.ENFILE)  # errors that mean that no file descriptor is left
+_MOST_BYTES = 65536  # maximum number of bytes read from the file
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.ENOMEM)  # error codes of a full disk
+_NO_DESCRIPTOR = (errno.EMFILE, errno.ENFILE)  # error codes of a lack of file descriptors
 _NO_ROOM = "unknown: there was no room to write it down"
 
 
 class EmergencyStop:
-    """Latch of the emergency stop. While it is set followers hold, leaders float, and no other arm is energised.
+    """Latch of the emergency stop. While latched, followers hold, leaders float, and no further arm can be energised.
 
     EmergencyStop().latch("somebody shouted")
 
     Args:
-        directory: runtime directory of the user who is stopped; None: this user's.
+        directory: runtime directory of the user whose arms are stopped; None: this user's.
 
     Raises:
-        ConfigError: this user can have no runtime directory.
+        ConfigError: no runtime directory can be created for this user.
     """
 
     def __init__(self, directory: Path | None = None) -> None:
         self._own = directory is None
         self.directory = runtime_dir() if directory is None else directory
-        self._directory_name = str(self.directory)  # text, since a Path is slower in a loop
+        self._directory_name = str(self.directory)  # a string, since `Path` is slower in a loop
         self._name = str(self.directory / _FILE)
-        self._unwritten = False  # latched in this object only: no other process can see it
-        self._seen_in: int | None = None  # inode of the directory in which the latch was seen; /dev/shm reuses none
+        self._unwritten = False  # whether latched in this object only, invisible to other processes
+        self._seen_in: int | None = None  # inode of the directory with the latch; /dev/shm never reuses inodes
 
     @property
     def latched(self) -> bool:
-        """Whether the emergency stop is set."""
+        """Whether the emergency stop is latched."""
         if os.access(self._name, os.F_OK) or self._marked:
             if self._seen_in is None:
                 self._seen_in, self._unwritten = self._directory_number(), False
@@ -76,7 +76,7 @@ class EmergencyStop:
             return 0
 
     def reason(self) -> str:
-        """Return reason, process and time of the stop; empty when it is not set."""
+        """Return reason, process and time of the stop; empty if not latched."""
         try:
             with self._inside() as directory:
                 file = os.open(_FILE, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=directory)
@@ -89,17 +89,17 @@ class EmergencyStop:
             return "unknown"
 
     def latch(self, why: str) -> None:
-        """Stop everything, until `release`. If the stop is set already, its first reason stays.
+        """Latch the emergency stop, until `release`. If already latched, the first reason stays.
 
         Raises:
-            OSError: the latch cannot be written, so that no other process sees it; this object stays latched.
+            OSError: the latch cannot be written, so that other processes do not stop; this object stays latched.
         """
         if self.latched:
             return
         self._unwritten = True
         if self._own:
             with contextlib.suppress(ConfigError):
-                runtime_dir()  # makes the directory again if a log-out has removed it
+                runtime_dir()  # recreates the directory if a log-out has removed it
         try:
             self._write(why)
         except OSError as error:
@@ -120,14 +120,14 @@ class EmergencyStop:
                 if error.errno not in _FULL:
                     raise
                 os.fchmod(directory, stat.S_IMODE(os.fstat(directory).st_mode) | stat.S_ISVTX)
-            else:  # the file itself is the latch, even if its text finds no room
+            else:  # the file itself is the latch, even if the disk is too full for its text
                 data = {"why": why, "pid": os.getpid(), "at": time.strftime("%Y-%m-%d %H:%M:%S")}
                 with contextlib.suppress(OSError), open(file, "w") as text:
-                    os.fchmod(file, 0o644)  # root may stop other users, who have to read the reason
+                    os.fchmod(file, 0o644)  # root may stop other users, who must be able to read the reason
                     text.write(json.dumps(data) + "\n")
 
     def release(self) -> None:
-        """Release the stop: arms move on from their present pose with the next target. Raises OSError: this fails."""
+        """Release the stop; arms resume from their present pose. Raises OSError: the latch cannot be removed."""
         with contextlib.suppress(FileNotFoundError), self._inside() as directory:
             mode = stat.S_IMODE(os.fstat(directory).st_mode)
             if mode & stat.S_ISVTX:
@@ -136,7 +136,7 @@ class EmergencyStop:
 
     @contextlib.contextmanager
     def _inside(self) -> Iterator[int]:
-        """Open the directory without following links: root latches in other users' directories."""
+        """Open the directory without following symbolic links, since root may latch in other users' directories."""
         directory = os.open(self.directory, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
         try:
             yield directory

@@ -9,7 +9,7 @@ from lerobot_robot_yam.state.link_faults import LINK_RESPONSES
 
 
 def _table(rules: Mapping[Any, Rule]) -> list[str]:
-    """Format a Markdown table as lines, a row for each fault."""
+    """Return the lines of a Markdown table with one row per fault."""
     lines = [
         "| fault | noticed by | the arm | its peer | the caller sees | within | to re-arm |",
         "|---|---|---|---|---|---|---|",
@@ -21,7 +21,7 @@ def _table(rules: Mapping[Any, Rule]) -> list[str]:
 
 
 def document() -> str:
-    """Format the page as Markdown."""
+    """Return the page as Markdown."""
     lines = [
         "# What happens when something fails",
         "",

@@ -1,4 +1,4 @@
-"""Fault table: how each fault is noticed and what the arms do. The control loop, `fault_page` and the tests read it."""
+"""Fault table: detection of each fault and response of the arms. Used by the control loop, `fault_page` and tests."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -7,7 +7,7 @@ from lerobot_robot_yam.damiao.tables import Fault
 
 
 class Response(StrEnum):
-    """Responses of an arm; docs/faults.md explains these words."""
+    """Responses of an arm; see docs/faults.md for explanations."""
 
     GO_ON = "goes on"
     HOLD = "holds"
@@ -32,7 +32,7 @@ MEANING = {
 
 
 class Trouble(StrEnum):
-    """Troubles of an arm, its bus, its loop or its caller."""
+    """Faults of an arm, its bus, its loop or its caller."""
 
     OVER_VOLTAGE = "over-voltage"
     UNDER_VOLTAGE = "under-voltage"
@@ -79,12 +79,12 @@ class Rule:
     """Row of the fault table.
 
     Attributes:
-        sign: how the fault is noticed.
-        arm: what the arm concerned does.
-        peer: what the other arm of the same robot does.
-        caller: what the caller sees.
-        within_s: longest time from the fault to the response, s.
-        rearm: what brings the arm back. Torque never comes back by itself.
+        sign: how the fault is detected.
+        arm: response of the arm in fault.
+        peer: response of the other arm of the same robot.
+        caller: effect visible to the caller.
+        within_s: maximum time from the fault to the response, s.
+        rearm: action required to use the arm again. Torque never returns without this action.
     """
 
     sign: str
@@ -96,24 +96,24 @@ class Rule:
 
     @property
     def in_place(self) -> bool:
-        """Whether `rearm()` can end the fault, without a new connection."""
+        """Whether `rearm()` can end the fault without a new connection."""
         return self.rearm == _REARM
 
 
 _REARM = "`rearm()` once the cause is gone, or connect again"
 _RECONNECT = "connect again"
 _MOTOR_ERROR = "MotorError that names motor and cause"
-PARENT_S = 0.03  # time to notice a dead caller, s: callers are checked every 20 ms
-TICK_S = 0.01  # time for one tick of the loop and one read of its caller, rounded up, s
-SILENT_S = 0.1  # silence after which a motor is lost, s: a quarter of its own watchdog
-HEAT_S = 0.6  # time to notice heat, s: a temperature counts once it has been steady for half a second
-HUNG_S = 0.14  # time without a tick after which a loop is replaced, s: a third of the motors' watchdog
-MOST_RAD_S2 = 30.0  # largest acceleration that is fed forward, rad/s²
-STALE_OVERSHOOT_RAD_S = 1.6  # excess speed of a joint that keeps obeying an accelerating command, rad/s: a·√(I/kp)
+PARENT_S = 0.03  # maximum time to detect a dead caller, s: callers are checked every 20 ms
+TICK_S = 0.01  # time for one tick of the loop and one read by its caller, rounded up, s
+SILENT_S = 0.1  # silence after which a motor is lost, s: a quarter of the motor's watchdog time
+HEAT_S = 0.6  # maximum time to detect heat, s: a temperature counts once steady for half a second
+HUNG_S = 0.14  # time without a tick after which the stand-by replaces a loop, s: a third of the motors' watchdog time
+MOST_RAD_S2 = 30.0  # maximum feedforward acceleration, rad/s²
+STALE_OVERSHOOT_RAD_S = 1.6  # maximum excess speed of a joint that obeys a stale command, rad/s: a·√(I/kp)
 
 
 def stale_overshoot_rad_s(late_s: float) -> float:
-    """Return the excess speed of a joint, rad/s, that has obeyed an accelerating command `late_s` too long."""
+    """Return a joint's excess speed, rad/s, after obeying an accelerating command for `late_s` too long."""
     return min(MOST_RAD_S2 * max(late_s, 0.0), STALE_OVERSHOOT_RAD_S)
 
 
@@ -148,7 +148,7 @@ FAULT_TROUBLE: dict[int, Trouble] = {
     Fault.OVERLOAD: Trouble.OVERLOAD,
     Fault.DISABLED: Trouble.DISABLED,
 }
-"""Trouble for each fault code of a motor; undocumented codes count as overload."""
+"""Fault for each motor fault code; undocumented codes count as overload."""
 
 _CUT = "the motor reports code 0x{:X}; it has no torque then"
 

@@ -1,7 +1,7 @@
-"""Faults of the link between a workstation and the arms' computer, in addition to the table in `faults`.
+"""Faults of the link between a workstation and the arms' computer (host), in addition to the table in `faults`.
 
-The host cannot distinguish these faults: it hears its client or not, and applies the rules of `faults` for a caller
-that stalls or dies. This table is for people, and for the tests, which try each row.
+The host cannot distinguish these faults: the host only detects whether its client sends messages, and applies the rules
+of `faults` for a caller that stalls or dies. The table is documentation; tests check each row.
 """
 
 from enum import StrEnum
@@ -10,7 +10,7 @@ from lerobot_robot_yam.state.faults import PARENT_S, TICK_S, Response, Rule
 
 
 class LinkFault(StrEnum):
-    """Faults of two computers, of their programs, and of the network between them."""
+    """Faults of both computers, their programs, and the network in between."""
 
     PROGRAM_DEAD = "workstation's program dies"
     WORKSTATION_DEAD = "workstation dies"
@@ -25,10 +25,10 @@ class LinkFault(StrEnum):
     SECOND_CLIENT = "second client"
 
 
-ASKED_S = 0.3  # time until a link process notices that its program is gone and the host begins to land, s
+ASKED_S = 0.3  # maximum time from the program's end to the start of the host's landing, s
 SILENT_S = 0.5  # default of `command_timeout_s`
 LAND_AFTER_S = 30.0  # default of yam-host's `--land_after_s`
-STOPPED_S = 0.1  # time for an emergency stop to cross the link, s
+STOPPED_S = 0.1  # maximum time for an emergency stop to cross the link, s
 
 _STALE = "StaleStateError, never a state older than `max_state_age_s`"
 _LATER = f"and lands after `--land_after_s`, {LAND_AFTER_S:g} s"

@@ -1,7 +1,7 @@
-"""Records that caller and control loop share for each arm: the state (loop writes) and the command (caller writes).
+"""Records shared by caller and control loop for each arm: the state (loop writes) and the command (caller writes).
 
-A record has a slot for each motor that an arm can have: the joints, then the gripper if that has a motor; further
-slots are unused. The state holds the numbers of joints and motors. SI units; gripper 0 closed … 1 open.
+A record has `MAX_MOTORS` slots: the joints, then the gripper if it has a motor; further slots are unused. The state
+contains the numbers of joints and motors. SI units; gripper 0 closed … 1 open.
 
 Each record has its own block. The caller allocates both blocks and passes their descriptors on, so no file is needed.
 """
@@ -25,7 +25,7 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 
 
 class Limited(IntFlag):
-    """Limits that act on an arm in this tick."""
+    """Limits that act on an arm at this tick."""
 
     NOTHING = 0
     JOINT_LIMIT = 1
@@ -35,14 +35,14 @@ class Limited(IntFlag):
     GRIPPER_FORCE = 16
     COMMAND_TIMEOUT = 32
     EMERGENCY_STOP = 64
-    PEER = 128  # the other arm is in trouble, so this one holds
+    PEER = 128  # this arm holds because the other arm is in fault
     WORKSPACE = 256
     HEAT = 512
-    CAME_FREE = 1024  # a joint sprang forward and was caught
+    CAME_FREE = 1024  # a joint came free of an obstacle and was stopped
 
 
 class Request(IntEnum):
-    """Requests of a caller, besides targets."""
+    """Requests of a caller other than targets."""
 
     NONE = 0
     HOLD = 1
@@ -50,51 +50,51 @@ class Request(IntEnum):
     LAND = 3
     CALIBRATE_GRIPPER = 4
     REARM = 5
-    GUIDE = 6  # float, but the gripper follows targets
-    GAINS = 7  # use own_kp and own_kd of the command
-    CUT_TORQUE = 8  # cut torque at once, also in the air; refused while the arm lands or is stopped
+    GUIDE = 6  # float, with a gripper that follows targets
+    GAINS = 7  # change the arm's own gains to the command's own_kp and own_kd
+    CUT_TORQUE = 8  # cut torque at once, even if the arm falls; refused while the arm lands or is stopped
 
 
-ACTION_SLOTS = MAX_MOTORS + 1  # slots of a follower's target: followers may have one motor more than their leader
+ACTION_SLOTS = MAX_MOTORS + 1  # slots of a follower's target: a follower may have one motor more than its leader
 
 STATE_DTYPE = np.dtype(
     [
-        ("owner_pid", "u8"),  # process whose loop drives the arm; changes when another process takes over
-        # From here to handle_stamp_s: the fields of `EACH_TICK`.
+        ("owner_pid", "u8"),  # pid of the control loop's process; changes when another process takes over
+        # `EACH_TICK` has the fields from stamp_s to handle_stamp_s.
         ("stamp_s", "f8"),  # monotonic time of publication
         ("tick", "u8"),
-        ("asked_s", "f8"),  # monotonic time of the oldest command that a motor's sample answers
+        ("asked_s", "f8"),  # monotonic time of the oldest command whose reply is among the motors' samples
         ("mode", "u1"),
         ("limited", "u2"),
-        ("own_gains", "u1"),  # whether the arm's own gains act, not softer ones of a target
+        ("own_gains", "u1"),  # whether the configured gains are in force, not a target's or a caller's
         ("gripper_blocked", "u1"),
         ("trigger", "f8"),
         ("buttons", "u1", 2),
         ("handle_stamp_s", "f8"),
         ("joints", "u1"),  # number of joints
-        ("motors", "u1"),  # number of motors: the joints', and the gripper's if it has one
+        ("motors", "u1"),  # number of motors: joint motors, and the gripper motor if present
         ("q", "f8", MAX_MOTORS),
         ("dq", "f8", MAX_MOTORS),
         ("tau", "f8", MAX_MOTORS),
         ("setpoint", "f8", MAX_MOTORS),
-        ("sunk", "u1", MAX_MOTORS),  # whether a landing let the joint sink without replies, away from its set-point
+        ("sunk", "u1", MAX_MOTORS),  # whether the joint sank off its set-point, with a silent motor, during a landing
         ("motor_stamp_s", "f8", MAX_MOTORS),  # monotonic time of each motor's newest sample
         ("temp_mos_c", "f4", MAX_MOTORS),
         ("temp_rotor_c", "f4", MAX_MOTORS),
         ("fault", "u1", MAX_MOTORS),
-        ("distrusted", "u1", MAX_MOTORS),  # whether readings are ignored; then q is the last plausible reading
+        ("distrusted", "u1", MAX_MOTORS),  # whether readings are ignored, and q is the last plausible reading
         ("lost", "u8", MAX_MOTORS),
-        ("offset_rad", "f8", MAX_MOTORS),  # motor angle at joint zero, for a process that takes the arm over
-        ("gripper_stops_rad", "f8", 2),  # closed, open; NaN until they are known
+        ("offset_rad", "f8", MAX_MOTORS),  # motor angle at joint zero, for a process that takes over the arm
+        ("gripper_stops_rad", "f8", 2),  # motor angles closed, open; NaN while unknown
         ("gate", "u1"),  # a `Gate`
-        # A follower's target, joints in rad and then its gripper; NaN in unused slots. In a leader's state it is the
-        # target for its follower, in a follower's state the target that its set-point took last.
+        # A follower's target: joints in rad, then the gripper; NaN in unused slots. In a leader's state: the target for
+        # its follower; in a follower's state: the newest target accepted by its set-point.
         ("action", "f8", ACTION_SLOTS),
         ("action_dq", "f8", ACTION_SLOTS),  # rate of `action`, 1/s
         ("action_stamp_s", "f8"),  # monotonic time of `action`
-        ("coupled_to", "u8"),  # `coupling_number` of the leader that a follower follows; 0: none
-        ("target_sequence", "u8"),  # number of the newest target that the set-point took
-        ("request_sequence", "u8"),  # number of the newest request that was carried out or refused
+        ("coupled_to", "u8"),  # `coupling_number` of the leader to which a follower is coupled; 0: none
+        ("target_sequence", "u8"),  # number of the newest processed target
+        ("request_sequence", "u8"),  # number of the newest request that was executed or refused
         ("request_refused", "u1"),
         ("refusal", "S400"),  # reason of the newest refusal
         ("trouble", "S40"),  # a `faults.Trouble`, or empty
@@ -102,20 +102,20 @@ STATE_DTYPE = np.dtype(
     ]
 )
 
-KEY_BYTES = 200  # longest channel key, made of a channel's name and a rig's
+KEY_BYTES = 200  # maximum length of a channel key, which may contain a rig's name and a channel's name
 
 COMMAND_DTYPE = np.dtype(
     [
         ("target_stamp_s", "f8"),
         ("target_sequence", "u8"),
         ("q", "f8", MAX_MOTORS),
-        ("dq", "f8", MAX_MOTORS),  # NaN: the loop derives it
+        ("dq", "f8", MAX_MOTORS),  # NaN: computed by the loop from successive targets
         ("kp", "f8", MAX_MOTORS),  # NaN: as configured
         ("kd", "f8", MAX_MOTORS),
         ("own_kp", "f8", MAX_MOTORS),  # gains for targets without gains; NaN: as configured
         ("own_kd", "f8", MAX_MOTORS),
-        ("leader", f"S{KEY_BYTES}"),  # key of the leader that the target comes from; empty: none
-        ("coupled_until_s", "f8"),  # time until which the loop may read targets from that leader's state
+        ("leader", f"S{KEY_BYTES}"),  # channel key of the leader that issued the target; empty: none
+        ("coupled_until_s", "f8"),  # time until which the loop may read targets directly from the leader's state
         ("request_stamp_s", "f8"),
         ("request", "u1"),
         ("request_sequence", "u8"),
@@ -126,14 +126,14 @@ _STRUCT_CODES = {"f8": "d", "f4": "f", "u8": "Q", "u2": "H", "u1": "B"}
 
 
 def packed(dtype: np.dtype, motors: int, only: Collection[str] | None = None) -> tuple[struct.Struct, dict[str, int]]:
-    """Make a struct of a packed record type, with the place of each field among its values; skip unused slots.
+    """Create a struct for a packed record type; return the struct, and each field's index among the unpacked values.
 
-    Tuples are faster than numpy fields: a caller that wakes up 30 times a second has cold caches, and then a numpy
-    field takes 6 times as long to read.
+    Unpacked tuples are faster than numpy fields: a caller that wakes up 30 times a second has cold caches, with which
+    reading a numpy field takes 6 times as long.
 
     Args:
         dtype: the record type.
-        motors: used slots of fields that have one per motor.
+        motors: number of used slots in per-motor fields; unused slots are skipped.
         only: names of the fields to unpack; None: all.
     """
     layout, start, count = "<", {}, 0
@@ -154,7 +154,7 @@ def packed(dtype: np.dtype, motors: int, only: Collection[str] | None = None) ->
 
 
 EACH_TICK = STATE_DTYPE.fields["stamp_s"][1], struct.Struct("<dQdBHBBd2Bd")  # type: ignore[index]
-"""Offset and layout of the values that change at every tick, stamp_s … handle_stamp_s."""
+"""Offset and layout of the fields that change at every tick, stamp_s … handle_stamp_s."""
 _STATES = [packed(STATE_DTYPE, motors) for motors in range(MAX_MOTORS + 1)]
 _JOINTS_AT, _MOTORS_AT = (STATE_DTYPE.fields[name][1] for name in ("joints", "motors"))  # type: ignore[index]
 OWNER = STATE_DTYPE.fields["owner_pid"][1], struct.Struct("<Q")  # type: ignore[index]
@@ -187,10 +187,10 @@ def _of_gripper(name: str, doc: str) -> Any:
 
 
 class ArmState:
-    """State of one arm, as measured at `stamp_s`. Each access unpacks a value from the record, into a new array.
+    """State of one arm, measured at `stamp_s`. Each access to an array attribute returns a new array.
 
     Args:
-        payload: the bytes of a state record.
+        payload: bytes of a state record.
     """
 
     __slots__ = ("_at", "_joints", "_motors", "_values")
@@ -239,7 +239,7 @@ class ArmState:
 
     @property
     def mode(self) -> Mode:
-        """Mode of the arm."""
+        """Present mode of the arm."""
         return _MODES[self._values[self._at["mode"]]]
 
     @property
@@ -248,34 +248,34 @@ class ArmState:
 
     @property
     def gripper_stops_rad(self) -> tuple[float, float] | None:
-        """Motor angles of the gripper, closed and open; None while they are unknown."""
+        """Motor angles of the gripper's stops, closed and open, rad; None while unknown."""
         start = self._at["gripper_stops_rad"]
         closed, opened = self._values[start : start + 2]
         return None if math.isnan(closed) else (closed, opened)
 
     @property
     def trigger(self) -> float | None:
-        """Trigger of the teaching handle, 0 released … 1 squeezed; None without a handle or while it is silent."""
+        """Trigger of the teaching handle, 0 released … 1 squeezed; None: no handle, or the handle is silent."""
         value = self._values[self._at["trigger"]]
         return None if math.isnan(value) else value
 
     @property
     def buttons(self) -> tuple[bool, bool]:
-        """Buttons of the teaching handle, True while pressed."""
+        """Buttons of the teaching handle; True: pressed."""
         first = self._at["buttons"]
         return bool(self._values[first]), bool(self._values[first + 1])
 
     @property
     def gate(self) -> Gate:
-        """State of a leader's gate; NONE without a follower."""
+        """State of a leader's gate; NONE if the arm leads no follower."""
         return _GATES[self._values[self._at["gate"]]]
 
     @property
     def action(self) -> tuple[float, ...] | None:
-        """Target of a follower, joints in rad and then its gripper, 0 … 1; None: no target.
+        """Target of a follower: joints in rad, then the gripper, 0 … 1; None: no target.
 
-        In a leader's state it is the target for its follower, in a follower's state the target that its set-point took
-        last.
+        In a leader's state: the target for its follower. In a follower's state: the newest target accepted by its
+        set-point.
         """
         first = self._at["action"]
         values = self._values[first : first + ACTION_SLOTS]
@@ -284,40 +284,40 @@ class ArmState:
 
     @property
     def coupled(self) -> bool:
-        """Whether a follower takes its targets from a leader's state."""
+        """Whether a follower reads its targets directly from a leader's state."""
         return self.coupled_to != 0
 
     @property
     def trouble(self) -> Trouble | None:
-        """Trouble of the arm; None when all is well."""
+        """Fault of the arm; None: no fault."""
         return Trouble(self._trouble) if self._trouble else None
 
     @property
     def refusal(self) -> str | None:
-        """Reason for which the newest request was refused; None if it was not."""
+        """Reason for the refusal of the newest request; None if the request was executed."""
         return self._refusal if self._values[self._at["request_refused"]] else None
 
 
 class Descriptors(NamedTuple):
-    """File descriptors of both blocks' memory, allocated by the caller."""
+    """File descriptors of both blocks' shared memory, allocated by the caller."""
 
     states: int
     commands: int
 
     def copies(self) -> "Descriptors":
-        """Duplicate the descriptors for a loop in this process, which closes its own."""
+        """Duplicate the descriptors for a loop in this process, since a loop closes its descriptors."""
         return Descriptors(*map(os.dup, self))
 
 
 class BlockPair(NamedTuple):
-    """Loop's ends of both blocks: the loop writes states and reads commands."""
+    """The loop's side of both blocks: the loop writes states and reads commands."""
 
     states: SharedBlock
     commands: SharedBlock
 
     @classmethod
     def of(cls, descriptors: Descriptors) -> "BlockPair":
-        """Map the memory that the caller has allocated."""
+        """Map the shared memory allocated by the caller."""
         return cls(
             SharedBlock(None, STATE_DTYPE, create=True, descriptor=descriptors.states),
             SharedBlock(None, COMMAND_DTYPE, create=False, descriptor=descriptors.commands),
@@ -329,12 +329,12 @@ class BlockPair(NamedTuple):
 
 
 def channel_key(interface: str, channel: str, rig: str | None) -> str:
-    """Return the name for a channel's lock and blocks: `can_follower_l`, or `rig.follower_left` on a virtual rig."""
+    """Return the key that names a channel's lock and blocks: `can_follower_l`, or `rig.follower_left` on a rig."""
     return slug(f"{rig}.{channel}" if rig else channel if interface == "socketcan" else f"{interface}.{channel}")
 
 
 def coupling_number(key: str) -> int:
-    """Return the number that identifies an arm, by its channel key, in state records; never 0."""
+    """Return the number that identifies the arm with this channel key in state records; never 0."""
     return zlib.crc32(key.encode()) + 1
 
 

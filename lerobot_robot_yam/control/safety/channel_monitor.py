@@ -11,7 +11,7 @@ from lerobot_robot_yam.damiao.tables import Fault, fault_text
 from lerobot_robot_yam.errors import BusError
 from lerobot_robot_yam.state.faults import FAULT_TROUBLE, SILENT_S, Trouble
 
-_MOTOR_MISSED = 10  # unanswered commands after which a motor is lost; time alone does not count: machines may be suspended
+_MOTOR_MISSED = 10  # unanswered commands after which a motor is lost; time alone is no proof: machines may be suspended
 _CHANNEL_MISSED = 5  # commands without a reply, for every motor, that may mean a lost channel
 _WINDOW_S = 0.4  # counting window for stray frames, s; reports them within 0.5 s
 _DUPLICATES = 5  # surplus replies per window, late ones excluded, that indicate a duplicate CAN id
