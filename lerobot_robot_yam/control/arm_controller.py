@@ -36,7 +36,7 @@ from lerobot_robot_yam.system.few_values import largest
 
 logger = logging.getLogger(__name__)
 
-_HEAT_PERIOD_S = 0.1  # period of checking temperatures, s: they change slowly
+_HEAT_PERIOD_S = 0.1  # period of temperature checks, s: temperatures change slowly
 _UNHEARD_S = 0.03  # maximum age of the oldest reply before the set-point stops, s: seven ticks
 _HELD = (Mode.BRING_UP, Mode.HOLD, Mode.TRACK, Mode.FAULT)
 
@@ -171,7 +171,7 @@ class ArmController:
             arm.assist = self.lead.assist
 
     def _derate(self, now: float, monitor: ThermalMonitor) -> None:
-        """Reduce speed (except while landing) and grip force of an arm with WARM motors; land an arm with HOT ones."""
+        """Reduce speed (not while landing) and grip force if motors are WARM; land the arm if motors are HOT."""
         arm, status, heat = self.actuation, self.status, self._heat
         if heat is None or now >= self._heat_due_s:
             heat = self._heat = monitor.check(now, arm.chain.temp_mos_c, arm.chain.temp_rotor_c)
@@ -287,7 +287,7 @@ class ArmController:
             self.status.limited |= Limited.WORKSPACE
 
     def request(self, request: Request, now: float) -> None:
-        """Execute a request. Some continue while `status.busy`; `status.refusal` has the reason if these fail.
+        """Execute a request, possibly over several ticks (`status.busy`); then `status.refusal` reports a failure.
 
         Raises:
             YamError: the request is not allowed in the present mode, or fails.

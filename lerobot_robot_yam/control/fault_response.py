@@ -36,7 +36,7 @@ class FaultResponse:
     def suffer(self, trouble: Trouble, message: str, now: float) -> None:
         """Respond to a fault according to the fault table, and record the fault for the other arms.
 
-        An arm that is already in FAULT or lands continues to do so.
+        An arm in FAULT or LAND, or one whose torque is being cut, ignores further faults.
         """
         arm, status = self._actuation, self._status
         if status.mode in (Mode.FAULT, Mode.LAND) or status.letting_go:

@@ -21,7 +21,7 @@ _SOFT_FADE_S = 0.3  # time in which the friction feedforward of soft joints fade
 _STILL_RAD_S = 1e-3  # speed below which a set-point counts as at rest, rad/s
 _WORTH_SAYING_RAD = 0.01  # minimum distance beyond a joint limit that is reported, rad: some joints rest on a limit
 _RUBS = 0.05  # maximum friction torque, as a share of the torque limit: 1.4 Nm of a DM4340
-_MOST_KD = 5.0  # maximum damping accepted by the motors, Nm s/rad: unsupported parts sink slowly
+_MOST_KD = 5.0  # maximum damping accepted by the motors, Nm s/rad, so that unsupported parts sink slowly
 _PLANNED_SHARE = 0.9  # share of the torque limit available to a set-point; the rest is for unmodelled torque
 _LEAST_SHARE = 0.2  # minimum share of the acceleration: a set-point must always be able to brake
 _AHEAD_TICKS = 1.5  # ticks from a sample to the middle of the tick in which its command acts
@@ -268,8 +268,8 @@ class Impedance:
         Without speed and acceleration terms, an arm overshoots a quick start with up to twice the set-point's speed.
 
         Returns:
-            The torque, and the share to which the set-point's acceleration must be reduced. None: the torque is
-            sufficient for the full acceleration. An arm that lags behind its set-point would rush to catch up later.
+            The torque, and the share to which the set-point's acceleration must be reduced, so that the arm does not
+            lag behind and rush to catch up later. None: the torque limits allow the full acceleration.
         """
         hw = self._hardware
         tau = np.zeros(hw.n)

@@ -22,7 +22,7 @@ _UNREACHABLE_S = 1.0  # time without connection after which the landing ends, s:
 
 
 class LandingResponse:
-    """Landings of one arm."""
+    """Response of one arm to landing requests."""
 
     def __init__(self, actuation: Actuation, interface: JointInterface):
         self._actuation, self._interface, self._status = actuation, interface, actuation.status

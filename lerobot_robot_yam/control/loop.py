@@ -30,7 +30,7 @@ _MOMENT_S = 0.0004  # minimum wait for replies after a late wake-up of this proc
 _EARLY_S = 0.0002  # lead time of decoding before the bus is idle, s, while the last frames are in transit
 _WAKE_UP_S = 0.00006  # typical wake-up delay after a sleep, s
 _LAWS_S = 0.0008  # time reserved for states and laws, s: twice the need of two arms on an idle machine
-_BREATH_S = 0.0001  # minimum sleep per tick, s: the kernel throttles real-time processes that never sleep, by 50 ms
+_BREATH_S = 0.0001  # minimum sleep per tick, s: the kernel stops real-time processes that never sleep, for 50 ms
 _MOST_DT_S = 0.012  # maximum step of the set-points, s: no leap after a pause
 _STOPPED_EARLY = (
     "the emergency stop was latched while the arms came up; they land when it is released: look at them, then "
@@ -266,7 +266,7 @@ class ControlLoop:
             self._clock.sleep(left_s)
 
     def _bring_up(self, on_ready: Callable[[str], None]) -> bool:
-        """Return whether all arms have left bring-up; if one fails, all land, since hands may not support them now."""
+        """Return whether all arms have left bring-up; if one fails, all land, since hands may no longer help."""
         modes = [controller.mode for controller in self._controllers]
         if not self._failure:
             if Mode.FAULT in modes:

@@ -109,9 +109,10 @@ class Rearm:
         return heard
 
     def _refusal(self, refused: Sequence[int], swings_rad_s: np.ndarray) -> MotorError:
-        """Return an error naming the swinging motors if any (one may have hit a stop), else the contradictory ones.
+        """Return an error naming swinging motors, or if there are none, the motors with contradictory replies.
 
-        swings_rad_s: (n,) speeds of limp motors, else 0.
+        A joint that swings against its stop also causes contradictory replies. swings_rad_s: (n,) speeds of limp
+        motors, else 0.
         """
         swinging = [i for i in refused if i < self._hardware.joints and swings_rad_s[i] > _SWINGS_RAD_S]
         if swinging:

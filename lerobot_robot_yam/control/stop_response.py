@@ -37,7 +37,7 @@ class EffortLimit:
         self._since: np.ndarray = np.full(len(limit_nm), math.inf)
 
     def check(self, now: float, tau_nm: np.ndarray) -> str:
-        """Return a message naming the joint farthest above its limit, if a joint exceeds PATIENCE_S; else ""."""
+        """Return a message naming the joint farthest above its limit for over PATIENCE_S; "": no such joint."""
         above = np.abs(tau_nm) > self._limit
         self._since = np.where(above, np.minimum(self._since, now), math.inf)
         over = now - self._since > PATIENCE_S

@@ -25,7 +25,7 @@ class LinkFault(StrEnum):
     SECOND_CLIENT = "second client"
 
 
-ASKED_S = 0.3  # maximum time from the program's end to the start of the host's landing, s
+ASKED_S = 0.3  # maximum time from the end of the client program to the start of landing, s
 SILENT_S = 0.5  # default of `command_timeout_s`
 LAND_AFTER_S = 30.0  # default of yam-host's `--land_after_s`
 STOPPED_S = 0.1  # maximum time for an emergency stop to cross the link, s

@@ -17,7 +17,7 @@ class Mode(IntEnum):
     LAND = 5  # moves to a pose in which torque can be cut safely
     FAULT = 6  # a fault has occurred; all motors that obey hold
     OFF = 7  # landed, torque cut
-    STOPPED = 8  # emergency stop: a follower holds, a leader floats if its gravity compensation is balanced
+    STOPPED = 8  # emergency stop: a follower holds, a leader floats if gravity compensation balances the arm
 
 
 TRANSITIONS: dict[Mode, frozenset[Mode]] = {

@@ -14,7 +14,7 @@ torque if the gripper presses at the start. This limiter starts with the command
 The allowance: a gripper that keeps squeezing an object turns all its power into heat. The DM3507's rated torque,
 0.8 Nm, is below the 1.03 Nm of a 50 N squeeze. Holding an object takes much less force than gripping it.
     stalled   pressing in one direction without motion for a second
-    share     falls from 1 to HOLD_SHARE within half a second after the stall, returns to 1 when the command releases
+    share     falls from 1 to HOLD_SHARE within half a second after the stall, returns to 1 when the grip ends
     derating  1 at heat level 0, 0.3 at the motor's trip point; the factor in force is the smaller of share and derating
 """
 

@@ -92,7 +92,7 @@ class Gripper:
         self._push = next(self._search)
 
     def begin_if_known(self) -> None:
-        """Start verifying known stops before a calibration; without known stops do nothing, ignore wrong stops."""
+        """Start verifying known stops before a calibration; missing or wrong stops cause no search and no error."""
         try:
             if self._configured is None and (
                 self._path is None or load_stops(self._name, self._path, self._profile.name) is None

@@ -102,7 +102,7 @@ class ArmSetPoint(SetPoint):
             self.reseed(joint, float(sent_q[joint]))
 
     def fetch_sunk(self, lands: bool) -> None:
-        """Restart sunk joints whose motors reply again from their measured positions. lands: keep their targets."""
+        """Restart sunk joints at their measured positions once their motors reply. lands: whether to keep targets."""
         if any_of(self.sunk):  # rare
             heard = self.sunk & (self._estimate.usable & self._estimate.heard())[: self._joints]
             start = self.fall_back if lands else self.reseed
@@ -131,7 +131,7 @@ class ArmSetPoint(SetPoint):
         return now - self._came_free_s < _TOLD_S
 
     def pull_no_harder(self, before: np.ndarray, now: np.ndarray, at_once: bool) -> None:
-        """Move set-points closer to joints that lag far behind while their stiffness grows, so that the pull does not.
+        """Limit the pull on lagging joints when stiffness grows, by moving their set-points closer to the joints.
 
         Args:
             before, now: (n,) old and new stiffness, Nm/rad.

@@ -23,7 +23,7 @@ _SOFT_RAD = 0.3  # remaining distance below which the fold slows down
 _OPEN_RAD = 1.2  # elbow angle with the tool at its highest while the upper arm lies
 _AT_POSE_RAD = 0.06  # maximum error of an arm that has arrived
 _STUCK_RAD = 0.25  # minimum error of a blocked arm
-_STUCK_S = 0.5  # duration of such an error after which the arm counts as stuck, s
+_STUCK_S = 0.5  # time blocked after which the arm counts as stuck, s
 _LEARN_S = 2.0  # time for learning the model's error with the set-point at its goal, s
 _RETRY_S = 3.0  # pause before both paths are tried again, s
 _TRIES = 3  # failed attempts after which the arm sinks
@@ -50,7 +50,7 @@ class Fold:
         if wrist is not None:
             self._up = float(np.copysign(1.0, -rest[wrist]))  # direction that raises the wrist
             self._pose[wrist] += self._up * _WRIST_LIFT_RAD
-        self._poses: list[np.ndarray] = []  # poses still to come
+        self._poses: list[np.ndarray] = []  # remaining poses
         self._patience = Patience()
         self._goes_round = self.may_learn = self.gave_up = False
         self._barred_times, self._barred_s = 0, 0.0
@@ -116,7 +116,7 @@ class Fold:
     def carriers(self, out: np.ndarray) -> list[str]:
         """Return the names of joints that support the arm and whose motors are `out`, (n,) bool: limp or silent."""
         base, first, _, last = self._roles
-        carriers = range(len(out)) if first is None or last is None else range(first, last + 1)  # all between
+        carriers = range(len(out)) if first is None or last is None else range(first, last + 1)
         return [f"joint_{joint + 1}" for joint in carriers if out[joint] and joint != base]
 
     def _over_the_top(self) -> list[np.ndarray]:

@@ -23,7 +23,7 @@ from lerobot_robot_yam.control.landing.landing_move import LandingMove, Patience
 from lerobot_robot_yam.control.laws.set_point import SetPoint
 
 _LIES_RAD = 0.06  # maximum distance from the resting pose of an arm that lies already
-_CONTACT_RAD, _CONTACT_S = 0.12, 0.1  # minimum error, rad, and its duration, s, that mean contact while lowering
+_CONTACT_RAD, _CONTACT_S = 0.12, 0.1  # error, rad, and its minimum duration, s, that indicate contact while lowering
 _FADE_S = 0.15  # time in which stiffness fades if the arm lies, s
 _SINK_S = 1.5  # time in which stiffness fades if the arm does not lie yet, s
 _SINK_RAD_S = 0.3  # speed from which a sinking arm stiffens
@@ -46,7 +46,7 @@ class Sink:
         self._move, self._lower_rad, self._upper_rad = move, hardware.lower[:n], hardware.upper[:n]
         self._share = self._damping = 1.0
         self.shares: np.ndarray = np.ones(n)
-        self._heard = self._lowers = np.zeros(n, dtype=bool)  # lowers: silent, set-point moves down
+        self._heard = self._lowers = np.zeros(n, dtype=bool)  # lowers: silent joints with sinking set-points
         self._now, self._dt = now, 0.0
         self._still_since, self._still_q = now, q.copy()
 

@@ -58,7 +58,7 @@ class SoftPull:
 
     def __init__(self, kp: np.ndarray, kd: np.ndarray, acceleration_rad_s2: float = _ACCELERATION_RAD_S2):
         self._stiffness, self._damping = _STIFFNESS * kp, _DAMPING * kd
-        self._reach = _MOST_NM / np.maximum(self._stiffness, _MOST_NM)  # 1 rad at most
+        self._reach = _MOST_NM / np.maximum(self._stiffness, _MOST_NM)  # at most 1 rad
         self._ramp = Glide(np.full(len(kp), acceleration_rad_s2))
 
     def begin(self, q: np.ndarray) -> None:

@@ -19,7 +19,7 @@ _PERIOD_RANGE_S = (1 / 400, 0.1)  # target periods of a streaming caller; 1/400,
 _PERIOD_GAIN = 0.2  # smoothing factor of the measured caller period
 _STREAM_GAP = 1.5  # caller periods without a target after which the stream counts as ended
 _BORNE_OUT_RAD = 0.01  # maximum error of a target predicted from the previous target and its speed, rad or strokes
-_TRACK_S = 0.02  # time in which a tracking set-point closes a gap: five ticks, since a shorter time passes target noise
+_TRACK_S = 0.02  # time in which a tracking set-point closes a gap: five ticks; less would pass target noise
 _WEIGHTS = np.array([0.25, 0.5, 0.25])  # weights of the last three plans
 
 

@@ -1,8 +1,8 @@
 """Mutual detection of process exit between a caller and the processes that hold its arms.
 
-A pid is not sufficient, since a caller that executes another program keeps its pid. A socket pair is: the kernel closes
-the caller's end of the socket, however the caller ends. No program can open a socket through /proc, neither to keep the
-socket open nor to write.
+A pid is not sufficient, since a caller that executes another program keeps its pid. A socket pair is sufficient: the
+kernel closes the caller's end of the socket, however the caller ends. No program can open a socket through /proc,
+neither to keep the socket open nor to write.
 """
 
 import contextlib

@@ -99,7 +99,7 @@ class _Step(NamedTuple):
         return self.start, q + dq * (braking_s / 2), self.dt / (self.dt + braking_s / 2) if self.dt > 0.0 else 1.0
 
     def rests(self, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return rest positions (N,) twice: after a step, and of each joint if it alone braked at once."""
+        """Return rest positions (N,) twice: after the step, and of each joint if only that joint braked at once."""
         q, dq = self.take(share)
         braking_s = _braking_time(dq, self.decel)
         return q + dq * (braking_s / 2), self.q_brake + self.dq_brake * (braking_s / 2)
@@ -115,7 +115,7 @@ class WorkspaceGuard:
     Grippers count as fully open until `open_grippers` is called.
 
     Args:
-        arms: the guarded arms, in the order of all lists below.
+        arms: the guarded arms, in the order of all lists in this class.
 
     Raises:
         ConfigError: a workspace is invalid, or the mounting positions of arms overlap.
