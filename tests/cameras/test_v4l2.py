@@ -1,5 +1,6 @@
 """The ioctls of V4L2, against the header that they come from; files that are no V4L2 nodes."""
 
+import errno
 import re
 import shutil
 import subprocess
@@ -69,6 +70,30 @@ def test_a_file_offers_nothing(tmp_path):
         v4l2.set_control(tmp_path / "video0", v4l2.GAIN, 3)
     with pytest.raises(CameraError, match="cannot be opened: No such file"):
         v4l2.modes(tmp_path / "video1")
+
+
+def test_a_cameras_modes(tmp_path, monkeypatch):
+    """As a kernel answers for a camera with one format, one discrete size with two rates, and sizes in steps."""
+    yuyv = int.from_bytes(b"YUYV", "little")
+    rows = {
+        v4l2.ENUM_FMT: [v4l2.FMT.pack(0, 1, 0, b"", yuyv)],
+        v4l2.ENUM_FRAMESIZES: [v4l2.SIZE.pack(0, yuyv, 1, 640, 480), v4l2.SIZE.pack(1, yuyv, 3, 16, 16)],
+        v4l2.ENUM_FRAMEINTERVALS: [
+            v4l2.INTERVAL.pack(0, yuyv, 640, 480, 1, 1, 30),
+            v4l2.INTERVAL.pack(1, yuyv, 640, 480, 1, 1, 15),
+            v4l2.INTERVAL.pack(2, yuyv, 640, 480, 3, 1, 60),
+        ],
+    }
+
+    def ioctl(_, request, buffer):
+        index = int.from_bytes(buffer[:4], "little")
+        if index >= len(rows[request]):
+            raise OSError(errno.EINVAL, "Invalid argument")
+        buffer[:] = rows[request][index]
+
+    monkeypatch.setattr(v4l2.fcntl, "ioctl", ioctl)
+    (tmp_path / "video0").touch()
+    assert v4l2.modes(tmp_path / "video0") == [v4l2.Mode("YUYV", 640, 480, (15.0, 30.0))]
 
 
 def test_a_mode_reads_well():

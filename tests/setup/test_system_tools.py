@@ -8,7 +8,7 @@ import pytest
 
 from lerobot_robot_yam.doctor.check_link import NO_RESTART
 from lerobot_robot_yam.errors import SetupError
-from lerobot_robot_yam.setup.system_files import FileChange, SystemFiles
+from lerobot_robot_yam.setup.system_files import FileChange, GroupChange, SystemFiles
 from lerobot_robot_yam.setup.system_tools import UNIT, UNIT_TEXT, SystemTools, bring_up
 from lerobot_robot_yam.system.sysfs import CanAdapter, read_adapters
 from tests.support.doctor_desk import Sysfs
@@ -59,6 +59,15 @@ def test_an_adapter_is_renamed_while_its_link_is_down_then_brought_up(ran, tmp_p
 
     assert renamed("can9", "can_b") == (True, ["systemctl restart yam-can@can_b.service"])
     assert renamed("can8", "can_a") == (False, [])  # another adapter's, as when two swap their names
+
+
+def test_only_groups_that_were_joined_are_left_again(tmp_path):
+    (tmp_path / "etc").mkdir()
+    (tmp_path / "etc/group").write_text("dialout:x:20:eva\nvideo:x:44:eva\nplugdev:x:46:\n")
+    files = SystemFiles(tmp_path)
+    for groups in (("dialout",), ("dialout", "plugdev")):
+        files.apply([GroupChange("eva", groups)])
+    assert files.undo_changes() == ([GroupChange("eva", ("dialout",), joins=False)], [])
 
 
 def test_a_reset_and_a_new_unit(tools, ran):

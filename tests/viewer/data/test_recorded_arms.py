@@ -58,7 +58,7 @@ def test_a_run_config_says_what_the_arms_are():
 
 def test_another_number_of_joints_is_refused():
     data, _ = opened([f"joint_{i}.pos" for i in range(1, 6)])
-    with pytest.raises(ConfigError, match="5 joints"):
+    with pytest.raises(ConfigError, match="the arm has 5 joints"):
         arms_of(data)
 
 
