@@ -236,3 +236,26 @@ def test_a_jolt_decays(seed):
 @pytest.mark.parametrize("seed", range(8, 200))
 def test_a_jolt_decays_in_any_hand_and_pose(seed):
     check_decays(seed)
+
+
+def test_unused_credit_decays():
+    """A leader that was moved against the force may come back as far; seconds later, only a part of that way."""
+
+    def way_until_gone(rest_s):
+        force = BilateralForce(np.full(1, 0.2), np.full(1, 80.0), np.full(1, 20.0))
+
+        def run(rad_s, seconds):
+            last = 0.0
+            for _ in range(round(seconds / TICK_S)):
+                last = force.torque(np.full(1, 0.05), np.full(1, rad_s), np.zeros(1), TICK_S)[0]
+            return last
+
+        run(0.0, 5.0)  # the bound has grown
+        run(-1.0, 0.5)  # more than the maximum credit
+        run(0.0, rest_s)
+        way = 0.0
+        while run(1.0, TICK_S) > 0.0:
+            way += TICK_S
+        return way
+
+    assert way_until_gone(0.0) - way_until_gone(4.0) == pytest.approx(0.3 * (1.0 - np.exp(-2.0)), abs=0.02)
