@@ -30,7 +30,7 @@ _CAMERAS = (
 
 @dataclass(kw_only=True)
 class FollowerOptions(ABC):
-    """Options of the robot as a whole: with one arm or two, connected to this computer or another one."""
+    """Options of the robot as a whole: with one arm or two, connected to this computer or to another one."""
 
     cameras: dict[str, CameraConfig] = option(_CAMERAS, factory=dict)
     observe_velocity: bool = option("also observe joint_1.vel …, rad/s, and the gripper in strokes per second", False)
@@ -182,7 +182,7 @@ class _RemoteFollowers(RemoteOptions, FollowerOptions):
 @register_as(RobotConfig, "yam_remote")
 @dataclass(kw_only=True)
 class YamRemoteConfig(RobotConfig, _RemoteFollowers):
-    """One follower arm connected to another computer, with cameras of this computer."""
+    """One follower arm connected to another computer, with cameras connected to this computer."""
 
     def __post_init__(self) -> None:
         self.ask_host("robot", ("",))
@@ -192,7 +192,7 @@ class YamRemoteConfig(RobotConfig, _RemoteFollowers):
 @register_as(RobotConfig, "bi_yam_remote")
 @dataclass(kw_only=True)
 class BiYamRemoteConfig(RobotConfig, _RemoteFollowers):
-    """Two follower arms connected to another computer, with cameras of this computer."""
+    """Two follower arms connected to another computer, with cameras connected to this computer."""
 
     def __post_init__(self) -> None:
         self.ask_host("robot", ("left_", "right_"))

@@ -17,15 +17,18 @@ _CHUNK = 65536  # bytes
 _CLEAR = b"\r\x1b[K"
 # "INFO 2026-11-28 12:53:28 sode_log.py:229 episode 0: …", the format of LeRobot and of our control loops.
 _RECORD = re.compile(r"(DEBUG|INFO|WARNING|ERROR|CRITICAL) \d{4}-\d\d-\d\d \d\d:\d\d:\d\d +(\S+) (.*)")
-_DETAILS = re.compile(r"lerobot_robot_yam\.control\.|t_record\.py:")  # from the loops; LeRobot's config dump
-# Late frames are in their episode's line, kept episodes in the last lines; in the rig no finger can be pinched.
+_DETAILS = re.compile(r"lerobot_robot_yam\.control\.|t_record\.py:")  # from the control loops; LeRobot's config dump
+# Not shown: an episode's line already counts its late frames, the last lines name the kept episodes, and without known
+# gripper stops a virtual rig cannot pinch a finger.
 _LEFT_OUT = re.compile(r"Record loop is running slower|kept |\w+: no gripper stops are known")
-_NOISE = re.compile(r"\[\w+ @ 0x[0-9a-f]+\]|.*\d%\|")  # settings of an encoder; a complete progress bar
+_NOISE = re.compile(r"\[\w+ @ 0x[0-9a-f]+\]|.*\d%\|")  # settings of a video encoder; a completed progress bar
 _NUMBER = re.compile(r"\d[\d.]*")
 
 
 class RecordLog:
-    """Shows the standard error of a child process; this is a terminal for the child if it is one for us.
+    """Shows and logs the standard error of a child process.
+
+    The child's standard error is a terminal if the standard error of this process is one.
 
     Warnings that differ only in their numbers are shown once. A line with an unknown format is shown.
 

@@ -6,9 +6,9 @@ yam-setup --dry-run             shows what it finds, and writes nothing
 yam-setup --check lab.yaml      looks for mistakes in a file
 yam-setup --rig NAME            a virtual rig
 
-lerobot-record and lerobot-teleoperate take the file itself; the configs of all commands name it. Energises nothing.
-An earlier file is replaced only after its differences were shown. Exit status: 0 done; 1 it cannot be done, or the
-file has mistakes; 2 wrong arguments; 130 interrupted: run it again to continue.
+lerobot-record and lerobot-teleoperate take the file as --config_path; for all commands, the configs in configs/rig
+refer to the file. Energises nothing. An earlier file is replaced only after the differences have been shown. Exit
+status: 0 success; 1 failure, or the file has mistakes; 2 invalid arguments; 130 interrupted: run it again to continue.
 """
 
 import argparse

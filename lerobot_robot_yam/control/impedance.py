@@ -20,11 +20,11 @@ _GLIDE_S = 0.5  # transition time of a gain change, s
 _SOFT_FADE_S = 0.3  # time in which the friction feedforward of soft joints fades in or out, s
 _STILL_RAD_S = 1e-3  # speed below which a set-point counts as at rest, rad/s
 _WORTH_SAYING_RAD = 0.01  # minimum distance beyond a joint limit that is reported, rad: some joints rest on a limit
-_RUBS = 0.05  # maximum friction torque, as a share of the torque limit: 1.4 Nm of a DM4340
+_RUBS = 0.05  # maximum friction torque, as a share of the torque limit: 1.4 Nm for a DM4340
 _MOST_KD = 5.0  # maximum damping accepted by the motors, Nm s/rad, so that unsupported parts sink slowly
 _PLANNED_SHARE = 0.9  # share of the torque limit available to a set-point; the rest is for unmodelled torque
 _LEAST_SHARE = 0.2  # minimum share of the acceleration: a set-point must always be able to brake
-_AHEAD_TICKS = 1.5  # ticks from a sample to the middle of the tick in which its command acts
+_AHEAD_TICKS = 1.5  # ticks from a sample to the middle of the tick in which the command computed from it acts
 
 
 Assist = tuple[np.ndarray, np.ndarray]

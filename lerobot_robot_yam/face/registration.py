@@ -4,9 +4,10 @@
 import this module too. Therefore each config module is imported right after the LeRobot module with its registry: at
 once if that LeRobot module is already loaded, otherwise as soon as a LeRobot command loads it.
 
-Other plugins use some of the same type names. A device whose name is taken stays usable under its spare name.
+Other plugins use some of the same type names. A type whose name is taken is registered under its fallback name, if
+it has one.
 
-The messages of `start_messages` are shown at the same time.
+Registration also shows the messages of `start_messages`.
 """
 
 import importlib
@@ -79,8 +80,8 @@ def register_as[C: type](registry: Any, name: str, spare: str | None = None) -> 
 
     Args:
         registry: LeRobot's base class of such configs.
-        name: name of the type. If another plugin has taken this name, the class gets the spare name.
-        spare: spare name of the type; None: no spare name.
+        name: name of the type.
+        spare: fallback name, used if another plugin has already registered `name`; None: no fallback.
     """
 
     def decorate(config_class: C) -> C:

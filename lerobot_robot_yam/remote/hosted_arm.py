@@ -57,7 +57,7 @@ class HostedArm:
         self._target = self._request = 0
 
     def take(self, record: bytes, leaders: Collection[str]) -> bool:
-        """Forward what is new in a client's command record. Return False if any part was too old or refused.
+        """Forward the request and the target in a client's command record, if they are new.
 
         A request is forwarded before a target, because the client waits for the reply before it sends a target. The
         request keeps its number, by which the client finds the reply in the arm's states.
@@ -65,6 +65,9 @@ class HostedArm:
         Args:
             record: bytes of COMMAND_DTYPE, with times in the host's clock.
             leaders: channel keys of the leaders that a follower may follow.
+
+        Returns:
+            False if the session is not running, or if the request or target was refused, for instance as too old.
         """
         command, client = np.frombuffer(record, COMMAND_DTYPE)[0], self.client
         target, request, taken = int(command["target_sequence"]), int(command["request_sequence"]), client is not None

@@ -24,7 +24,7 @@ _LIFTED_S, _HOME_S = (6.0, 20.0), (0.2, 5.0)  # some stays at home are too short
 _ATTEMPTS = 3
 _REST_RAD_S = 1.0
 _SETTLE_S = 0.6  # the motors' watchdog plus a margin
-_LATE_LANDING_S = 15.0  # a stretched arm lands in less time
+_LATE_LANDING_S = 15.0  # time-out for a landing that outlasts `disconnect`, s; even a fully extended arm lands faster
 
 
 class Operator:
@@ -35,7 +35,7 @@ class Operator:
         injector: suspends faults while a device is connected or re-armed.
         seed: seed of the hand paths.
         violation: callback that receives invariant, channel or device, and description.
-        coupled: whether lifting a leader engages it; leaders are then returned to home from time to time.
+        coupled: whether lifting a leader engages it. If so, each hand path also brings the leaders home again.
     """
 
     def __init__(

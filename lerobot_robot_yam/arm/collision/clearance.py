@@ -38,7 +38,7 @@ _DEEP_NOISE_M = 2e-5  # numerical noise of the penetration depth of two cylinder
 _PASSING_M = 0.0002  # tolerance between start and end of a move, m: set-points never stop there
 _STEP_M = 0.008  # travel between two measurements of a pair, m
 _STEPS = 10  # maximum measurements of a pair per tick: 3 cm apart when all joints of two arms move at 1.5 rad/s
-_JOINED_M = 0.025  # median distance below which links count as joined, m: profiles have 0 … 16 mm, or 36 and more
+_JOINED_M = 0.025  # median distance below which links count as joined, m: in the profiles 0 … 16 mm, or 36 and more
 _JOINED_SAMPLES = 101  # number of random poses for this median
 _REST_SLACK_M = 0.004  # tolerance for a folded arm that is not exactly in its rest pose, m
 
@@ -53,7 +53,10 @@ class Pair(NamedTuple):
 
 
 class Conflict(NamedTuple):
-    """Pair that is too near at `share` of the move. before_m, there_m: distance at the start and at `share`, m."""
+    """Pair that is too near at the fraction `share` of a move.
+
+    before_m, there_m: distances at the start and at `share`, m.
+    """
 
     pair: Pair
     share: float
@@ -102,8 +105,8 @@ class Clearance:
     ) -> list[Conflict]:
         """Find the pairs that the straight move from `start` to `end` (N,) rad brings into conflict, worst first.
 
-        The check is exact at `station`, a fraction of the move, and at the end. In between its error is `_PASSING_M`
-        plus the curvature of the motion between two of at most `most_steps` measurements.
+        The check is exact at the fraction `station` (0 … 1) of the move and at its end. Elsewhere, its error is up to
+        `_PASSING_M` plus the curvature of the motion between two of at most `most_steps` measurements.
         """
         move = end - start
         travel = self._levers.dot(np.abs(move))
@@ -207,7 +210,7 @@ def _own_pairs(parts: ArmParts, index: int, arm: GuardedArm, margin: float) -> I
 
 
 def _apart(parts: ArmParts, arm: int, margin: float, first: Sequence[int], second: Sequence[int]) -> list[Pair]:
-    """List pairs with one part from each list, the one nearer to the base first, that are not connected by a joint."""
+    """List the pairs of a part from `first` and a later part of the chain from `second` that no joint connects."""
     return [Pair(a, b, margin, (arm,)) for a in first for b in second if parts.link[b] - parts.link[a] > 1]
 
 
@@ -228,7 +231,7 @@ def _joined(parts: ArmParts, index: int, arm: GuardedArm, pairs: Sequence[Pair])
 
 
 def _distances_at_rest(parts: ArmParts, index: int, arm: GuardedArm, pairs: Sequence[Pair]) -> np.ndarray:
-    """Measure distances (pairs,) in the rest pose, m: the smaller one of gripper open and closed."""
+    """Measure distances (pairs,) in the rest pose, m: the smaller of those with open and with closed gripper."""
     rows = []
     for opening in (0.0, 1.0):
         parts.open_grippers([opening] * len(parts.names))

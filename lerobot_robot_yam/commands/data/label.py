@@ -1,12 +1,12 @@
-"""Show, edit and apply the outcomes of the episodes of a data set.
+"""Show, edit and apply the outcomes of a data set's episodes.
 
-yam-label data/NAME                                shows them, and what --apply would do
-yam-label data/NAME --set 3=failure 5-7=discard    labels episodes; none takes a label back
+yam-label data/NAME                                shows the labels, and what --apply would do
+yam-label data/NAME --set 3=failure 5-7=discard    labels episodes; none removes a label
 yam-label data/NAME --rest success                 labels all episodes that have no label
 yam-label data/NAME --apply                        writes data/NAME_labelled, leaves data/NAME as it is
 
 Labels are success, failure and discard. They are kept in meta/yam_outcomes.jsonl. --apply leaves out the episodes that
-are labelled discard, and writes a column of successes. Exit status: 0 done; 1 it cannot be done; 2 wrong arguments.
+are labelled discard, and writes a column of successes. Exit status: 0 success; 1 failure; 2 invalid arguments.
 """
 
 import argparse

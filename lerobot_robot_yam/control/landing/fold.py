@@ -84,14 +84,14 @@ class Fold:
         return Phase.FOLD
 
     def retry(self, now: float) -> Phase:
-        """Advance a blocked, holding arm by one tick; return the next phase."""
+        """Advance by one tick while the arm holds, obstructed: fold again after `_RETRY_S`. Return the next phase."""
         if not now - self._barred_s > _RETRY_S:
             return Phase.OBSTRUCTED
         self._goes_round, self.may_learn = False, True
         return self._go([self._pose], now)
 
     def _barred(self, reason: str, now: float) -> Phase:
-        """Try the path over the top; if already tried, hold, or sink if a supporting motor is out."""
+        """Try the path over the top; if that fails too, hold. Sink if a supporting motor is out or all tries failed."""
         out, over = self.carriers(self._move.unheard), self._over_the_top()
         if over and not self._goes_round:
             self._goes_round = True

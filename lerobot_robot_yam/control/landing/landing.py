@@ -8,8 +8,8 @@ An arm without one of its supporting motors may never reach the folded pose, sin
 arm sinks onto the obstacle that stopped its descent. The arm also sinks instead of fading if a supporting motor is limp
 or silent at the end of `lower`, since the position of that motor's joint is then unknown.
 
-An arm with a tilted base or a configured resting pose does not lie in that pose. From there the arm sinks until its
-parts hang or lie, and torque is cut when nothing moves any more.
+An arm with a tilted base or a configured resting pose is not supported in its resting pose. From that pose, such an arm
+sinks until each part hangs freely or lies on something; torque is cut once nothing moves.
 
 A silent motor may still obey. Its set-point is lowered in the direction of the modelled gravity torque, to the end of
 the range or to the hanging position of the joint; only then does the stiffness fade.
@@ -26,11 +26,11 @@ _LIES_RAD = 0.06  # maximum distance from the resting pose of an arm that lies a
 _CONTACT_RAD, _CONTACT_S = 0.12, 0.1  # error, rad, and its minimum duration, s, that indicate contact while lowering
 _FADE_S = 0.15  # time in which stiffness fades if the arm lies, s
 _SINK_S = 1.5  # time in which stiffness fades if the arm does not lie yet, s
-_SINK_RAD_S = 0.3  # speed from which a sinking arm stiffens
+_SINK_RAD_S = 0.3  # speed at or above which a sinking arm stiffens
 _STIFFEN_S = 0.3  # time from zero to full stiffness if the arm sinks too fast, s
 _LOOSE = 0.1  # minimum share of damping: with more damping a slide might be too slow to be detected
 _STILL_RAD_S = 0.03  # maximum speed of an arm at rest
-_CREEP_RAD = 0.02  # displacement from which a joint at rest counts as moving
+_CREEP_RAD = 0.02  # displacement above which a joint at rest counts as moving
 _STILL_S, _SUNK_S = 0.06, 1.0  # time at rest, s, after which a fade ends, and after which sinking ends
 
 
@@ -112,7 +112,7 @@ class Landing:
     """Landing of the arm joints (n,).
 
     Args:
-        hardware: the arm. An arm that does not lie in its resting pose sinks from there until it hangs or lies.
+        hardware: the arm. An arm that is not supported in its resting pose sinks from that pose.
         q: (n,) measured positions, rad.
         setpoint: the arm's set-point; its limits are lowered and not restored.
         now: monotonic time, s.

@@ -15,10 +15,10 @@ import math
 
 import numpy as np
 
-_PERIOD_RANGE_S = (1 / 400, 0.1)  # target periods of a streaming caller; 1/400, since ticks of 250 Hz vary
+_PERIOD_RANGE_S = (1 / 400, 0.1)  # a streaming caller's periods; the minimum is below 1/250, since ticks vary
 _PERIOD_GAIN = 0.2  # smoothing factor of the measured caller period
 _STREAM_GAP = 1.5  # caller periods without a target after which the stream counts as ended
-_BORNE_OUT_RAD = 0.01  # maximum error of a target predicted from the previous target and its speed, rad or strokes
+_BORNE_OUT_RAD = 0.01  # tolerance within which a target agrees with the extrapolated previous one, rad or strokes
 _TRACK_S = 0.02  # time in which a tracking set-point closes a gap: five ticks; less would pass target noise
 _WEIGHTS = np.array([0.25, 0.5, 0.25])  # weights of the last three plans
 
@@ -137,7 +137,7 @@ class SetPoint:
             self._arrive_at = now + self._period
 
     def _borne_out(self, target: np.ndarray, at_s: float) -> bool:
-        """Return whether a target agrees with the previous target extrapolated with its speed."""
+        """Return whether a target at time `at_s` agrees with the previous target, extrapolated at its speed."""
         if self._told is None:
             return False
         before, velocity, before_s = self._told
@@ -240,7 +240,9 @@ def _next(
     lower: float,
     upper: float,
 ) -> tuple[float, float]:
-    """Return position and speed of one coordinate after a tick of `dt` s. For seven, numpy would take twice as long.
+    """Return position and speed of one coordinate after a tick of `dt` s.
+
+    For seven coordinates, numpy would take twice as long.
 
         v = gap / left,  |v − v_target| ≤ sqrt(2 a |gap|),  |v| ≤ speed limit
         |v| ≤ sqrt(2 a_end d), with d the distance to the end of the range,  |v − dq| ≤ a dt

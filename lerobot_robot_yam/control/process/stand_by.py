@@ -43,7 +43,10 @@ _HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # reads without a new tick; not a time, s
 
 
 def spawn(arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[BlockPair], rt_priority: int) -> int:
-    """Fork a stand-by for this process, which must have opened only its blocks; return the stand-by's pid."""
+    """Fork a stand-by for this process; return the stand-by's pid.
+
+    Call this function before the process opens any channel: the stand-by inherits all open files, such as the blocks.
+    """
     control_pid = os.getpid()
     pid = os.fork()
     if pid:
@@ -156,7 +159,10 @@ class StandBy:
 
 
 def _take(locks: Sequence[FileLock]) -> bool:
-    """Acquire the locks that the kernel has freed. Return True, for `must_land`: arms land, and retry after a fault."""
+    """Acquire the locks that the kernel has freed.
+
+    Always return True: as `must_land`, this makes the arms land, and retry after a fault.
+    """
     for lock in locks:
         if not lock.held:
             with contextlib.suppress(ChannelInUseError, OSError):  # a full disk must not end the landing

@@ -1,4 +1,4 @@
-"""Pictures of a data set's videos, decoded by PyAV: single pictures, or an episode's as small grey thumbnails.
+"""Pictures from a data set's videos, decoded by PyAV: single pictures, or an episode's pictures as grey thumbnails.
 
 LeRobot can decode videos, too, but loads torch for that.
 """
@@ -94,8 +94,8 @@ def decode(path: Path, start_s: float, length: int, fps: float, step: int) -> Th
         path, fps: the video file and its frames per second.
         start_s: start of the episode in the video, s.
         length: number of frames in the episode.
-        step: 1: decode all frames. Otherwise only key frames: those at or just before each step-th frame, and the last
-            frame. LeRobot makes every second frame a key frame.
+        step: distance between the wanted frames. 1 decodes all frames. A larger step decodes only key frames: those at
+            or just before each step-th frame and the last frame. LeRobot makes every second frame a key frame.
 
     Raises:
         av.FFmpegError, OSError, EOFError: the video cannot be decoded.

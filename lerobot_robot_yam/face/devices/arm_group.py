@@ -66,8 +66,9 @@ class ArmGroup:
         is_joint: (n,) whether each value is an angle; the other values are gripper openings.
         paused: whether followers hold until they get a new target, see `pause_followers`.
         give_action: for connected leaders, function that returns their current action; None for followers.
-        recognise: for connected leaders, function that returns (joints (n,) of their last action, for each arm whether
-            the given action has these joints), or None if no arm has them; None for followers.
+        recognise: for connected leaders, function that takes an action and returns (joints, same), or None if no arm's
+            part of it is that of their last action. joints: joints (n,) of their last action. same: for each arm,
+            whether its part is the same in both actions. None for followers.
     """
 
     def __init__(
@@ -239,11 +240,12 @@ class ArmGroup:
 
         Args:
             action: action of all arms; the values of one arm may come from a leader, those of the other from elsewhere.
-            joints_of: function that computes the joints (n,) of an action from another source.
+            joints_of: function that computes the joints (n,) of an action that comes at least partly from elsewhere.
 
         Returns:
-            (joints (n,) of the action, for each arm the channel key of its leader or None if that leader has no
-            follower or has not produced the action); None if no leader has produced the action.
+            (joints, keys), or None if no leader has produced the action. joints: joints (n,) of the action. keys: for
+            each arm, the channel key of its leader; None if that leader has no follower or has not produced the arm's
+            part of the action.
         """
         for other in _running:
             if other.recognise is None or not any(side.follower_key for side in other.sides):

@@ -24,11 +24,11 @@ from lerobot_robot_yam.state.modes import Mode
 
 logger = logging.getLogger(__name__)
 
-_JUMP_M = 0.1  # distance between two poses from which a new path starts, m (1 rad counts as 0.1 m)
+_JUMP_M = 0.1  # distance between two poses above which a new path starts, m (1 rad counts as 0.1 m)
 _SEARCHES = 12  # maximum number of attempts at the first pose of a path, about 1 ms each; usually one or two
 _ATTEMPTS = 4  # maximum number of attempts at each later pose; usually one
 _REACH_RAD = 0.7  # maximum turn of a joint between poses, rad, so that the arm never swings to its other side
-_WORTH_SAYING_M = 1e-3  # error from which a pose counts as out of reach, m
+_WORTH_SAYING_M = 1e-3  # error at or above which a pose counts as out of reach, m (1 rad counts as 0.1 m)
 _QUIET = 30  # number of poses within reach, about a second, after which the next warning may be logged
 
 

@@ -1,10 +1,10 @@
 """Episodes that begin when the leaders are lifted, and end when the leaders are home. Pure: no clock, no keyboard.
 
-`lerobot-record` records from its start on, and again as soon as an episode is saved. Therefore an episode that did not
-begin with a lift gets the re-record key at once: LeRobot discards it and waits in its reset phase. The lift ends the
-reset, and no save delays the recording. When the leaders are home, the episode ends, and the reset after it ends at
-once, so that the episode is saved. An episode that an emergency stop interrupts is discarded: the leaders go home after
-the stop, but not because the person has finished.
+`lerobot-record` starts recording as soon as it is launched, and starts the next episode as soon as the previous one is
+saved. Therefore the re-record key is pressed at once in an episode that did not begin with a lift: LeRobot discards the
+episode and waits in its reset phase. The next lift ends the reset, and no save delays the recording. When the leaders
+are home, the episode ends, and the reset after it ends at once, so that the episode is saved. An episode that an
+emergency stop interrupts is discarded: the leaders go home after the stop, but not because the person has finished.
 
 In lerobot-rollout, episodes belong to the policy: leaders neither begin nor end an episode.
 """
@@ -33,14 +33,14 @@ def led_by_hand(leaders: Sequence[ArmState]) -> bool:
 
 
 class AutoEpisodes:
-    """State machine that derives the next key from the state of leaders and command."""
+    """State machine that derives the next key from the states of the leaders and the command."""
 
     def __init__(self) -> None:
         self._turn = 0.0
         self._armed = False  # whether the leaders were home since the last episode began
         # whether a lift ends this turn (_starts), and ended the previous turn (_begun)
         self._starts = self._begun = False
-        self._was_lifted = False  # whether leaders were lifted in this turn, a run of the loop
+        self._was_lifted = False  # whether leaders were lifted in this turn (run of the command's loop)
         self._cut_off = False  # whether an arm stopped or failed in this turn
 
     def key(self, lifted: bool | None, by_hand: bool, now: Situation) -> Meaning | None:

@@ -6,12 +6,12 @@ from lerobot_robot_yam.face.lerobot_command.running_command import Meaning, Situ
 
 
 class Press(NamedTuple):
-    """Button press, or equivalent request from a page.
+    """Request of a button press or of a page.
 
     Attributes:
         by: name of the button or page.
         meaning: requested action of the command.
-        turn: run of the command's loop for which the press is valid; None: any run.
+        turn: run of the command's loop for which the request is valid; None: any run.
     """
 
     by: str
@@ -23,7 +23,7 @@ class Doer(Protocol):
     """Object that carries out requests."""
 
     def ask(self, press: Press) -> None:
-        """Carry out a press. Any thread may call this method."""
+        """Carry out a request. Any thread may call this method."""
 
     def offers(self, now: Situation, first: int) -> dict[str, str]:
         """Return meaning → description of its current effect. first: number of episodes before this session."""
@@ -33,18 +33,18 @@ _doers: list[Doer] = []
 
 
 def join(doer: Doer, first: bool) -> None:
-    """Register a doer. first: whether it has priority over all others."""
+    """Register an object that carries out requests. first: whether this object has priority over all others."""
     _doers.insert(0 if first else len(_doers), doer)
 
 
 def leave(doer: Doer) -> None:
-    """Remove a doer. Idempotent."""
+    """Remove an object that `join` has registered. Idempotent."""
     if doer in _doers:
         _doers.remove(doer)
 
 
 def ask(press: Press) -> bool:
-    """Pass a press to the first doer. Return False without a doer."""
+    """Pass a request to the registered object with the highest priority. Return False if none is registered."""
     for doer in _doers:
         doer.ask(press)
         return True

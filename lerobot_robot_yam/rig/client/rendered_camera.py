@@ -79,7 +79,7 @@ class RigCamera:
         self._block: SharedBlock | None = None
         self._seen = 0
         self._newest: tuple[int, _Frame | None] = (-1, None)  # sequence number of the block, and its frame
-        self._heard: dict[str, Any] = {}  # last message of the rig about this camera
+        self._heard: dict[str, Any] = {}  # last message from the rig about this camera
 
     @property
     def is_connected(self) -> bool:
@@ -110,7 +110,7 @@ class RigCamera:
             raise
 
     def _hear(self) -> None:
-        """Read one packet of the rig, if any. Once a packet has contained an error, each call raises that error."""
+        """Read one packet from the rig, if any. Once a packet has contained an error, each call raises that error."""
         assert self._socket is not None
         launch.checked(self._heard)
         try:

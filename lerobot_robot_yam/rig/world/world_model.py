@@ -21,8 +21,9 @@ from lerobot_robot_yam.rig.scene.props import Part, Thing
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Camera, Scene
 
 HAND_KP, HAND_KD = 200.0, 20.0  # stiffness, Nm/rad, and damping, Nm s/rad, of a hand's firm grip on a leader's joints
-HAND_TORQUE_NM = 12.0  # limit of the operator's torque at each joint
-FIRM_FRICTION = 0.999  # solver impedance at which a braked shaft creeps by 5 mrad/s instead of the default's 0.5 rad/s
+HAND_TORQUE_NM = 12.0  # maximum torque of the operator's hand at each joint
+# solver impedance (MuJoCo's solimp) at which a braked shaft creeps at 5 mrad/s; with the default it creeps at 0.5 rad/s
+FIRM_FRICTION = 0.999
 TABLE, FLAT = "table top", "flat thing"  # name prefixes of materials whose textures the renderer draws (`render.shade`)
 BALLAST = "ballast"  # body at each arm's tcp; `outer_forces.Ballast` sets its mass, initially 0
 _FLAT_M = 0.002  # thickness below which things receive shadows like the table
@@ -124,7 +125,7 @@ def _add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
 
 
 def carried(deviation: Deviation) -> Load:
-    """Return the payload of an arm's tool, which the arm's profile lacks."""
+    """Return the payload that an arm carries at its tool and that the arm's profile does not contain."""
     x, y, z = deviation.payload_com_m.tolist()
     return Load(payload_mass_kg=deviation.payload_mass_kg, payload_com_m=(x, y, z))
 

@@ -28,7 +28,7 @@ logger = logging.getLogger(__name__)
 logger.setLevel(logging.WARNING)  # at lower levels, websockets logs whole requests including the token
 
 _MOST_BYTES = 1 << 16  # maximum message size, bytes; viser's own limit is 50 MB
-_MOST_PER_S = 400  # maximum number of messages per page and second; a drag sends 60 to 120
+_MOST_PER_S = 400  # maximum number of messages per second from one page; a drag sends 60 to 120
 _MOST_PAGES = 32
 _MOST_CONNECTIONS = 128  # maximum number of TCP connections; a browser opens a few short ones and one that stays
 _OPENING_S, _CLOSING_S = 5.0, 1.0
@@ -69,7 +69,7 @@ logger.addFilter(Seldom())
 class Gate:
     """Access gate: checks incoming requests and messages, and counts pages and connections.
 
-    `access`: check of requests.
+    `access`: decides which requests are answered.
 
     Attributes:
         server: viser's server. While this is None, no message may change a control.
@@ -100,7 +100,7 @@ class Gate:
         return None if response is None else shield(request, response)
 
     def control(self, uuid: str) -> Any:
-        """Return the handle of a page control, common or of one browser, or None if the control does not exist."""
+        """Return the handle of a control that all pages share or that belongs to one page; None if there is none."""
         if self.server is None:
             return None
         for gui in (self.server.gui, *(client.gui for client in self.server.get_clients().values())):
@@ -141,7 +141,7 @@ class _Connection(ServerConnection):
                 await self.close(_POLICY_VIOLATION, "malformed message")
 
     async def _pace(self) -> None:
-        """Wait for the next second after `_MOST_PER_S` messages. Unread messages stay in the socket."""
+        """Wait for the next second if more than `_MOST_PER_S` messages came in this one; others stay in the socket."""
         now_s = time.monotonic()
         if int(now_s) != self._second:
             self._second, self._in_second = int(now_s), 0

@@ -25,13 +25,13 @@ from lerobot_robot_yam.waldo.planning.planner import Planner
 from lerobot_robot_yam.waldo.poses import Numbers, from_command, numbers
 from lerobot_robot_yam.waldo.program import PROFILES, swapped
 
-_STILL_RAD_S = 0.05  # joint speed up to which the arm counts as still, rad/s: three steps of the reported speed
+_STILL_RAD_S = 0.05  # joint speed up to which the arm counts as still, rad/s: three resolution steps of its report
 _MM = 1e-3
 _NO_LOAD = {"mass": 0.0, "com": [0.0, 0.0, 0.0]}
 
 
 class MotionRequests:
-    """Motion requests to one controller. All public methods except `set_workspace` and `close` implement a request."""
+    """Motion requests to one controller. Each public method except `set_workspace` and `close` implements a request."""
 
     def __init__(self, controller: Controller):
         self._controller, self._motion = controller, controller.motion
@@ -63,7 +63,10 @@ class MotionRequests:
         return await self._planned(command, lambda p, q: program.pause(q, seconds), blends=False)
 
     async def _planned(self, command: Command, plan: Callable[[Planner, np.ndarray], Plan], blends: bool = True) -> int:
-        """Plan a command from the end of the queue, blended with the previous motion if allowed; return its index."""
+        """Plan and queue a command that starts where the queued motions end; return the command's index.
+
+        `blends`: whether the motion may be blended with the last queued motion.
+        """
         motion, epoch = self._motion, self._motion.epoch
         async with self._in_turn:
             self._controller.check_enabled()

@@ -22,7 +22,8 @@ import ruckig
 from lerobot_robot_yam.errors import PlanError
 from lerobot_robot_yam.waldo.poses import number
 
-JOINT_ACCELERATION_RAD_S2 = 6.0  # our choice: 1.5 rad/s after 0.35 s; the control loop's set-point allows 30
+# our choice: 1.5 rad/s after 0.35 s, including the jerk-limited ramps; the control loop's set-point allows 30 rad/s²
+JOINT_ACCELERATION_RAD_S2 = 6.0
 JOINT_JERK_RAD_S3 = 60.0  # our choice: full acceleration after 0.1 s
 STOP_FACTOR = 2.0  # acceleration factor for a stop: from 1.5 rad/s to rest in 0.13 s
 LINE_SPEED_M_S, LINE_SPEED_RAD_S = 0.25, 1.2  # our choice: slow enough for a person's hand to follow the arm
@@ -37,7 +38,7 @@ HOME_RAD = np.radians([0.0, 60.0, 60.0, -29.0, 0.0, 0.0])
 _LONGEST_S = 3600.0  # maximum duration of a motion, s
 _SAMPLE_S = 0.01  # time between two points of a plan, s: cubics through the points are accurate to 1e-5 rad
 _LOOKS = 100  # number of intervals per motion at whose ends the distance to the corner is compared with the radius
-_LATE = 1.05  # duration above this multiple of the required one is refused
+_LATE = 1.05  # factor: a motion is refused if it takes longer than this times the required duration
 _TINY = 1e-9
 _JERK_SHARES = (1.0, 0.999, 0.99, 0.9)
 

@@ -3,7 +3,9 @@
 A parquet file lists the locations of its columns only in its footer, which is written last; without a footer no reader
 opens the file. But everything before the footer is complete: each column of a row group is one run of pages, and each
 page begins with a header that has its length and number of values. This module therefore counts pages, in the order of
-the columns, and creates a footer: schema and format of each column's entry come from a one-row file by the same writer.
+the columns, and creates a footer. The schema, and the format of each column's entry, come from a one-row file that is
+written with the same settings.
+
 Format: github.com/apache/parquet-format, README.md and parquet.thrift (headers and footer are structures of Thrift's
 compact protocol).
 """
@@ -20,7 +22,7 @@ import pyarrow.parquet as pq
 _MAGIC = b"PAR1"
 _TRUE, _FALSE, _BYTE, _I16, _I32, _I64, _DOUBLE, _BINARY, _LIST, _SET, _MAP, _STRUCT = range(1, 13)
 _DATA_PAGE, _DICTIONARY_PAGE, _DATA_PAGE_V2 = 0, 2, 3
-# page type → (number of the field with its header, number of the encoding's field in that header)
+# page type → (field number of this type's header in PageHeader, field number of the encoding in this type's header)
 _PAGE_HEADERS = {_DATA_PAGE: (5, 2), _DICTIONARY_PAGE: (7, 2), _DATA_PAGE_V2: (8, 4)}
 _RLE = 3
 
@@ -141,7 +143,7 @@ def _page(data: bytes, at: int) -> _Page:
 
 
 def _chunk(data: bytes, at: int, values: int | None) -> list[_Page]:
-    """Return the pages of one column from `at` on, with `values` values; None: all pages up to the next dictionary.
+    """Return the pages of one column: from `at` until they hold `values` values; None: until the next dictionary.
 
     Raises the exceptions of `_page` if pages are missing.
     """
