@@ -13,7 +13,7 @@ import can
 import numpy as np
 
 from lerobot_robot_yam.damiao.bus_port import BusPort, data_message, is_classic_data
-from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit, pack_mit, ranges_of
+from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit, encode_velocity, pack_mit, ranges_of
 from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID, HandleEncoder, encode_report_request
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
 from lerobot_robot_yam.damiao.receiver import FeedbackStore, Receiver
@@ -24,7 +24,7 @@ from lerobot_robot_yam.damiao.registers import (
     encode_refresh,
 )
 from lerobot_robot_yam.damiao.reply_matching import Request
-from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID
+from lerobot_robot_yam.damiao.tables import FRAME_TIME_S, REGISTER_ID, ControlMode
 from lerobot_robot_yam.errors import ActionError, BusError, MotorError
 from lerobot_robot_yam.system.few_values import any_of
 
@@ -86,9 +86,10 @@ class MotorChain:
         self.feedback, self.round_trip = self._receiver.feedback, self._receiver.round_trip
         self._requests = self._receiver.requests
         # Reused every tick: a bus copies what it queues.
-        self._messages = [data_message(spec.can_id, bytes(8)) for spec in self.motors]
+        self._messages = [data_message(spec.command_id, bytes(8)) for spec in self.motors]
         if encoder is not None:
             self._messages.append(data_message(REQUEST_ID, encode_report_request()))
+        self._turning = [i for i, spec in enumerate(self.motors) if spec.mode is ControlMode.VELOCITY]
         self.expected_wire_s = 2 * len(self._messages) * FRAME_TIME_S
         self.missed: np.ndarray = np.zeros(len(self.motors), dtype=int)
         self.all_answered = False
@@ -124,9 +125,10 @@ class MotorChain:
         self._receiver.trial = None
 
     def send(self, commands: np.ndarray, instead: Mapping[int, SpecialCommand] = MappingProxyType({})) -> None:
-        """Send one MIT command per motor, then the report request to the handle, without waiting.
+        """Send one command per motor, then the report request to the handle, without waiting.
 
-        The torques compensate for the rounding of positions and velocities in the frames, see `codec.pack_mit`.
+        The torques compensate for the rounding of positions and velocities in the frames, see `codec.pack_mit`. A motor
+        in velocity mode receives only the velocity of its row.
         After losses a motor is skipped in some ticks, see `reply_matching`; that motor keeps its last command.
 
         Args:
@@ -145,13 +147,17 @@ class MotorChain:
             for spec, row in zip(self.motors, rows, strict=True):
                 encode_mit(spec.type, *row)  # raises ActionError, which names the value
         encoded = [pack_mit(ranges, *row) for ranges, row in zip(self._ranges, rows, strict=True)]
+        for index in self._turning:
+            encoded[index] = encode_velocity(rows[index][1])
         for message, data in zip(self._messages, encoded, strict=False):  # the last message may be the handle's
             message.data = data
-        for index, command in instead.items():
-            self._messages[index].data = command.value
+        messages = self._messages
+        if instead:
+            messages = [*messages]
+            for index, command in instead.items():
+                messages[index] = data_message(self.motors[index].can_id, command.value)
         self.drain()
         absent = [i for i in self._requests.absent() if i not in instead]  # DISABLE must not be delayed
-        messages = self._messages
         if absent:  # the rare case
             messages = [message for i, message in enumerate(messages) if i not in absent]
         self._begin([i for i in range(count) if i not in absent], handle=self.encoder is not None)

@@ -20,7 +20,6 @@ from lerobot_robot_yam.damiao.tables import (
     TIMEOUT_COUNT_S,
     VELOCITY_OFFSET,
     WATCHDOG_S,
-    ControlMode,
     motor_type,
 )
 from lerobot_robot_yam.errors import ChannelInUseError, ConfigError, MotorError
@@ -90,7 +89,7 @@ def listen(bus: can.BusABC, seconds: float, ids: Collection[int], channel: str =
 def verify(chain: MotorChain) -> None:
     """Check that every motor is present, has a unique id and is configured as in the profile. Energises nothing.
 
-    Compares PMAX, VMAX, TMAX and GR with the motor type, MST_ID with the receive mode, CTRL_MODE with MIT, TIMEOUT with
+    Compares PMAX, VMAX, TMAX and GR with the motor type, MST_ID and CTRL_MODE with both modes, TIMEOUT with
     `WATCHDOG_S`.
 
     Raises:
@@ -123,7 +122,7 @@ def expected_registers(spec: MotorSpec) -> dict[Register, float]:
         Register.TMAX: row.torque_max_nm,
         Register.TIMEOUT: round(WATCHDOG_S / TIMEOUT_COUNT_S),
         Register.MST_ID: spec.feedback_id,
-        Register.CTRL_MODE: ControlMode.MIT,
+        Register.CTRL_MODE: spec.mode,
     }
     if row.gear_ratio is not None:
         expected[Register.GR] = row.gear_ratio

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from lerobot_robot_yam.damiao.tables import ReceiveMode, motor_type
+from lerobot_robot_yam.damiao.tables import VELOCITY_OFFSET, ControlMode, ReceiveMode, motor_type
 from lerobot_robot_yam.errors import ConfigError
 
 MOTOR_IDS = range(1, 16)
@@ -18,6 +18,7 @@ class MotorSpec:
 
     `turns`: whether the motor may rotate beyond the position range of the frames, so that its readings are unwrapped.
     Joints of an arm never rotate that far: a reading that suggests so is rejected as impossible.
+    `mode`: MIT; or VELOCITY, for wheels and rails.
     """
 
     name: str
@@ -25,6 +26,12 @@ class MotorSpec:
     type: str
     receive_mode: ReceiveMode = ReceiveMode.P16
     turns: bool = False
+    mode: ControlMode = ControlMode.MIT
+
+    @property
+    def command_id(self) -> int:
+        """CAN identifier of this motor's commands; special commands go to `can_id` in every mode."""
+        return self.can_id + (VELOCITY_OFFSET if self.mode is ControlMode.VELOCITY else 0)
 
     @property
     def feedback_id(self) -> int:

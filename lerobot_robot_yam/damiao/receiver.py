@@ -164,7 +164,7 @@ class Receiver:
     def __init__(self, port: BusPort, motors: Sequence[MotorSpec], encoder: HandleEncoder | None):
         self._port, self._encoder = port, encoder
         self._index = {spec.answer_key: i for i, spec in enumerate(motors)}
-        self._command_ids = frozenset(spec.can_id for spec in motors)
+        self._command_ids = frozenset(identifier for spec in motors for identifier in (spec.can_id, spec.command_id))
         self._motors = motors
         self.feedback = self.new_store()
         self.trial: FeedbackStore | None = None

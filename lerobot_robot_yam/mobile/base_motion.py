@@ -1,0 +1,164 @@
+"""Motion of the base: from a target, through limits and ruckig's plan of each axis, to rates of the casters.
+
+The plan lives in the world frame, as in the vendor's driver: a target in the body's frame is rotated, then limited. The
+plan's velocity changes by the limits of acceleration only, whatever the target does. Position targets are planned anew
+at each tick from the odometry's pose, so that wheels that lag behind the plan leave no error.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+import ruckig
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.mobile.base_profile import HARD_CAP, HARD_CAP_ACCELERATION, BaseProfile
+from lerobot_robot_yam.mobile.casters import Casters, wrapped
+from lerobot_robot_yam.mobile.odometry import Odometry, to_body, to_world
+
+_AXES = ("x", "y", "theta")
+_THERE = np.array([0.001, 0.001, 0.003])  # distance from a pose target, m, m, rad, within which the base stays
+_NO_JERK = math.inf
+
+
+class Frame(IntEnum):
+    """Frame of a target."""
+
+    LOCAL = 0  # the body's
+    GLOBAL = 1  # the odometry's
+
+
+@dataclass(frozen=True)
+class BaseLimits:
+    """Limits per axis: x and y in m, heading in rad.
+
+    Attributes:
+        velocity: (3,) m/s, m/s, rad/s, at most `base_profile.HARD_CAP`.
+        acceleration: (3,) m/s², m/s², rad/s².
+        jerk: (3,) m/s³, m/s³, rad/s³; None: unlimited.
+    """
+
+    velocity: tuple[float, ...] = (0.5, 0.5, 1.57)
+    acceleration: tuple[float, ...] = (0.25, 0.25, 0.79)
+    jerk: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        caps = {"velocity": HARD_CAP, "acceleration": HARD_CAP_ACCELERATION, "jerk": (math.inf,) * 3}
+        for name, cap in caps.items():
+            values = getattr(self, name)
+            if values is None:
+                continue
+            if len(values) != len(_AXES) or not all(0.0 < v <= most for v, most in zip(values, cap, strict=True)):
+                raise ConfigError(f"base: {name} limits are above 0 and at most {cap} for x, y, theta, not {values}")
+
+
+@dataclass(frozen=True)
+class Target:
+    """Target of the base.
+
+    Attributes:
+        values: (3,) twist in m/s, m/s, rad/s, or pose in m, m, rad.
+        frame: frame of a twist; poses are in the global frame.
+        pose: whether `values` is a pose.
+    """
+
+    values: np.ndarray
+    frame: Frame = Frame.LOCAL
+    pose: bool = False
+
+
+REST = Target(np.zeros(3))
+
+
+class BaseMotion:
+    """Plan and odometry of one base.
+
+    Attributes:
+        odometry: pose and velocity from the wheels.
+        velocity: (3,) planned velocity in the world frame.
+        slowed: factor by which the last tick's target was slowed down, 0 … 1.
+    """
+
+    def __init__(self, profile: BaseProfile, limits: BaseLimits):
+        self._casters, self._limits = Casters(profile), limits
+        self.odometry = Odometry()
+        self.velocity = np.zeros(3)
+        self._acceleration = np.zeros(3)
+        self.slowed = 1.0
+
+    def measure(self, steer: np.ndarray, rates: np.ndarray, dt: float) -> None:
+        """Integrate measured rates (8,), rad/s, at steering angles (4,), rad, over the measured time `dt`, s."""
+        self.odometry.step(self._casters.twist(steer, rates), dt)
+
+    def restart(self) -> None:
+        """Continue the plan from the measured velocity, as after a pause in which nothing was commanded."""
+        self.velocity, self._acceleration = self.odometry.twist.copy(), np.zeros(3)
+
+    def advance(self, target: Target, steer: np.ndarray, dt: float, most_speed: float = 1.0) -> np.ndarray:
+        """Plan one tick of `dt` seconds, and return the rates (8,), rad/s, to command.
+
+        Args:
+            target: where to go, or how fast.
+            steer: (4,) measured steering angles, rad.
+            most_speed: share of the velocity limits that is allowed now, 0 … 1.
+        """
+        heading = float(self.odometry.pose[2])
+        if target.pose:
+            self._approach(target.values, steer, heading, dt, most_speed)
+        else:
+            self._reach_velocity(target, steer, heading, dt, most_speed)
+        return self._casters.rates(steer, to_body(self.velocity, heading))
+
+    def _reach_velocity(
+        self, target: Target, steer: np.ndarray, heading: float, dt: float, most_speed: float
+    ) -> None:
+        twist = target.values if target.frame is Frame.LOCAL else to_body(target.values, heading)
+        twist = self._within(twist) * most_speed
+        self.slowed = self._casters.slow_down(steer, twist)
+        given = self._input(ruckig.ControlInterface.Velocity)
+        given.target_velocity = self._clipped(to_world(twist * self.slowed, heading), most_speed)
+        self._follow(given, dt)
+
+    def _approach(
+        self, pose: np.ndarray, steer: np.ndarray, heading: float, dt: float, most_speed: float
+    ) -> None:
+        away = pose - self.odometry.pose
+        away[2] = wrapped(float(away[2]))
+        away = np.where(np.abs(away) < _THERE, 0.0, away)
+        fastest = np.sign(away) * self._limits.velocity * most_speed
+        self.slowed = self._casters.slow_down(steer, to_body(fastest, heading))
+        given = self._input(ruckig.ControlInterface.Position)
+        given.target_position = away
+        given.max_velocity = np.maximum(np.array(self._limits.velocity) * most_speed * self.slowed, 1e-3)
+        self._follow(given, dt)
+
+    def _within(self, twist: np.ndarray) -> np.ndarray:
+        """Limit a body twist without changing its direction: by speed, and by the acceleration of a curve."""
+        share = max(float((np.abs(twist) / self._limits.velocity).max()), 1.0)
+        twist = twist / share
+        sideways = abs(float(twist[2])) * math.hypot(twist[0], twist[1])  # m/s², towards the middle of the curve
+        most = min(self._limits.acceleration[:2])
+        return twist if sideways <= most else twist * math.sqrt(most / sideways)
+
+    def _clipped(self, velocity: np.ndarray, most_speed: float) -> np.ndarray:
+        most = np.array(self._limits.velocity) * most_speed
+        return np.clip(velocity, -most, most)
+
+    def _input(self, interface: ruckig.ControlInterface) -> ruckig.InputParameter:
+        given = ruckig.InputParameter(3)
+        given.control_interface = interface
+        given.synchronization = ruckig.Synchronization.No
+        given.current_velocity, given.current_acceleration = self.velocity, self._acceleration
+        given.max_velocity, given.max_acceleration = self._limits.velocity, self._limits.acceleration
+        given.max_jerk = self._limits.jerk or (_NO_JERK,) * 3
+        return given
+
+    def _follow(self, given: ruckig.InputParameter, dt: float) -> None:
+        """Take the plan's velocity after `dt` seconds."""
+        trajectory = ruckig.Trajectory(3)
+        ruckig.Ruckig(3).calculate(given, trajectory)
+        _, velocity, acceleration = trajectory.at_time(dt)
+        self.velocity = np.array(velocity)
+        self._acceleration = np.array(acceleration) if self._limits.jerk else np.zeros(3)
+
