@@ -200,7 +200,7 @@ def check_together(configs: Sequence[ArmConfig]) -> None:
     if len({config.rate_hz for config in configs}) > 1:
         raise ConfigError("arms of one robot tick together: give them the same rate_hz")
     for field_name in ("calibration_path", "identity_path", "tuning"):
-        paths = [path for config in configs if (path := getattr(config, field_name)) is not None]
+        paths = [path for config in configs if (path := getattr(config, field_name, None)) is not None]
         if len(set(paths)) < len(paths):
             raise ConfigError(
                 f"{', '.join(names)}: each arm needs a {field_name} of its own, not all {paths[0]} (in a config, a "

@@ -67,6 +67,14 @@ class ArmController:
         self.landing = LandingResponse(arm, self.interface)
         self.faults = FaultResponse(Rearm(arm, self.interface), arm, self.landing, self.bring_up, self._floating)
         self._stop = StopResponse(arm, self.landing, self.faults, self._floating)
+        self.energise, self.end, self.advance = self.bring_up.energise, self.landing.end, arm.setpoint.step
+        self.start_send, self.start_receive, self.compute_command = (
+            arm.send,
+            self.interface.receive,
+            arm.compute_command,
+        )
+        self.fail, self.halt, self.take_news = self.faults.fail, self.faults.halt, self.faults.take_news
+        self.complaints = self.interface.complaints
         self._progress = ProgressMonitor(self.name, hardware.joint_names)
         self._last_target_at = self._heat_due_s = -math.inf
         self._heat: Heat | None = None
@@ -83,6 +91,11 @@ class ArmController:
     def clock(self) -> Clock:
         """The clock of the arm's channel."""
         return self.interface.chain.clock
+
+    @property
+    def lost(self) -> int:
+        """Number of replies that never came."""
+        return int(self.interface.chain.lost.sum())
 
     @property
     def wire_s(self) -> float:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.float_monitor import FloatMonitor
+from lerobot_robot_yam.control.joints.enabling import enable
 from lerobot_robot_yam.control.joints.joint_interface import JointInterface
 from lerobot_robot_yam.errors import ChannelInUseError, MotorError, YamError
 from lerobot_robot_yam.state.faults import Trouble
@@ -38,7 +39,7 @@ class BringUp:
         self._status.enter(Mode.BRING_UP)
         arm.chain.feedback.believe(range(arm.hardware.n))  # a hand may have moved the arm
         arm.setpoint.start()
-        silent = yield from self._interface.enable(range(arm.hardware.n))
+        silent = yield from enable(self._interface, range(arm.hardware.n))
         if silent:
             names = ", ".join(f"{motor.name} (id {motor.can_id})" for motor in (arm.chain.motors[i] for i in silent))
             raise MotorError(f"{where}: cannot enable {names}: no answer; check power and cable")

@@ -9,19 +9,15 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from lerobot_robot_yam.arm.collision.parts import GuardedArm
-from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.arm_controller import ArmController
+from lerobot_robot_yam.control.controller import Blocks, Controller
 from lerobot_robot_yam.control.loop_timing import LoopStatistics
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
-from lerobot_robot_yam.control.state_publisher import ControllerBlocks
-from lerobot_robot_yam.control.teleop.lead import make_leads
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import RESPONSES, Response
 from lerobot_robot_yam.state.modes import ENERGISED, Mode
-from lerobot_robot_yam.state.records import BlockPair
 
 logger = logging.getLogger(__name__)
 
@@ -52,8 +48,8 @@ class ControlLoop:
 
     def __init__(
         self,
-        controllers: Sequence[ArmController],
-        blocks: Sequence[ControllerBlocks],
+        controllers: Sequence[Controller],
+        blocks: Sequence[Blocks],
         rate_hz: float,
         workspace: WorkspaceGuard | None = None,
         stop: EmergencyStop | None = None,
@@ -74,12 +70,12 @@ class ControlLoop:
     def start(self) -> None:
         """Energise all arms, or leave all arms limp. Raises YamError: bring-up failed; the message says why."""
         self._ready = False
-        begun: list[tuple[ArmController, ControllerBlocks]] = []
+        begun: list[tuple[Controller, Blocks]] = []
 
         try:
             for controller, blocks in zip(self._controllers, self._blocks, strict=True):
                 begun.append((controller, blocks))
-                for _ in controller.bring_up.energise():
+                for _ in controller.energise():
                     self._start_tick(begun)
         except BaseException:
             for controller, _ in begun:  # cutting torque is safe: these arms were limp and have not moved
@@ -87,17 +83,17 @@ class ControlLoop:
             self.run()
             raise
 
-    def _start_tick(self, begun: Sequence[tuple[ArmController, ControllerBlocks]]) -> None:
+    def _start_tick(self, begun: Sequence[tuple[Controller, Blocks]]) -> None:
         """Run one tick of the start: command and publish the arms in `begun`; the last one is being energised."""
         self._tick += 1
         begin = self._clock.now()
         refuse_stopped(begun[-1][0].name, self._stop)
         for controller, blocks in begun:
             blocks.publish(begin, self._tick)
-            controller.actuation.send()
+            controller.start_send()
         self._clock.sleep(self._wire_s)
         for controller, _ in begun:
-            controller.interface.receive(begin + self._wire_s + _STRAGGLER_MOST_S)
+            controller.start_receive(begin + self._wire_s + _STRAGGLER_MOST_S)
         self._clock.sleep(max(0.0, begin + self._period_s - self._clock.now()))
 
     def run(
@@ -131,7 +127,7 @@ class ControlLoop:
             landing = landing or bool(self._failure) or must_land()
             if landing:
                 for controller in self._controllers:
-                    controller.landing.end(now)
+                    controller.end(now)
             if not all(blocks.owned for blocks in self._blocks):
                 raise LifeCycleError("another process has taken the arms over; this one leaves them alone")
             self._send_all()
@@ -174,21 +170,21 @@ class ControlLoop:
         if not self._ready:
             self._ready = self._bring_up(on_ready)
 
-    def _guard(self, controller: ArmController, work: Callable[..., None], *arguments: Any) -> None:
+    def _guard(self, controller: Controller, work: Callable[..., None], *arguments: Any) -> None:
         """Run `work` for one arm; on an exception, hold that arm, since an arm without commands falls."""
         try:
             work(controller, *arguments)
         except Exception as error:
-            controller.faults.fail(error)
+            controller.fail(error)
 
     def _tell_peers(self) -> None:
         """Let the other arms respond to an arm's new fault according to the fault table."""
         for controller in self._controllers:
-            trouble = controller.faults.take_news()
+            trouble = controller.take_news()
             if trouble is not None and RESPONSES[trouble].peer is Response.HOLD:
                 for peer in self._controllers:
                     if peer is not controller:
-                        peer.faults.halt(controller.status)
+                        peer.halt(controller.status)
 
     def _stopped(self, now: float) -> bool:
         """Latch the emergency stop if an arm has a stop reason; return whether the emergency stop is latched."""
@@ -201,7 +197,7 @@ class ControlLoop:
                     logger.critical("emergency stop, until you connect again: %s (%s)", reason, error)
         return self._stop.latched
 
-    def _measure(self, controller: ArmController, blocks: ControllerBlocks, collect_until: float, tick: int) -> None:
+    def _measure(self, controller: Controller, blocks: Blocks, collect_until: float, tick: int) -> None:
         """Read one arm's state and publish it immediately, since samples age."""
         if not controller.status.ended:
             controller.collect(collect_until)
@@ -209,7 +205,7 @@ class ControlLoop:
         blocks.publish(self._clock.now(), tick)
 
     @staticmethod
-    def _decide(controller: ArmController, blocks: ControllerBlocks, now: float, stopped: bool) -> None:
+    def _decide(controller: Controller, blocks: Blocks, now: float, stopped: bool) -> None:
         if not controller.status.ended:
             controller.status.stopped = stopped
             blocks.read_target(now)
@@ -220,16 +216,20 @@ class ControlLoop:
         try:
             if self._workspace is None:
                 for controller in self._controllers:
-                    controller.actuation.setpoint.step(now, dt)
+                    controller.advance(now, dt)
             else:
                 self._advance_guarded(self._workspace, now, dt)
         except Exception as error:  # whichever arm caused the error, all arms need commands
             for controller in self._controllers:
                 if not controller.status.ended:
-                    controller.faults.fail(error)
+                    controller.fail(error)
 
     def _advance_guarded(self, workspace: WorkspaceGuard, now: float, dt: float) -> None:
-        controllers, arms = self._controllers, [controller.actuation for controller in self._controllers]
+        controllers = [controller for controller in self._controllers if isinstance(controller, ArmController)]
+        for controller in self._controllers:
+            if not isinstance(controller, ArmController):
+                controller.advance(now, dt)
+        arms = [controller.actuation for controller in controllers]
         workspace.open_grippers([arm.opening for arm in arms])
         guarded = [controller.mode in _GUARDED for controller in controllers]
         setpoints, measured = [arm.setpoint for arm in arms], [arm.q for arm in arms]
@@ -237,13 +237,13 @@ class ControlLoop:
         for index, controller in enumerate(controllers):
             controller.held_back(verdict.message(index) if verdict.blocked[index] else "")
 
-    def _command(self, controller: ArmController, blocks: ControllerBlocks, now: float, dt: float, tick: int) -> None:
+    def _command(self, controller: Controller, blocks: Blocks, now: float, dt: float, tick: int) -> None:
         if not controller.status.ended:
-            controller.actuation.compute_command(now, dt)
+            controller.compute_command(now, dt)
         if controller.mode is not blocks.published_mode:
             blocks.publish(self._clock.now(), tick)  # so that a waiting caller sees the new mode at once
 
-    def _active(self) -> list[ArmController]:
+    def _active(self) -> list[Controller]:
         return [controller for controller in self._controllers if not controller.status.ended]
 
     def _send_all(self) -> None:
@@ -287,36 +287,11 @@ class ControlLoop:
         Args:
             stand_by: whether a stand-by exists, which takes over energised arms and needs their blocks.
         """
-        lost = {c.name: int(c.interface.chain.lost.sum()) for c in self._controllers}
+        lost = {c.name: c.lost for c in self._controllers}
         logger.info("control loop: %s; lost replies %s", self.statistics.summary(), lost)
         for controller, blocks in zip(self._controllers, self._blocks, strict=True):
-            for what in controller.interface.complaints():
+            for what in controller.complaints():
                 logger.warning(what)
             if controller.mode is Mode.OFF:
                 blocks.publish(self._clock.now(), 0)  # a stand-by may still read the block
             blocks.close(remove=not (stand_by and controller.mode in ENERGISED))
-
-
-def build(arms: Sequence[ResolvedArm], keys: Sequence[str], buses: Sequence, pairs: Sequence[BlockPair]) -> ControlLoop:
-    """Create and inspect controllers on open buses, so that errors are found before any arm has torque.
-
-    Raises:
-        YamError: a part differs from its configuration; the message names the part.
-    """
-    controllers = [ArmController(arm, bus) for arm, bus in zip(arms, buses, strict=True)]
-    for controller, lead in zip(controllers, make_leads(arms), strict=True):
-        controller.lead = lead
-    for controller in controllers:
-        controller.inspect()
-    guarded = [GuardedArm(arm.name, arm.arm, arm.gripper, arm.config.workspace, arm.tilt_rad) for arm in arms]
-    limited = any(arm.config.workspace.limits_anything for arm in arms)
-    guard = WorkspaceGuard(guarded) if limited else None
-    blocks: list[ControllerBlocks] = []
-    try:
-        for controller, key, pair in zip(controllers, keys, pairs, strict=True):
-            blocks.append(ControllerBlocks(controller, key, pair))
-        return ControlLoop(controllers, blocks, arms[0].config.rate_hz, guard)
-    except BaseException:
-        for made in blocks:
-            made.close(remove=True)
-        raise

@@ -14,6 +14,7 @@ from collections.abc import Generator, Iterator, Sequence
 import numpy as np
 
 from lerobot_robot_yam.control.actuation import Actuation
+from lerobot_robot_yam.control.joints.enabling import enable
 from lerobot_robot_yam.control.joints.joint_interface import JointInterface
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.damiao.receiver import FeedbackStore
@@ -160,7 +161,7 @@ class Rearm:
         joints = [i for i in motors if i < self._hardware.joints]
         arm.limp = list(motors)
         try:
-            for _ in self._interface.enable(motors, clear=True):
+            for _ in enable(self._interface, motors, clear=True):
                 for joint in joints:
                     arm.setpoint.start_one(joint)
                 yield

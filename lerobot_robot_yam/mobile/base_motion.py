@@ -69,6 +69,7 @@ class Target:
 
 
 REST = Target(np.zeros(3))
+_HARD = BaseLimits(HARD_CAP, HARD_CAP_ACCELERATION)
 
 
 class BaseMotion:
@@ -81,7 +82,7 @@ class BaseMotion:
     """
 
     def __init__(self, profile: BaseProfile, limits: BaseLimits):
-        self._casters, self._limits = Casters(profile), limits
+        self._casters, self._limits, self._usual = Casters(profile), limits, limits
         self.odometry = Odometry()
         self.velocity = np.zeros(3)
         self._acceleration = np.zeros(3)
@@ -91,18 +92,28 @@ class BaseMotion:
         """Integrate measured rates (8,), rad/s, at steering angles (4,), rad, over the measured time `dt`, s."""
         self.odometry.step(self._casters.twist(steer, rates), dt)
 
+    def reset_odometry(self) -> None:
+        """Make the present pose the origin of the odometry; the base drives on."""
+        self.velocity = to_body(self.velocity, float(self.odometry.pose[2]))
+        self._acceleration = to_body(self._acceleration, float(self.odometry.pose[2]))
+        self.odometry.reset()
+
     def restart(self) -> None:
         """Continue the plan from the measured velocity, as after a pause in which nothing was commanded."""
         self.velocity, self._acceleration = self.odometry.twist.copy(), np.zeros(3)
 
-    def advance(self, target: Target, steer: np.ndarray, dt: float, most_speed: float = 1.0) -> np.ndarray:
+    def advance(
+        self, target: Target, steer: np.ndarray, dt: float, most_speed: float = 1.0, hard: bool = False
+    ) -> np.ndarray:
         """Plan one tick of `dt` seconds, and return the rates (8,), rad/s, to command.
 
         Args:
             target: where to go, or how fast.
             steer: (4,) measured steering angles, rad.
             most_speed: share of the velocity limits that is allowed now, 0 … 1.
+            hard: whether to brake with the hard cap of acceleration and without a limit of jerk.
         """
+        self._limits = _HARD if hard else self._usual
         heading = float(self.odometry.pose[2])
         if target.pose:
             self._approach(target.values, steer, heading, dt, most_speed)
@@ -110,9 +121,7 @@ class BaseMotion:
             self._reach_velocity(target, steer, heading, dt, most_speed)
         return self._casters.rates(steer, to_body(self.velocity, heading))
 
-    def _reach_velocity(
-        self, target: Target, steer: np.ndarray, heading: float, dt: float, most_speed: float
-    ) -> None:
+    def _reach_velocity(self, target: Target, steer: np.ndarray, heading: float, dt: float, most_speed: float) -> None:
         twist = target.values if target.frame is Frame.LOCAL else to_body(target.values, heading)
         twist = self._within(twist) * most_speed
         self.slowed = self._casters.slow_down(steer, twist)
@@ -120,9 +129,7 @@ class BaseMotion:
         given.target_velocity = self._clipped(to_world(twist * self.slowed, heading), most_speed)
         self._follow(given, dt)
 
-    def _approach(
-        self, pose: np.ndarray, steer: np.ndarray, heading: float, dt: float, most_speed: float
-    ) -> None:
+    def _approach(self, pose: np.ndarray, steer: np.ndarray, heading: float, dt: float, most_speed: float) -> None:
         away = pose - self.odometry.pose
         away[2] = wrapped(float(away[2]))
         away = np.where(np.abs(away) < _THERE, 0.0, away)
@@ -161,4 +168,3 @@ class BaseMotion:
         _, velocity, acceleration = trajectory.at_time(dt)
         self.velocity = np.array(velocity)
         self._acceleration = np.array(acceleration) if self._limits.jerk else np.zeros(3)
-

@@ -8,8 +8,11 @@ import math
 from dataclasses import dataclass
 
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.tables import ControlMode
 from lerobot_robot_yam.errors import ConfigError
 
+BASE_MOTORS = 9  # maximum number of motors: those of four casters and the rail's
+RAIL_HARD_CAP_M_S = 1.0  # maximum of the rail's velocity limit
 CASTERS = ("rear_left", "front_left", "front_right", "rear_right")
 FLIP_RAD_S = 12.56  # steering rate above which a caster counts as flipping, rad/s
 COMMAND_TIMEOUT_S = 0.25  # age of the newest command, s, at which the base begins to brake
@@ -48,6 +51,11 @@ class BaseProfile:
         if not (math.isfinite(self.b_x_m) and -0.5 <= self.b_x_m <= -0.001):
             raise ConfigError(f"base: b_x_m is -0.5 to -0.001 m (the wheel trails), not {self.b_x_m}")
 
+    @property
+    def signs(self) -> tuple[int, ...]:
+        """Directions of the motors, in the order of `motors`."""
+        return tuple(sign for pair in zip(self.steer_sign, self.drive_sign, strict=True) for sign in pair)
+
     def motors(self) -> list[MotorSpec]:
         """Return the motors in the order of the wire: steer and drive motor of each caster."""
         rows = zip(CASTERS, self.steer_ids, self.drive_ids, strict=True)
@@ -55,7 +63,31 @@ class BaseProfile:
             motor
             for name, steer, drive in rows
             for motor in (
-                MotorSpec(f"{name}_steer", steer, self.steer_type, turns=True),
-                MotorSpec(f"{name}_drive", drive, self.drive_type, turns=True),
+                MotorSpec(f"{name}_steer", steer, self.steer_type, turns=True, mode=ControlMode.VELOCITY),
+                MotorSpec(f"{name}_drive", drive, self.drive_type, turns=True, mode=ControlMode.VELOCITY),
             )
         ]
+
+
+@dataclass(frozen=True)
+class RailProfile:
+    """Vertical rail: its motor, and the vendor's speeds.
+
+    Attributes:
+        homing_rad_s: speed towards a switch while homing, of the motor.
+        homing_timeout_s: maximum time for each way of homing.
+        settle_s: wait at a switch before its angle is read.
+        least_travel_rad: minimum angle between both switches.
+    """
+
+    can_id: int = 9
+    type: str = "DM8009"
+    sign: int = 1
+    stroke_m: float = 1.0
+    homing_rad_s: float = 7.0
+    homing_timeout_s: float = 30.0
+    settle_s: float = 0.2
+    least_travel_rad: float = 0.001
+
+    def motor(self) -> MotorSpec:
+        return MotorSpec("rail", self.can_id, self.type, turns=True, mode=ControlMode.VELOCITY)

@@ -19,7 +19,7 @@ class Odometry:
 
     def reset(self) -> None:
         """Set pose and velocities to zero."""
-        self.__init__()  # type: ignore[misc]
+        self.pose, self.twist, self.body_twist = np.zeros(3), np.zeros(3), np.zeros(3)
 
     def step(self, body_twist: np.ndarray, dt: float) -> None:
         """Integrate a body twist (3,) over the measured time `dt`, s."""

@@ -50,8 +50,8 @@ def main() -> int:
 def _link(job: dict[str, Any], ends: contextlib.ExitStack) -> Link:
     """Create the link that a job describes; `ends` closes the link."""
     arms = {}
-    rows = zip(job["arms"], job["numbers"], job["keys"], job["blocks"], strict=True)
-    for fields, number, key, descriptors in rows:
+    rows = zip(job["parts"], job["numbers"], job["keys"], job["blocks"], strict=True)
+    for (_, fields), number, key, descriptors in rows:
         config, pair = LeadArmConfig(**fields), BlockPair.of(Descriptors(*descriptors))
         lock = FileLock(lock_path(key), f"the link to {config.channel}")
         lock.acquire()

@@ -11,7 +11,11 @@ from typing import Literal
 from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig, check_together
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, YamError
+from lerobot_robot_yam.mobile.base_config import BaseConfig
+from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
+from lerobot_robot_yam.mobile.robot_parts import Part, resolve
 from lerobot_robot_yam.session.arm_client import ArmClient
+from lerobot_robot_yam.session.base_client import BaseClient
 from lerobot_robot_yam.session.runners import LAND_TIMEOUT_S, ProcessRunner, Runner, StepRunner, ThreadRunner
 from lerobot_robot_yam.state.about import forget_about
 from lerobot_robot_yam.state.modes import Mode
@@ -22,7 +26,7 @@ from lerobot_robot_yam.system.uncopyable import Uncopied
 
 logger = logging.getLogger(__name__)
 
-MakeRunner = Callable[[list[ResolvedArm], list[str]], Runner]
+MakeRunner = Callable[[list[Part], list[str]], Runner]
 Isolation = Literal["process", "thread", "lockstep"] | MakeRunner
 _IN_TROUBLE = (Mode.FAULT, Mode.LAND, Mode.OFF)  # modes that require re-arming before the other arms
 _RUNNERS: dict[str, MakeRunner] = {
@@ -50,12 +54,12 @@ class ArmSession(Uncopied):
         ConfigError: the configurations contradict each other.
     """
 
-    def __init__(self, configs: Sequence[ArmConfig], isolation: Isolation = "process"):
+    def __init__(self, configs: Sequence[ArmConfig | BaseConfig], isolation: Isolation = "process"):
         if not callable(isolation) and isolation not in _RUNNERS:
             raise ConfigError(f"isolation is one of {', '.join(_RUNNERS)}, not {isolation!r}")
         check_together(configs)
         self._make_runner = isolation if callable(isolation) else _RUNNERS[isolation]
-        self._arms: dict[str, ResolvedArm] = {}
+        self._parts: dict[str, Part] = {}
         self._keys: list[str] = []
         for config in configs:
             rig = config.can_options.get("rig")
@@ -63,9 +67,9 @@ class ArmSession(Uncopied):
                 # Resolve the name in this process, so that the loop's process uses the same rig.
                 rig, _ = rig_name(rig)
                 config = dataclasses.replace(config, can_options={**config.can_options, "rig": rig})
-            self._arms[config.name] = ResolvedArm(config)
+            self._parts[config.name] = resolve(config)
             self._keys.append(channel_key(config.interface, config.channel, rig))
-        self._clients: dict[str, ArmClient] = {}
+        self._clients: dict[str, ArmClient | BaseClient] = {}
         self._runner: Runner | None = None
         self._starting: Runner | None = None  # runner while the arms are being brought up
         self._pid = 0  # id of the process that started the session
@@ -77,19 +81,34 @@ class ArmSession(Uncopied):
             LifeCycleError: the session is not running.
             ConfigError: there is no such arm.
         """
-        if name not in self._arms:
-            raise ConfigError(f"no arm is called {name!r}; there are {list(self._arms)}")
+        client = self._client(name)
+        if not isinstance(client, ArmClient):
+            raise ConfigError(f"{name!r} is no arm but a base")
+        return client
+
+    def base(self, name: str) -> BaseClient:
+        """Return the client of the base called `name`. Raises YamError: see `__getitem__`."""
+        client = self._client(name)
+        if not isinstance(client, BaseClient):
+            raise ConfigError(f"{name!r} is no base but an arm")
+        return client
+
+    def _client(self, name: str) -> ArmClient | BaseClient:
+        if name not in self._parts:
+            raise ConfigError(f"no arm is called {name!r}; there are {list(self._parts)}")
         if name not in self._clients:
             raise LifeCycleError(f"{name}: not connected")
         return self._clients[name]
 
     def key(self, name: str) -> str:
         """Return the channel key of the arm called `name`. Other programs find the arm's state by this key."""
-        return self._keys[list(self._arms).index(name)]
+        return self._keys[list(self._parts).index(name)]
 
     def hardware(self, name: str) -> ResolvedArm:
         """Return the profiles and limits of the arm called `name`."""
-        return self._arms[name]
+        part = self._parts[name]
+        assert isinstance(part, ResolvedArm)
+        return part
 
     @property
     def running(self) -> bool:
@@ -108,13 +127,16 @@ class ArmSession(Uncopied):
         """
         if self._runner is not None:
             raise LifeCycleError("this session is running already")
-        arms = [arm if search_grippers else arm.without_search() for arm in self._arms.values()]
-        runner = self._starting = self._make_runner(arms, self._keys)
+        parts = list(self._parts.values())
+        if not search_grippers:
+            parts = [part.without_search() if isinstance(part, ResolvedArm) else part for part in parts]
+        runner = self._starting = self._make_runner(parts, self._keys)
         self._pid = os.getpid()
-        clients: dict[str, ArmClient] = {}
+        clients: dict[str, ArmClient | BaseClient] = {}
         try:
-            for number, (name, arm) in enumerate(self._arms.items()):
-                clients[name] = ArmClient(arm, runner.clock, partial(runner.note_written, number))
+            for number, (name, part) in enumerate(self._parts.items()):
+                make = BaseClient if isinstance(part, ResolvedBase) else ArmClient
+                clients[name] = make(part, runner.clock, partial(runner.note_written, number))  # type: ignore[arg-type]
             runner.start([client.descriptors for client in clients.values()])
         except BaseException:
             runner.stop()
@@ -224,13 +246,13 @@ class ArmSession(Uncopied):
             clock.sleep(0.02)
 
 
-def _bury(config: ArmConfig, key: str) -> None:
+def _bury(config: ArmConfig | BaseConfig, key: str) -> None:
     """Log that an arm's control process and stand-by have both died, and remove the files of both."""
     logger.critical("%s: nothing drives the arm any more; its motors have switched themselves off", config.name)
     clear_away(config, key)
 
 
-def clear_away(config: ArmConfig, key: str) -> None:
+def clear_away(config: ArmConfig | BaseConfig, key: str) -> None:
     """Remove the files of an arm whose process was killed, unless another process drives the arm by now."""
     with contextlib.suppress(OSError, YamError):
         lock = FileLock(lock_path(key), config.channel)

@@ -1,6 +1,5 @@
 """Runners of a control loop: in another process, in a thread of the caller, or as steps of a simulated world."""
 
-import dataclasses
 import json
 import logging
 import os
@@ -14,9 +13,10 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 from lerobot_robot_yam import errors
-from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.process.lifeline import Lifeline
 from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.mobile.robot_parts import Part, plain
+from lerobot_robot_yam.state.base_records import map_blocks
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.records import BlockPair, Descriptors
 from lerobot_robot_yam.system.clock import START_TIMEOUT_S, SYSTEM, Clock, clock_of
@@ -74,7 +74,7 @@ class ProcessRunner:
     clock: Clock = SYSTEM
     _program = "lerobot_robot_yam.control.process.control_process"
 
-    def __init__(self, arms: list[ResolvedArm], keys: list[str]):
+    def __init__(self, arms: list[Part], keys: list[str]):
         self._arms, self._keys = arms, keys
         self._child: subprocess.Popen[bytes] | None = None
         self._lifeline: Lifeline | None = None
@@ -116,7 +116,7 @@ class ProcessRunner:
 
     def _job(self) -> dict[str, Any]:
         """Return the description of the arms as plain values; `start` adds the connections to the caller."""
-        return {"arms": [dataclasses.asdict(arm.config) for arm in self._arms]}
+        return {"parts": [plain(part) for part in self._arms]}
 
     def land(self) -> None:
         if self._child is not None and self._child.poll() is None:
@@ -143,14 +143,15 @@ class ThreadRunner:
 
     clock: Clock = SYSTEM
 
-    def __init__(self, arms: list[ResolvedArm], keys: list[str]):
+    def __init__(self, arms: list[Part], keys: list[str]):
+        self._parts = arms
         self._land = threading.Event()
         self._settled = threading.Event()
         self._error: BaseException | None = None
         self._blocks: list[BlockPair] = []
         self._thread = threading.Thread(target=self._run, args=(arms, keys), name="yam-control", daemon=False)
 
-    def _run(self, arms: list[ResolvedArm], keys: list[str]) -> None:
+    def _run(self, arms: list[Part], keys: list[str]) -> None:
         from lerobot_robot_yam.control.process.control_process import control
 
         try:
@@ -173,7 +174,7 @@ class ThreadRunner:
         pass
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
-        self._blocks = [BlockPair.of(descriptors.copies()) for descriptors in blocks]
+        self._blocks = [map_blocks(part, pair.copies()) for part, pair in zip(self._parts, blocks, strict=True)]
         self._thread.start()
         if not self._settled.wait(START_TIMEOUT_S):
             raise YamError(f"the control loop did not come up within {START_TIMEOUT_S:.0f} s")
@@ -194,7 +195,7 @@ class StepRunner:
     The runner owns the simulated world, so discarding that world with arms in the air is harmless.
     """
 
-    def __init__(self, arms: list[ResolvedArm], keys: list[str]):
+    def __init__(self, arms: list[Part], keys: list[str]):
         self._arms, self._keys = arms, keys
         self._buses: list[can.BusABC] = []
         self._pairs: list[BlockPair] = []
@@ -222,14 +223,14 @@ class StepRunner:
         pass
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
-        from lerobot_robot_yam.control.loop import build  # late import: only this runner needs the module
         from lerobot_robot_yam.control.preflight.open_bus import open_bus
+        from lerobot_robot_yam.control.process.parts import build  # late import: only this runner needs the module
 
         try:
             for arm in self._arms:
                 self._buses.append(open_bus(arm.config))
             self._world = clock_of(self._buses[0])
-            self._pairs = [BlockPair.of(descriptors.copies()) for descriptors in blocks]
+            self._pairs = [map_blocks(part, pair.copies()) for part, pair in zip(self._arms, blocks, strict=True)]
             self._loop = build(self._arms, self._keys, self._buses, self._pairs)
             self._loop.start()
             ready: list[str] = []

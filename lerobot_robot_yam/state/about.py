@@ -10,6 +10,7 @@ from typing import Any
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import YamError
+from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.system.runtime_files import ABOUT, runtime_dir
 
 logger = logging.getLogger(__name__)
@@ -22,7 +23,7 @@ def about_path(key: str) -> Path:
     return runtime_dir() / f"{ABOUT}{key}"
 
 
-def tell_about(key: str, config: ArmConfig) -> None:
+def tell_about(key: str, config: ArmConfig | BaseConfig) -> None:
     """Write an arm's configuration file; log a warning if writing fails."""
     try:
         path = about_path(key)

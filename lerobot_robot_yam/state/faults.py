@@ -72,6 +72,7 @@ class Trouble(StrEnum):
     RUNAWAY = "floats away by itself"
     LEADER_LOST = "leader of a coupled follower lost"
     FOLLOWER_LOST = "follower of a leader lost"
+    STEERING_STALLED = "steering stalled"
 
 
 @dataclass(frozen=True)
@@ -291,5 +292,10 @@ RESPONSES: dict[Trouble, Rule] = {
         "a warning once; the leader floats without force, and its gate waits. Of the follower as its own row says",
         0.05,
         "not needed: it is led again once it holds or tracks",
+    ),
+    Trouble.STEERING_STALLED: _hold(
+        "a base's steering motor turns with less than a fifth of the commanded rate for 0.3 s",
+        0.4,
+        "MotorError that names the motor; the base brakes and holds at velocity 0",
     ),
 }

@@ -10,12 +10,13 @@ from lerobot_robot_yam.mobile.base_motion import REST, BaseLimits, BaseMotion, F
 from lerobot_robot_yam.mobile.base_profile import FLIP_RAD_S, BaseProfile
 
 DT = 0.004
+USUAL = BaseLimits()
 
 
 class Wheels:
     """Casters without mass: steering turns at the rate asked, and the odometry measures what was asked."""
 
-    def __init__(self, limits=BaseLimits(), steer=(0.0, 0.0, 0.0, 0.0)):
+    def __init__(self, limits=USUAL, steer=(0.0, 0.0, 0.0, 0.0)):
         self.motion, self.limits = BaseMotion(BaseProfile(), limits), limits
         self.steer, self.fastest, self.sharpest = np.array(steer, dtype=float), 0.0, np.zeros(3)
 
@@ -90,7 +91,9 @@ def test_ten_thousand_commands_respect_every_limit():
             values = rng.uniform(-2.0, 2.0, 3) * rng.integers(0, 2, 3)
             wheels.run(Target(values, Frame(rng.integers(2))), rng.uniform(0.004, 0.02), rng.uniform(0.003, 0.012))
         for _ in range(2_500):
-            wheels.run(Target(rng.uniform(-1.0, 1.0, 3), pose=True), rng.uniform(0.004, 0.02), rng.uniform(0.003, 0.012))
+            wheels.run(
+                Target(rng.uniform(-1.0, 1.0, 3), pose=True), rng.uniform(0.004, 0.02), rng.uniform(0.003, 0.012)
+            )
         wheels.check()
 
 
@@ -142,7 +145,12 @@ def test_a_share_of_the_speed():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"velocity": (1.1, 0.5, 1.0)}, {"velocity": (0.0, 0.5, 1.0)}, {"acceleration": (0.1, math.nan, 1.0)}, {"jerk": (1.0, 1.0)}],
+    [
+        {"velocity": (1.1, 0.5, 1.0)},
+        {"velocity": (0.0, 0.5, 1.0)},
+        {"acceleration": (0.1, math.nan, 1.0)},
+        {"jerk": (1.0, 1.0)},
+    ],
     ids=str,
 )
 def test_limits_that_are_none(wrong):

@@ -5,7 +5,7 @@ import contextlib
 import pytest
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.loop import build
+from lerobot_robot_yam.control.process.parts import build
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.errors import BusError, ChannelInUseError, EmergencyStopError
 from lerobot_robot_yam.session.arm_client import ArmClient

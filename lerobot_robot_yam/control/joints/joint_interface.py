@@ -1,7 +1,7 @@
 """Joint-space interface to the motors and the teaching handle of one arm: inspect, enable, send and receive."""
 
 import logging
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import can
@@ -15,16 +15,12 @@ from lerobot_robot_yam.control.gripper.trigger_range import TriggerRange, load_r
 from lerobot_robot_yam.control.joints.estimate import JointEstimate
 from lerobot_robot_yam.control.preflight import arm_inspection
 from lerobot_robot_yam.control.safety.thermal_monitor import ThermalMonitor, trips_c
-from lerobot_robot_yam.damiao.chain import CLEAR_REPEATS, ENABLE_PAUSE_S, MotorChain
+from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
 from lerobot_robot_yam.damiao.registers import Register
-from lerobot_robot_yam.damiao.tables import Fault
 
 logger = logging.getLogger(__name__)
-
-_ENABLE_ATTEMPTS = 4  # maximum number of ENABLE frames per motor: frames may get lost
-_ENABLED_S = 0.01  # timeout of a motor's report that it is enabled, s; the adapter's delay is added
 
 
 class JointInterface:
@@ -102,32 +98,6 @@ class JointInterface:
             if all(self.chain.refresh(timeout_s=0.01)):
                 break
         self.estimate.read()
-
-    def enable(self, motors: Sequence[int], clear: bool = False) -> Generator[None, None, list[int]]:
-        """Enable motors, one per tick, with retries; return the motors that do not reply.
-
-        The caller must command zero torque to these motors meanwhile. clear: whether to clear their faults first.
-        """
-        chain, off = self.chain, list(motors)
-        for _ in range(CLEAR_REPEATS if clear and off else 0):
-            self.instead = dict.fromkeys(off, SpecialCommand.CLEAR)
-            yield
-        silent: list[int] = []
-        for _ in range(_ENABLE_ATTEMPTS):
-            if not off:
-                break
-            for motor in off:
-                self.instead, sent_s = {motor: SpecialCommand.ENABLE}, chain.clock.now()
-                yield
-                while chain.clock.now() < sent_s + ENABLE_PAUSE_S:
-                    yield
-            until_s = sent_s + _ENABLED_S + 2.0 * chain.round_trip.one_way_s
-            while off and chain.clock.now() < until_s:
-                silent = [i for i in off if chain.asked_s[i] < sent_s]
-                off = [i for i in off if i in silent or chain.fault[i] != Fault.NORMAL]
-                if off:
-                    yield
-        return silent
 
     def complaints(self) -> list[str]:
         """Return warnings about adapter and cable to be logged at the end of the session."""

@@ -13,14 +13,15 @@ from collections.abc import Callable, Sequence
 
 import can
 
-from lerobot_robot_yam.arm.config import LeadArmConfig, passive_of
-from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.loop import build
+from lerobot_robot_yam.arm.config import passive_of
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.control.process import stand_by
 from lerobot_robot_yam.control.process.caller import Caller
+from lerobot_robot_yam.control.process.parts import build
 from lerobot_robot_yam.control.teleop import passive_loop
+from lerobot_robot_yam.mobile.robot_parts import Part, part_of
+from lerobot_robot_yam.state.base_records import map_blocks
 from lerobot_robot_yam.state.desk_post import forget_the_dead
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.records import BlockPair, Descriptors, lock_path
@@ -35,7 +36,7 @@ _PARENT_LOOK_S = 0.02
 
 
 def control(
-    arms: Sequence[ResolvedArm],
+    parts: Sequence[Part],
     keys: list[str],
     pairs: Sequence[BlockPair],
     on_ready: Callable[[str], None],
@@ -47,7 +48,7 @@ def control(
     Raises:
         YamError: bring-up failed; no arm is energised and all locks and buses are released.
     """
-    configs = [arm.config for arm in arms]
+    configs = [part.config for part in parts]
     buses: list[can.BusABC] = []
     with contextlib.ExitStack() as ends:  # closes in reverse order
         for pair in pairs:
@@ -62,14 +63,14 @@ def control(
             ends.callback(buses[-1].shutdown)
         passive = passive_of(configs[0]) is not None
         if not passive:
-            loop = build(arms, keys, buses, pairs)
+            loop = build(parts, keys, buses, pairs)
             ends.callback(loop.close, stand_by=realtime)
         if realtime:
             names, granted = ", ".join(c.name for c in configs), request_realtime(RT_PRIORITY)
             logger.info("control loop of %s: %s, %s", names, granted, avoid_oom_killer())
             gc.disable()
         if passive:
-            passive_loop.run(arms, buses, keys, pairs, on_ready, must_land)
+            passive_loop.run(parts, buses, keys, pairs, on_ready, must_land)
             return
         loop.start()
         loop.run(on_ready, must_land)
@@ -79,11 +80,12 @@ def main() -> int:
     """Run the process; return the exit status."""
     caller = Caller()
     job = caller.job
-    keys, pairs = job["keys"], [BlockPair.of(Descriptors(*descriptors)) for descriptors in job["blocks"]]
-    with caller.hears_of_errors("control process"):  # a file may have changed since the caller resolved the arms
-        arms = [ResolvedArm(LeadArmConfig(**arm)) for arm in job["arms"]]
-    passive = passive_of(arms[0].config) is not None  # passive leaders need no landing
-    stand_by_pid = 0 if passive else stand_by.spawn(arms, keys, pairs, RT_PRIORITY)
+    with caller.hears_of_errors("control process"):  # a file may have changed since the caller resolved the parts
+        parts = [part_of(*part) for part in job["parts"]]
+    blocks = zip(parts, job["blocks"], strict=True)
+    keys, pairs = job["keys"], [map_blocks(part, Descriptors(*descriptors)) for part, descriptors in blocks]
+    passive = passive_of(parts[0].config) is not None  # passive leaders need no landing
+    stand_by_pid = 0 if passive else stand_by.spawn(parts, keys, pairs, RT_PRIORITY)
     caller.watch(_PARENT_LOOK_S)
 
     def watch_stand_by() -> None:
@@ -105,7 +107,7 @@ def main() -> int:
 
     with log_from_a_thread(), caller.hears_of_errors("control process"):
         try:
-            control(arms, keys, pairs, tell, must_land, realtime=True)
+            control(parts, keys, pairs, tell, must_land, realtime=True)
         finally:
             forget_the_dead(runtime_dir())  # removes files of killed callers
     return 0

@@ -19,14 +19,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.impedance import gravity_model
 from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.preflight.open_bus import load_driver, open_bus
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd
-from lerobot_robot_yam.control.state_publisher import ControllerBlocks
+from lerobot_robot_yam.control.process.parts import make_blocks, make_controller
 from lerobot_robot_yam.damiao.handle_encoder import HANDLE_IDS
 from lerobot_robot_yam.errors import ChannelInUseError
+from lerobot_robot_yam.mobile.robot_parts import Part
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import HUNG_S
 from lerobot_robot_yam.state.modes import Mode
@@ -42,7 +42,7 @@ _CLEARED_MS = 5000  # maximum time for the kernel to free the locks of a dead pr
 _HUNG_LOOKS = round(HUNG_S / _LOOK_S)  # reads without a new tick; not a time, since a suspended machine makes no reads
 
 
-def spawn(arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[BlockPair], rt_priority: int) -> int:
+def spawn(arms: Sequence[Part], keys: Sequence[str], pairs: Sequence[BlockPair], rt_priority: int) -> int:
     """Fork a stand-by for this process; return the stand-by's pid.
 
     Call this function before the process opens any channel: the stand-by inherits all open files, such as the blocks.
@@ -80,7 +80,7 @@ class StandBy:
         control_pid: pid of the control process.
     """
 
-    def __init__(self, arms: Sequence[ResolvedArm], keys: Sequence[str], pairs: Sequence[BlockPair], control_pid: int):
+    def __init__(self, arms: Sequence[Part], keys: Sequence[str], pairs: Sequence[BlockPair], control_pid: int):
         self._arms, self._keys, self._pairs, self._pid = arms, keys, pairs, control_pid
         named = zip(arms, keys, strict=True)
         self._locks = [FileLock(lock_path(key), f"CAN channel {arm.config.channel}") for arm, key in named]
@@ -89,7 +89,7 @@ class StandBy:
         self._end = ProcessEnd(control_pid)
         self._poll = select.poll()
         self._poll.register(self._process, select.POLLIN)
-        self._gravity = [gravity_model(arm) for arm in arms]
+        self._gravity = [gravity_model(arm) if isinstance(arm, ResolvedArm) else None for arm in arms]
         for arm in arms:
             load_driver(arm.config.interface)
         self._records: list[np.ndarray | None] = [None] * len(keys)
@@ -135,9 +135,9 @@ class StandBy:
             try:
                 bus = open_bus(arm.config, [*(motor.feedback_id for motor in arm.motors), *HANDLE_IDS])
                 buses.append(bus)
-                controller = ArmController(arm, bus, self._gravity[index])
+                controller = make_controller(arm, bus, self._gravity[index])
                 controller.adopt(record, time.monotonic())
-                blocks.append(ControllerBlocks(controller, key, self._pairs[index], adopt=record))
+                blocks.append(make_blocks(controller, key, self._pairs[index], adopt=record))
                 controllers.append(controller)
             except Exception as error:  # the other arm can still be landed
                 logger.critical("%s cannot be taken over: %s", arm.name, error)

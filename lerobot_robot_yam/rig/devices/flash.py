@@ -16,7 +16,9 @@ from lerobot_robot_yam.damiao.tables import TIMEOUT_COUNT_S, WATCHDOG_S, Control
 WAYS = ("all", "reverts", "cut")
 
 
-def factory_registers(motor: ArmMotor | GripperMotor, serial: int) -> dict[int, float | int]:
+def factory_registers(
+    motor: ArmMotor | GripperMotor, serial: int, mode: ControlMode = ControlMode.MIT
+) -> dict[int, float | int]:
     """Return the registers of a profile's motor, with `serial` in SN; registers that nothing uses are 0."""
     row = motor_type(motor.type)
     held: dict[int, float | int] = dict.fromkeys(registers.REGISTERS, 0)
@@ -30,7 +32,7 @@ def factory_registers(motor: ArmMotor | GripperMotor, serial: int) -> dict[int, 
         Register.MST_ID: motor.can_id + 16,
         Register.ESC_ID: motor.can_id,
         Register.TIMEOUT: round(WATCHDOG_S / TIMEOUT_COUNT_S),
-        Register.CTRL_MODE: ControlMode.MIT,
+        Register.CTRL_MODE: mode,
         Register.HW_VER: 10,
         Register.SW_VER: 5013,
         Register.SN: serial,

@@ -21,6 +21,7 @@ from lerobot_robot_yam.damiao.registers import Opcode, Register
 from lerobot_robot_yam.damiao.tables import (
     REGISTER_ID,
     TIMEOUT_COUNT_S,
+    VELOCITY_OFFSET,
     ControlMode,
     Fault,
 )
@@ -35,6 +36,7 @@ from lerobot_robot_yam.rig.world.world import World
 _NORMAL = int(Fault.NORMAL)  # state without a fault, as a plain number because enum look-ups are slow
 _RANGES = (Register.PMAX, Register.VMAX, Register.TMAX)
 AHEAD_S = 0.003  # maximum time over which a sample is extrapolated, s
+_SERVO_KD = 20.0  # gain of the velocity servo, Nm s/rad; our choice: no source documents it
 _TWIN_OFFSET_RAD = 0.3  # second motor's angle minus the first motor's at the rig's start; our choice
 _TWIN_SERIAL = 100_000  # second motor's serial number minus the first motor's
 
@@ -57,6 +59,7 @@ class SimMotor:
         world: World,
         log: Callable[..., None],
         serial: int,
+        mode: ControlMode = ControlMode.MIT,
     ):
         self._row = row
         self.name, self.kind, self.direction, self.zero_rad = row.name, row.type, row.direction, zero_rad
@@ -72,7 +75,7 @@ class SimMotor:
         self.ranges = codec.ranges_of(row.type)
         self.thermometer = Thermometer(random.Random(world.scene.options.seed * 1000 + row.can_id))
         self.last_command_s = 0.0  # simulated time of the last command, s
-        self._registers = factory_registers(row, serial)
+        self._registers = factory_registers(row, serial, mode)
         self.flash = Flash(self._registers)
         self._written: int | None = None  # register written last
         self._registers_changed()
@@ -119,6 +122,9 @@ class SimMotor:
             self._special(special)
         elif offset == 0 and len(data) == 8 and self.fault == Fault.NORMAL and self.mode == ControlMode.MIT:
             self._obey(*codec.unpack_mit(self.ranges, data))
+        elif offset == VELOCITY_OFFSET and self.enabled and self.mode == ControlMode.VELOCITY:
+            velocity, _ = codec.decode_position_velocity(data)
+            self.drive.command(0.0, self.direction * velocity, 0.0, _SERVO_KD, 0.0)
         return self.feedback(at_s)
 
     def request(self, data: bytes, at_s: float) -> Frame | None:

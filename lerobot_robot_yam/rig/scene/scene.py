@@ -62,6 +62,20 @@ class ArmPlacement:
 
 
 @dataclass(frozen=True, eq=False)
+class BasePlacement:
+    """A mobile base on the floor, at `position_m` (x, y), turned by `yaw_rad` about the vertical.
+
+    Attributes:
+        steer_zero_rad: steering motors' angles when the casters point forward, default 0.
+    """
+
+    channel: str
+    position_m: np.ndarray = array_field(2, default=(0, 0))
+    yaw_rad: float = 0.0
+    steer_zero_rad: np.ndarray = array_field(4, default=(0, 0, 0, 0))
+
+
+@dataclass(frozen=True, eq=False)
 class Camera:
     """A camera at `position_m` that looks at `target_m`, both in the frame of `body` ("" is the world).
 
@@ -121,7 +135,8 @@ class Scene:
     """
 
     name: str
-    arms: tuple[ArmPlacement, ...]
+    arms: tuple[ArmPlacement, ...] = ()
+    base: BasePlacement | None = None
     props: tuple[Thing, ...] = ()
     furniture: tuple[Thing, ...] = ()
     cameras: tuple[Camera, ...] = ()
@@ -132,7 +147,8 @@ class Scene:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        return tuple(arm.channel for arm in self.arms)
+        base = () if self.base is None else (self.base.channel,)
+        return (*(arm.channel for arm in self.arms), *base)
 
     @property
     def things(self) -> tuple[Thing, ...]:
@@ -189,8 +205,8 @@ def _cameras(inherited: Any, own: Any) -> Any:
 
 def _check(scene: Scene) -> None:
     where, options = f"scene '{scene.name}'", scene.options
-    if len(set(scene.channels)) != len(scene.channels) or not scene.arms:
-        raise ConfigError(f"{where}: needs arms, each with another channel, not {scene.channels}")
+    if len(set(scene.channels)) != len(scene.channels) or not scene.channels:
+        raise ConfigError(f"{where}: needs arms or a base, each with another channel, not {scene.channels}")
     for arm in scene.arms:
         if arm.role not in ROLES:
             raise ConfigError(f"{where}: role of {arm.channel} must be one of {ROLES}, not '{arm.role}'")

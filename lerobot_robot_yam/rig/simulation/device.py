@@ -9,10 +9,11 @@ import numpy as np
 
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS
 from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
+from lerobot_robot_yam.damiao.tables import ControlMode
 from lerobot_robot_yam.rig.bus.channel import Channel
 from lerobot_robot_yam.rig.devices.simulated_handle import SimEncoders, SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
-from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Scene, serial_number
+from lerobot_robot_yam.rig.scene.scene import ArmPlacement, BasePlacement, Scene, serial_number
 from lerobot_robot_yam.rig.simulation.grips import FirmGrip, SoftGrip
 from lerobot_robot_yam.rig.simulation.hand import ButtonPresses, Hand
 from lerobot_robot_yam.rig.simulation.judge import Judge
@@ -24,6 +25,7 @@ from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
 _SLOW_PERIOD_S = 0.005  # period of watchdogs and the judge, in simulated time
 _EVENTS_KEPT = 20_000
+BASE_SERIALS = 90_000  # serial numbers of a base's motors, minus their ids; arms have smaller ones
 
 
 class EventLog:
@@ -78,6 +80,11 @@ class RigDevice:
             self.channels[row.channel] = channel
             self.ballast[row.channel] = Ballast(self.world, row.channel)
             self.hands[row.channel] = self._hand(row, handle)
+        if scene.base is not None:
+            motors = self._base_motors(scene.base)
+            self.channels[scene.base.channel] = Channel(
+                scene.base.channel, motors, None, scene.options.latency_s, scene.options.seed + len(scene.arms)
+            )
         self.leaders = [row.channel for row in scene.arms if row.role == "leader"]
         self.judge = Judge(self.world)
         self.presses = ButtonPresses(self._log_button)
@@ -116,6 +123,20 @@ class RigDevice:
         for zero, (motor, joints, base, coefficient) in zip(zeros.tolist(), shafts, strict=True):
             drive = Drive(self.world, row.channel, motor.name, joints, base, coefficient)
             found.append(SimMotor(motor, zero, drive, self.world, log, serial_number(self.scene, row, motor.can_id)))
+        return found
+
+    def _base_motors(self, row: BasePlacement) -> list[SimMotor]:
+        profile, found = self.world.base, []
+        for index, (spec, sign) in enumerate(zip(profile.motors(), profile.signs, strict=True)):
+            motor = ArmMotor(spec.name, spec.can_id, spec.type, sign)
+            drive = Drive(self.world, row.channel, spec.name, (spec.name,), 0.0, 1.0)
+            zero = float(row.steer_zero_rad[index // 2]) if index % 2 == 0 else 0.0
+
+            def log(kind: str, **details: Any) -> None:
+                self.events.add(kind, channel=row.channel, **details)
+
+            serial = BASE_SERIALS + spec.can_id
+            found.append(SimMotor(motor, zero, drive, self.world, log, serial, ControlMode.VELOCITY))
         return found
 
     def _log_button(self, channel: str, button: str, down: bool) -> None:

@@ -63,6 +63,7 @@ class RigOperations(HandOperations, FaultOperations):
             resists (whether the hand released an arm that worked against it), clients,
             motors[name]: {id, enabled, fault, torque_nm, motor_rad, flash_writes},
             second_motors (fault "second_arm") likewise, tcp_site and grasp_site: {pos (3,), mat (9,)};
+            base, if there is one: pose (x, y, m, and heading, rad) and motors[name]: {enabled, fault};
             props[name] and furniture[name]: {pos, quat};
             joints[name], of furniture: m or rad; with `bodies`, bodies[name]: position (3,).
         """
@@ -77,12 +78,20 @@ class RigOperations(HandOperations, FaultOperations):
         return {
             "sim_s": world.sim_s,
             "monotonic_s": world.stamp_s,
-            "arms": {name: self._arm(name, brief) for name in self.device.channels},
+            "arms": {name: self._arm(name, brief) for name in self.device.hands},
+            **({} if scene.base is None else {"base": self._base(scene.base.channel)}),
             "props": poses(scene.props),
             "furniture": poses(scene.furniture),
             "joints": {name: world.data.joint(name).qpos[0] for name in jointed},
             **({"bodies": world.bodies()} if bodies else {}),
         }
+
+    def _base(self, name: str) -> dict[str, Any]:
+        motors = {
+            motor.name: {"enabled": motor.enabled, "fault": int(motor.fault)}
+            for motor in self.device.channels[name].motors
+        }
+        return {"pose": self.device.world.base_pose(), "motors": motors}
 
     def _arm(self, name: str, brief: bool) -> dict[str, Any]:
         world, channel, hand = self.device.world, self.device.channels[name], self.device.hands[name]

@@ -9,6 +9,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.mobile.base_profile import BaseProfile
 from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.world.world_model import build_world, world_dtype
 from lerobot_robot_yam.system.shared_block import SharedBlock
@@ -39,6 +40,7 @@ class World:
         self._state = self.data.qpos, self.data.qvel, self.data.actuator_force
         self.timestep_s = self.model.opt.timestep
         self.profiles = {row.channel: resolve_profiles(row.arm, row.gripper) for row in scene.arms}
+        self.base = BaseProfile()
         self._addresses = {row.channel: self._look_up(row.channel) for row in scene.arms}
         for row in scene.arms:
             arm, gripper = self.profiles[row.channel]
@@ -130,6 +132,13 @@ class World:
         if opening is not None and gripper.finger_range_m is not None:
             low, high = gripper.finger_range_m
             self.data.qpos[fingers], self.data.qvel[finger_dofs] = low + opening * (high - low), 0.0
+
+    def base_pose(self) -> list[float] | None:
+        """Return the base's true x, y, m, and heading, rad; None without a base."""
+        if self.scene.base is None:
+            return None
+        x, y, _, w, i, j, k = self.data.joint(self.scene.base.channel).qpos.tolist()
+        return [x, y, math.atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))]
 
     def put(self, prop: str, position_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
         """Teleport a loose thing to a position (3,) and an orientation (4,), at rest."""

@@ -16,9 +16,11 @@ from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.mobile.base_profile import BaseProfile
 from lerobot_robot_yam.rig.scene.deviation import Deviation
 from lerobot_robot_yam.rig.scene.props import Part, Thing
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Camera, Scene
+from lerobot_robot_yam.rig.world.base_model import add_base
 
 HAND_KP, HAND_KD = 200.0, 20.0  # stiffness, Nm/rad, and damping, Nm s/rad, of a hand's firm grip on a leader's joints
 HAND_TORQUE_NM = 12.0  # maximum torque of the operator's hand at each joint
@@ -51,6 +53,8 @@ def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
     add_scenery(spec)
     for row in scene.arms:
         _attach_arm(spec, row, scene)
+    if scene.base is not None:
+        add_base(spec, scene.base, BaseProfile(), _FLOOR_Z_M)
     add_things(spec, scene.things)
     if visible and scene.options.pictures == "full":
         add_shaded_surfaces(spec, scene.furniture)

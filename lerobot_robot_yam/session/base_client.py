@@ -1,0 +1,216 @@
+"""Client of the base of a session: reads its state block, writes its command block."""
+
+import logging
+import os
+import threading
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from lerobot_robot_yam.arm.validation import finite_vector
+from lerobot_robot_yam.errors import ActionError, LifeCycleError, MotorError, StaleStateError
+from lerobot_robot_yam.mobile.base_motion import Frame
+from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
+from lerobot_robot_yam.state.base_records import BASE_COMMAND_DTYPE, BASE_STATE_DTYPE, BaseRequest, BaseState
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import Descriptors
+from lerobot_robot_yam.system.clock import SYSTEM, Clock
+from lerobot_robot_yam.system.shared_block import SharedBlock, allocate
+
+logger = logging.getLogger(__name__)
+
+REQUEST_TIMEOUT_S = 1.0  # wait for the loop's answer to a request, s
+_POLL_S = 0.001
+_POSE_MOST_M, _POSE_MOST_RAD = 1000.0, 1000.0  # maximum of a pose target: farther ones are typing errors
+_FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # modes that mean failure when the state has a message
+_LIMIT_SLACK = 1e-9
+
+
+class BaseClient:
+    """Client of a running base. Only one thread may write; any thread may read.
+
+    Args:
+        hardware: the base.
+        clock: clock of the base's control loop.
+        written: called after each command.
+    """
+
+    def __init__(self, hardware: ResolvedBase, clock: Clock = SYSTEM, written: Callable[[], None] = lambda: None):
+        self.hardware, self.config, self._clock, self._written = hardware, hardware.config, clock, written
+        self._states: SharedBlock | None = SharedBlock(None, BASE_STATE_DTYPE, False, allocate(BASE_STATE_DTYPE))
+        self._commands = SharedBlock(None, BASE_COMMAND_DTYPE, create=True)
+        self._record = np.zeros((), BASE_COMMAND_DTYPE)
+        self._record["target_stamp_s"] = self._record["request_stamp_s"] = -np.inf
+        self._lock, self._pid = threading.Lock(), os.getpid()
+        self._limited = False
+        self._commands.write(self._record)
+
+    @property
+    def _block(self) -> SharedBlock:
+        if self._states is None:
+            raise LifeCycleError(f"{self.config.name}: not connected")
+        return self._states
+
+    @property
+    def descriptors(self) -> Descriptors:
+        """File descriptors of both blocks, for the loop."""
+        return Descriptors(self._block.descriptor, self._commands.descriptor)
+
+    def close(self) -> None:
+        """Close both blocks. Idempotent."""
+        states, self._states = self._states, None
+        if states is not None:
+            states.close()
+            self._commands.close()
+
+    def published(self) -> BaseState:
+        """Read the state as last published, however old or bad. Raises LifeCycleError: the base is not connected."""
+        record = self._block.read()
+        if record is None:
+            raise LifeCycleError(f"{self.config.name}: not connected")
+        return BaseState(record)
+
+    def mode(self) -> Mode:
+        """Read the last published mode, however old."""
+        return self.published().mode
+
+    def observe(self) -> BaseState:
+        """Read the newest state.
+
+        Raises:
+            MotorError: the base has a fault; the message names the motor.
+            StaleStateError: the control loop or a motor has been silent for longer than `max_state_age_s`.
+            LifeCycleError: the base is not connected.
+        """
+        state, where = self.published(), f"{self.config.name} ({self.config.channel})"
+        if state.mode in _FAILED and state.message:
+            raise MotorError(f"{where}: {state.message}")
+        if state.mode is Mode.OFF:
+            raise LifeCycleError(f"{where}: the base is off; connect again")
+        age_s = self._clock.now() - state.asked_s
+        if age_s > self.config.max_state_age_s:
+            raise StaleStateError(f"{where}: newest state is {age_s:.2f} s old; the loop or a motor is silent")
+        return state
+
+    def write_velocity(self, velocity: Sequence[float] | np.ndarray, frame: Frame = Frame.LOCAL) -> np.ndarray:
+        """Write a target twist (3,), m/s, m/s, rad/s. Repeat it at 10 Hz or faster, or the base brakes.
+
+        Returns:
+            The twist after the limits, with its direction; zero while the base takes no targets (emergency stop).
+
+        Raises:
+            ActionError: a value has a wrong shape or is not finite; nothing was sent.
+            YamError: the base has failed or is silent, see `observe`; nothing was sent.
+        """
+        name, asked = self.config.name, finite_vector(self.config.name, "velocity", velocity, 3)
+        if not isinstance(frame, Frame):
+            raise ActionError(f"{name}: frame is {' or '.join(f.name.lower() for f in Frame)}, not {frame!r}")
+        if not self._takes_targets():
+            return np.zeros(3)
+        share = float((np.abs(asked) / self.hardware.limits.velocity).max())
+        limited = share > 1.0 + _LIMIT_SLACK
+        if limited and not self._limited:
+            logger.warning("%s: the velocity is limited to %s", name, self.hardware.limits.velocity)
+        self._limited = limited
+        sent = asked / share if limited else asked
+        self._write_target(sent, frame, pose=False)
+        return sent
+
+    def write_pose(self, pose: Sequence[float] | np.ndarray, frame: Frame = Frame.GLOBAL) -> np.ndarray:
+        """Write a target pose (3,), m, m, rad; see `write_velocity`.
+
+        frame: GLOBAL, of the odometry; or LOCAL, relative to the present pose: write such a target once, and then
+        repeat what this method returns with GLOBAL.
+
+        Returns:
+            The pose in the odometry's frame; the present pose while the base takes no targets (emergency stop).
+        """
+        name, target = self.config.name, finite_vector(self.config.name, "pose", pose, 3)
+        if np.abs(target[:2]).max() > _POSE_MOST_M or abs(target[2]) > _POSE_MOST_RAD:
+            raise ActionError(f"{name}: the pose {target.tolist()} is farther away than {_POSE_MOST_M:g} m or rad")
+        here = self.observe().pose
+        if frame is Frame.LOCAL:
+            s, c = np.sin(here[2]), np.cos(here[2])
+            target = here + np.array([c * target[0] - s * target[1], s * target[0] + c * target[1], target[2]])
+        if not self._takes_targets():
+            return here
+        self._write_target(target, Frame.GLOBAL, pose=True)
+        return target
+
+    def _takes_targets(self) -> bool:
+        """Return whether targets may be sent; an emergency stop ignores them, other modes refuse them."""
+        state = self.observe()
+        if state.mode is Mode.STOPPED:
+            return False
+        if state.mode not in (Mode.HOLD, Mode.TRACK):
+            raise LifeCycleError(f"{self.config.name}: takes no targets in mode {state.mode.name.lower()}")
+        return True
+
+    def _write_target(self, values: np.ndarray, frame: Frame, pose: bool) -> None:
+        with self._lock:
+            record = self._record
+            record["values"], record["frame"], record["pose"] = values, frame, pose
+            record["target_stamp_s"] = self._clock.now()
+            record["target_sequence"] += 1
+            self._write()
+
+    def _write(self) -> None:
+        if os.getpid() != self._pid:
+            raise LifeCycleError(
+                f"{self.config.name}: the base belongs to process {self._pid}, not to its forked child"
+            )
+        self._commands.write(self._record)
+        self._written()
+
+    def request(self, request: BaseRequest) -> None:
+        """Have the loop carry out a request, and wait until it has.
+
+        Raises:
+            LifeCycleError: the loop has refused the request; the message says why.
+            StaleStateError: the loop does not answer.
+        """
+        with self._lock:
+            record = self._record
+            record["request"], record["request_stamp_s"] = request, self._clock.now()
+            record["request_sequence"] += 1
+            record["target_stamp_s"] = -np.inf
+            number = int(record["request_sequence"])
+            self._write()
+        deadline = self._clock.now() + REQUEST_TIMEOUT_S
+        while (state := self.published()).answered != number:
+            if state.mode is Mode.OFF:
+                if request is BaseRequest.LAND:
+                    return
+                raise LifeCycleError(f"{self.config.name}: the base is off; connect again")
+            if self._clock.now() > deadline:
+                raise StaleStateError(f"{self.config.name}: the control loop does not answer")
+            self._clock.sleep(_POLL_S)
+        if state.refusal is not None:
+            raise LifeCycleError(state.refusal)
+
+    def hold(self) -> None:
+        """Brake and stay."""
+        self.request(BaseRequest.HOLD)
+
+    def land(self) -> None:
+        """Brake, then cut torque; does not wait for the end."""
+        self.request(BaseRequest.LAND)
+
+    def rearm(self) -> None:
+        """Enable failed motors again, and take targets again. Raises LifeCycleError: a motor still fails."""
+        self.request(BaseRequest.REARM)
+
+    def reset_odometry(self) -> None:
+        """Make the present pose the origin of the odometry."""
+        self.request(BaseRequest.RESET_ODOMETRY)
+
+    def await_gripper(self) -> None:
+        """Do nothing: a base has no gripper."""
+
+    @property
+    def off(self) -> bool:
+        """Whether the control loop has published that the base is without torque."""
+        try:
+            return self.mode() is Mode.OFF
+        except StaleStateError:
+            return False

@@ -1,0 +1,262 @@
+"""Records that caller and control loop share for a mobile base: its state (the loop writes) and the command.
+
+SI units, all times on the monotonic clock. Motors in the order of `BaseProfile.motors`: steering and drive of each
+caster, then the rail's if there is one.
+"""
+
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+
+from lerobot_robot_yam.mobile.base_profile import BASE_MOTORS
+from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
+from lerobot_robot_yam.mobile.robot_parts import Part
+from lerobot_robot_yam.state.faults import Trouble
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import BlockPair, Descriptors, Limited
+from lerobot_robot_yam.system.shared_block import SharedBlock
+
+
+class BaseRequest(IntEnum):
+    """Requests of a caller, besides targets."""
+
+    NONE = 0
+    HOLD = 1  # brake and stay
+    LAND = 2  # brake, engage the rail's brake, cut torque
+    REARM = 3
+    RESET_ODOMETRY = 4
+    HOME_RAIL = 5
+
+
+class RailAim(IntEnum):
+    """What a command asks of the rail."""
+
+    NONE = 0
+    VELOCITY = 1  # m/s
+    HEIGHT = 2  # m
+
+
+BASE_STATE_DTYPE = np.dtype(
+    [
+        ("owner_pid", "u8"),  # process whose loop drives the base; changes when another process takes over
+        ("stamp_s", "f8"),  # time of publication
+        ("tick", "u8"),
+        ("asked_s", "f8"),  # time of the oldest command that a motor's sample answers
+        ("mode", "u1"),  # a `Mode`: HOLD at rest, TRACK while it follows targets
+        ("limited", "u2"),  # a `Limited`
+        ("motors", "u1"),
+        ("pose", "f8", 3),  # odometry: m, m, rad since the last reset, heading not wrapped
+        ("twist", "f8", 3),  # measured velocity in the odometry's frame
+        ("body_twist", "f8", 3),  # measured velocity in the body's frame
+        ("planned", "f8", 3),  # planned velocity in the odometry's frame
+        ("slowed", "f8"),  # factor by which the target is slowed down, 0 … 1
+        ("q", "f8", BASE_MOTORS),  # rad, in joint coordinates, unwrapped
+        ("dq", "f8", BASE_MOTORS),  # rad/s
+        ("tau", "f8", BASE_MOTORS),  # Nm
+        ("motor_stamp_s", "f8", BASE_MOTORS),  # time of each motor's newest sample
+        ("temp_mos_c", "f4", BASE_MOTORS),
+        ("temp_rotor_c", "f4", BASE_MOTORS),
+        ("fault", "u1", BASE_MOTORS),
+        ("lost", "u8", BASE_MOTORS),
+        ("height", "f8"),  # of the rail above its lower switch, m; NaN without a rail or before homing
+        ("height_speed", "f8"),  # m/s; NaN as `height`
+        ("m_per_rad", "f8"),  # m of height per rad of the rail's motor; NaN before homing
+        ("upper", "u1"),  # whether the upper switch is triggered
+        ("lower", "u1"),
+        ("brake_on", "u1"),
+        ("homing", "u1"),
+        ("target_sequence", "u8"),  # number of the newest target that was processed
+        ("request_sequence", "u8"),  # number of the newest request that was executed or refused
+        ("request_refused", "u1"),
+        ("refusal", "S400"),
+        ("trouble", "S40"),
+        ("message", "S400"),
+    ]
+)
+
+BASE_COMMAND_DTYPE = np.dtype(
+    [
+        ("target_stamp_s", "f8"),
+        ("target_sequence", "u8"),
+        ("values", "f8", 3),  # a twist, m/s, m/s, rad/s, or a pose, m, m, rad
+        ("frame", "u1"),  # a `base_motion.Frame`
+        ("pose", "u1"),  # whether `values` is a pose
+        ("rail_aim", "u1"),  # a `RailAim`
+        ("rail", "f8"),  # m/s or m
+        ("request_stamp_s", "f8"),
+        ("request", "u1"),
+        ("request_sequence", "u8"),
+    ]
+)
+
+
+class BaseState:
+    """State of a base, as measured at `stamp_s`.
+
+    Args:
+        record: a record of type BASE_STATE_DTYPE, which this object keeps.
+    """
+
+    def __init__(self, record: np.ndarray):
+        self._record = record
+        self._motors = slice(int(record["motors"]))
+
+    def __repr__(self) -> str:
+        x, y, theta = self.pose.tolist()
+        wrong = f", {self.trouble}: {self.message}" if self.trouble else ""
+        return f"<BaseState {self.mode.name} x={x:.3f} y={y:.3f} m theta={theta:.3f} rad{wrong}>"
+
+    @property
+    def mode(self) -> Mode:
+        return Mode(int(self._record["mode"]))
+
+    @property
+    def limited(self) -> Limited:
+        return Limited(int(self._record["limited"]))
+
+    @property
+    def pose(self) -> np.ndarray:
+        """Odometry (3,): x, y in m, heading in rad, not wrapped."""
+        return self._record["pose"].copy()
+
+    @property
+    def twist(self) -> np.ndarray:
+        """Measured velocity (3,) in the odometry's frame, m/s, m/s, rad/s."""
+        return self._record["twist"].copy()
+
+    @property
+    def body_twist(self) -> np.ndarray:
+        """Measured velocity (3,) in the body's frame, m/s, m/s, rad/s."""
+        return self._record["body_twist"].copy()
+
+    @property
+    def planned(self) -> np.ndarray:
+        """Planned velocity (3,) in the odometry's frame, m/s, m/s, rad/s."""
+        return self._record["planned"].copy()
+
+    @property
+    def slowed(self) -> float:
+        """Factor by which the target is slowed down, 0 … 1."""
+        return float(self._record["slowed"])
+
+    @property
+    def steer_rad(self) -> np.ndarray:
+        """Steering angles (4,), rad, unwrapped."""
+        return self._record["q"][0:8:2].copy()
+
+    @property
+    def steer_rad_s(self) -> np.ndarray:
+        """Steering rates (4,), rad/s."""
+        return self._record["dq"][0:8:2].copy()
+
+    @property
+    def drive_rad(self) -> np.ndarray:
+        """Angles of the wheels (4,), rad, unwrapped."""
+        return self._record["q"][1:8:2].copy()
+
+    @property
+    def drive_rad_s(self) -> np.ndarray:
+        """Rates of the wheels (4,), rad/s."""
+        return self._record["dq"][1:8:2].copy()
+
+    @property
+    def tau_nm(self) -> np.ndarray:
+        """Torques of the motors (n,), Nm."""
+        return self._record["tau"][self._motors].copy()
+
+    @property
+    def temp_mos_c(self) -> np.ndarray:
+        return self._record["temp_mos_c"][self._motors].copy()
+
+    @property
+    def temp_rotor_c(self) -> np.ndarray:
+        return self._record["temp_rotor_c"][self._motors].copy()
+
+    @property
+    def fault(self) -> tuple[int, ...]:
+        """Per motor, code of `damiao.tables.Fault`."""
+        return tuple(self._record["fault"][self._motors].tolist())
+
+    @property
+    def height_m(self) -> float:
+        """Height of the rail above its lower switch, m; NaN without a rail or before homing."""
+        return float(self._record["height"])
+
+    @property
+    def height_m_s(self) -> float:
+        """Speed of the rail, m/s; NaN as `height_m`."""
+        return float(self._record["height_speed"])
+
+    @property
+    def m_per_rad(self) -> float:
+        """Height per turn of the rail's motor, m/rad; NaN before homing."""
+        return float(self._record["m_per_rad"])
+
+    @property
+    def switches(self) -> tuple[bool, bool]:
+        """Whether the upper and the lower switch are triggered."""
+        return bool(self._record["upper"]), bool(self._record["lower"])
+
+    @property
+    def brake_on(self) -> bool:
+        """Whether the rail's brake is engaged."""
+        return bool(self._record["brake_on"])
+
+    @property
+    def homing(self) -> bool:
+        return bool(self._record["homing"])
+
+    @property
+    def stamp_s(self) -> float:
+        """Time of the oldest sample of a motor."""
+        return float(self._record["motor_stamp_s"][self._motors].min())
+
+    @property
+    def asked_s(self) -> float:
+        """Time of the oldest command that a sample answers."""
+        return float(self._record["asked_s"])
+
+    @property
+    def published_s(self) -> float:
+        """Time at which the control loop wrote this state."""
+        return float(self._record["stamp_s"])
+
+    @property
+    def tick(self) -> int:
+        return int(self._record["tick"])
+
+    @property
+    def answered(self) -> int:
+        """Number of the newest request that was executed or refused."""
+        return int(self._record["request_sequence"])
+
+    @property
+    def refusal(self) -> str | None:
+        """Reason for which the newest request was refused; None if it was not."""
+        return _text(self._record["refusal"]) if self._record["request_refused"] else None
+
+    @property
+    def trouble(self) -> Trouble | None:
+        """Fault of the base; None when all is well."""
+        text = _text(self._record["trouble"])
+        return Trouble(text) if text else None
+
+    @property
+    def message(self) -> str:
+        """Why the base is in its mode; empty when all is well."""
+        return _text(self._record["message"])
+
+
+def _text(field: Any) -> str:
+    return bytes(field).rstrip(b"\0").decode(errors="replace")
+
+
+def map_blocks(part: Part, descriptors: Descriptors) -> BlockPair:
+    """Map the memory that the caller of an arm or a base has allocated."""
+    if not isinstance(part, ResolvedBase):
+        return BlockPair.of(descriptors)
+    return BlockPair(
+        SharedBlock(None, BASE_STATE_DTYPE, create=True, descriptor=descriptors.states),
+        SharedBlock(None, BASE_COMMAND_DTYPE, create=False, descriptor=descriptors.commands),
+    )
