@@ -12,6 +12,7 @@ STOREYS = (
     "system",
     "damiao",
     "arm",
+    "mobile",
     "rig",
     "state",
     "control",
@@ -39,7 +40,7 @@ RIG_ROOMS = (
     "lockstep",
 )
 # "" is the loop and the arm's controller
-CONTROL_ROOMS = ("laws", "landing", "gripper", "safety", "teleop", "preflight", "joints", "", "process")
+CONTROL_ROOMS = ("laws", "landing", "gripper", "safety", "teleop", "preflight", "joints", "", "mobile", "process")
 MAY_IMPORT_LEROBOT = ("face", "plugin", "commands")
 MOST_MODULES = 15
 MOST_LINES = 350  # of a file

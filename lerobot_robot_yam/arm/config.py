@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from lerobot_robot_yam.arm import config_checks
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
@@ -32,6 +32,16 @@ def _packaged(folder: str, usual: str) -> tuple[str, ...]:
 
 ARMS, GRIPPERS = _packaged("arms", USUAL_ARM), _packaged("grippers", USUAL_GRIPPER)
 """Names of the arms and end effectors that have a profile in this package."""
+
+
+class ChannelConfig(Protocol):
+    """What the configurations of arms and bases have in common."""
+
+    name: str
+    channel: str
+    interface: str
+    can_options: dict[str, Any]
+    rate_hz: float
 
 
 @dataclass(kw_only=True)
@@ -182,12 +192,12 @@ def lead_of(config: ArmConfig) -> LeadConfig | None:
     return config.lead if isinstance(config, LeadArmConfig) else None
 
 
-def passive_of(config: ArmConfig) -> PassiveConfig | None:
+def passive_of(config: ChannelConfig) -> PassiveConfig | None:
     """Return the options for reading a leader without motors, or None if the arm has motors."""
     return config.passive if isinstance(config, LeadArmConfig) else None
 
 
-def check_together(configs: Sequence[ArmConfig]) -> None:
+def check_together(configs: Sequence[ChannelConfig]) -> None:
     """Check that the arms of one robot have different names, channels and files, and the same rate.
 
     Raises:

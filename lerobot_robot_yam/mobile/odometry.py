@@ -15,7 +15,9 @@ class Odometry:
     """
 
     def __init__(self) -> None:
-        self.pose, self.twist, self.body_twist = np.zeros(3), np.zeros(3), np.zeros(3)
+        self.pose: np.ndarray = np.zeros(3)
+        self.twist: np.ndarray = np.zeros(3)
+        self.body_twist: np.ndarray = np.zeros(3)
 
     def reset(self) -> None:
         """Set pose and velocities to zero."""

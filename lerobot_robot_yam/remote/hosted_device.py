@@ -74,6 +74,7 @@ class RemoteRunner(ProcessRunner):
     def __init__(self, device: HostedDevice, arms: list[ResolvedArm], keys: list[str]):
         super().__init__(arms, keys)
         self._device = device
+        self._search = all(arm.config.gripper_search for arm in arms)
 
     def _job(self) -> dict[str, Any]:
         device = self._device
@@ -84,7 +85,7 @@ class RemoteRunner(ProcessRunner):
             "group": device.group,
             "numbers": device.numbers,
             "all_keys": device.all_keys,
-            "search": all(arm.config.gripper_search for arm in self._arms),
+            "search": self._search,
         }
 
     def note_written(self, arm: int) -> None:

@@ -74,7 +74,7 @@ class ProcessRunner:
     clock: Clock = SYSTEM
     _program = "lerobot_robot_yam.control.process.control_process"
 
-    def __init__(self, arms: list[Part], keys: list[str]):
+    def __init__(self, arms: Sequence[Part], keys: list[str]):
         self._arms, self._keys = arms, keys
         self._child: subprocess.Popen[bytes] | None = None
         self._lifeline: Lifeline | None = None
@@ -143,7 +143,7 @@ class ThreadRunner:
 
     clock: Clock = SYSTEM
 
-    def __init__(self, arms: list[Part], keys: list[str]):
+    def __init__(self, arms: Sequence[Part], keys: list[str]):
         self._parts = arms
         self._land = threading.Event()
         self._settled = threading.Event()
@@ -151,7 +151,7 @@ class ThreadRunner:
         self._blocks: list[BlockPair] = []
         self._thread = threading.Thread(target=self._run, args=(arms, keys), name="yam-control", daemon=False)
 
-    def _run(self, arms: list[Part], keys: list[str]) -> None:
+    def _run(self, arms: Sequence[Part], keys: list[str]) -> None:
         from lerobot_robot_yam.control.process.control_process import control
 
         try:
@@ -195,7 +195,7 @@ class StepRunner:
     The runner owns the simulated world, so discarding that world with arms in the air is harmless.
     """
 
-    def __init__(self, arms: list[Part], keys: list[str]):
+    def __init__(self, arms: Sequence[Part], keys: list[str]):
         self._arms, self._keys = arms, keys
         self._buses: list[can.BusABC] = []
         self._pairs: list[BlockPair] = []

@@ -137,6 +137,7 @@ ELSEWHERE = {  # trouble → test that causes it
     Trouble.RUNAWAY: "tests/control/test_floating.py",
     Trouble.LEADER_LOST: "tests/control/teleop/test_lost_leader.py",
     Trouble.FOLLOWER_LOST: "tests/control/teleop/test_lead.py",
+    Trouble.STEERING_STALLED: "tests/mobile/test_yam_base.py",
 }
 
 

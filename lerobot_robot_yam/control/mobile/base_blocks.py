@@ -89,7 +89,8 @@ class BaseBlocks:
         odometry = motion.odometry
         record["pose"], record["twist"], record["body_twist"] = odometry.pose, odometry.twist, odometry.body_twist
         record["planned"], record["slowed"] = motion.velocity, motion.slowed
-        record["q"][:n], record["dq"][:n], record["tau"][:n] = controller.q, controller.dq, controller.tau
+        motors = controller.motors
+        record["q"][:n], record["dq"][:n], record["tau"][:n] = motors.q, motors.dq, motors.tau
         record["motor_stamp_s"][:n], record["fault"][:n], record["lost"][:n] = chain.stamp_s, chain.fault, chain.lost
         record["temp_mos_c"][:n], record["temp_rotor_c"][:n] = chain.temp_mos_c, chain.temp_rotor_c
         if self._answered != self._asked and not status.busy:

@@ -13,19 +13,14 @@ import can
 import numpy as np
 
 from lerobot_robot_yam.control.arm_status import ArmStatus
-from lerobot_robot_yam.control.joints.enabling import enable
+from lerobot_robot_yam.control.mobile.base_motors import CASTER_MOTORS, STEER, BaseMotors
 from lerobot_robot_yam.control.mobile.steering_monitor import SteeringMonitor
-from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
-from lerobot_robot_yam.control.safety.channel_monitor import BusLoss, ChannelMonitor
-from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.codec import SpecialCommand
-from lerobot_robot_yam.damiao.motor_inspection import LISTEN_S, check_bandwidth, listen, verify
+from lerobot_robot_yam.control.safety.channel_monitor import BusLoss
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.errors import BusError, ChannelInUseError, LifeCycleError, MotorError, YamError
+from lerobot_robot_yam.errors import BusError, LifeCycleError, YamError
 from lerobot_robot_yam.mobile.base_motion import REST, BaseMotion, Target
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.state.base_records import BaseRequest
-from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import RESPONSES, Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
@@ -33,8 +28,6 @@ from lerobot_robot_yam.system.clock import Clock
 
 logger = logging.getLogger(__name__)
 
-_DQ = 1  # column of the velocity in the commands of a chain
-_READY_TICKS = 20  # ticks within which every motor must report that it is enabled: a reply may get lost
 _REST = np.array([0.005, 0.005, 0.01])  # velocities below which the base counts as at rest, m/s, m/s, rad/s
 _OFF_S = 0.05  # wait for motors to report that they are off, s; the adapter's delay is added
 _BRAKE_S = 4.0  # maximum time of braking before torque is cut, s: from the highest speed, twice over
@@ -50,19 +43,16 @@ class BaseController:
 
     Attributes:
         motion: plan and odometry.
-        q, dq, tau: (n,) measured state in joint coordinates, rad, rad/s, Nm.
-        instead: index of a motor -> special command that is sent once in place of its command.
+        motors: the motors.
     """
 
     def __init__(self, hardware: ResolvedBase, bus: can.BusABC):
         self.hardware, self.config, self.name = hardware, hardware.config, hardware.name
         self.status = ArmStatus(self.name, floats=False)
-        self.chain, self._bus = MotorChain(bus, hardware.motors, channel=self.config.channel), bus
+        self.motors = BaseMotors(hardware, bus)
+        self.chain = self.motors.chain
         self.motion = BaseMotion(hardware.profile, hardware.limits)
-        self._watch, self._bus_loss, self._steering = ChannelMonitor(self.chain), BusLoss(), SteeringMonitor(hardware)
-        self.q, self.dq, self.tau = np.zeros(hardware.n), np.zeros(hardware.n), np.zeros(hardware.n)
-        self.instead: dict[int, SpecialCommand] = {}
-        self._commands = np.zeros((hardware.n, 5))
+        self._bus_loss, self._steering = BusLoss(), SteeringMonitor(hardware)
         self._target, self._target_s = REST, -math.inf
         self._measured_s = math.nan  # time of the samples that the odometry took last
         self._until_s = math.inf  # when braking or switching off ends at the latest
@@ -85,24 +75,9 @@ class BaseController:
     def lost(self) -> int:
         return int(self.chain.lost.sum())
 
-    @property
-    def steer(self) -> np.ndarray:
-        """Measured steering angles (4,), rad."""
-        return self.q[0:8:2]
-
     def inspect(self) -> None:
-        """Check that everything is there and as configured. Sends no command that moves or energises anything.
-
-        Raises:
-            YamError: a part is missing or differs; the message names it.
-        """
-        config, chain = self.config, self.chain
-        refuse_stopped(self.name, EmergencyStop())
-        check_bandwidth(len(chain), False, config.rate_hz)
-        if not config.skip_listen:
-            listen(self._bus, LISTEN_S, [motor.can_id for motor in chain.motors], config.channel)
-        verify(chain)
-        self._read()
+        """Check that everything is there and as configured; see `BaseMotors.inspect`."""
+        self.motors.inspect()
 
     def energise(self) -> Iterator[None]:
         """Enable the motors, one step per tick, at velocity 0.
@@ -111,28 +86,16 @@ class BaseController:
             ChannelInUseError: another driver commands these motors; nothing was sent.
             MotorError: a motor does not enable.
         """
-        where = f"{self.name} ({self.config.channel})"
-        self.chain.drain()
-        if self.chain.foreign_commands:
-            raise ChannelInUseError(f"{where}: another driver commands the motors; stop it and try again")
+        self.motors.check_alone()
         self.status.enter(Mode.BRING_UP)
-        silent = yield from enable(self, range(self.hardware.n), clear=True)
-        if silent:
-            raise MotorError(f"{where}: cannot enable {self._names(silent)}: no answer; check power and cable")
-        for _ in range(_READY_TICKS):
-            yield
-            finding = self._watch.check(self.clock.now())
-            if not finding.bad.any():
-                break
-        if finding.bad.any() or finding.trouble is not None:
-            raise MotorError(f"{where}: cannot enable {finding.message}; power-cycle the base or look at its motors")
+        yield from self.motors.enable(range(self.hardware.n))
 
     def start_send(self) -> None:
-        self._send()
+        self.motors.send()
 
     def start_receive(self, until_s: float) -> None:
         self.chain.collect(until_s)
-        self._read()
+        self.motors.read()
 
     def abandon(self) -> None:
         if not self.status.ended:
@@ -140,12 +103,7 @@ class BaseController:
 
     def adopt(self, record: np.ndarray, now: float) -> None:
         """Take over from a loop that has died: brake, then cut torque. `record`: the last state that it published."""
-        assumed = np.nan_to_num(record["q"][: self.hardware.n]) * self.hardware.sign
-        self.chain.feedback.assume(assumed, np.zeros(self.hardware.n), record["motor_stamp_s"][: self.hardware.n])
-        for _ in range(3):
-            if all(self.chain.refresh(timeout_s=0.01)):
-                break
-        self._read()
+        self.motors.adopt(record)
         if not (self.chain.fault == Fault.NORMAL).any():
             self.status.enter(Mode.OFF)
             return
@@ -159,8 +117,7 @@ class BaseController:
         self._talk(self._send)
 
     def _send(self) -> None:
-        instead, self.instead = self.instead, {}
-        self.chain.send(self._commands, instead)
+        self.motors.send()
         self._bus_loss.clear()
 
     def drain(self) -> None:
@@ -180,31 +137,27 @@ class BaseController:
         except Exception as error:  # other parts of the robot must be commanded all the same
             self.fail(error)
 
-    def _read(self) -> None:
-        sign, chain = self.hardware.sign, self.chain
-        self.q, self.dq, self.tau = chain.position_rad * sign, chain.velocity_rad_s * sign, chain.torque_nm * sign
-
     def measure(self, now: float) -> None:
         """Update state and odometry from the replies; respond to faults as the table in `state.faults` says."""
-        self._read()
+        self.motors.read()
         if self.status.letting_go:
             self._let_go(now)
             return
         self._measure_way()
-        finding = self._watch.check(now)
+        finding = self.motors.watch.check(now)
         if finding.trouble is not None:
             self._suffer(finding.trouble, finding.message)
             return
-        stalled = self._steering.check(now, self._commands[0:8:2, _DQ] * self.hardware.sign[0:8:2], self.dq[0:8:2])
+        stalled = self._steering.check(now, self.motors.asked[STEER], self.motors.dq[STEER])
         if stalled:
             self._suffer(Trouble.STEERING_STALLED, f"{self.name}: {stalled}")
 
     def _measure_way(self) -> None:
         """Integrate the odometry over the time between the samples, not over the nominal period."""
-        stamp_s = float(np.median(self.chain.stamp_s[:8]))
+        stamp_s = float(np.median(self.chain.stamp_s[CASTER_MOTORS]))
         dt, self._measured_s = stamp_s - self._measured_s, stamp_s
         if dt > 0.0:  # False for NaN
-            self.motion.measure(self.steer, self.dq[:8], min(dt, _MOST_DT_S))
+            self.motion.measure(self.motors.q[STEER], self.motors.dq[CASTER_MOTORS], min(dt, _MOST_DT_S))
 
     def stop_reason(self, now: float) -> str:
         return ""
@@ -249,10 +202,12 @@ class BaseController:
     def advance(self, now: float, dt: float) -> None:
         """Plan one tick, and set the rates of the casters."""
         hard = self.status.mode in (Mode.STOPPED, Mode.FAULT)
-        rates = self.motion.advance(self._target, self.steer, dt, hard=hard) if dt > 0.0 else self.dq[:8]
+        if dt <= 0.0:
+            return
+        rates = self.motion.advance(self._target, self.motors.q[STEER], dt, hard=hard)
         if self.motion.slowed < 1.0:
             self.status.limited |= Limited.SPEED
-        self._commands[:8, _DQ] = rates * self.hardware.sign[:8]
+        self.motors.asked[CASTER_MOTORS] = rates
 
     def compute_command(self, now: float, dt: float) -> None:
         """Do nothing: `advance` has set the commands."""
@@ -309,16 +264,15 @@ class BaseController:
         self.status.check(Mode.OFF)
         self.status.letting_go = True
         self._until_s = now + _OFF_S + 2.0 * self.chain.round_trip.one_way_s
-        self.instead = dict.fromkeys(range(self.hardware.n), SpecialCommand.DISABLE)
+        self.motors.disable()
 
     def _let_go(self, now: float) -> None:
         """Advance switching off by one tick."""
-        on = np.flatnonzero(self.chain.fault == Fault.NORMAL).tolist()
+        on = self.motors.disable()
         if on and now < self._until_s:
-            self.instead = dict.fromkeys(on, SpecialCommand.DISABLE)
             return
         if on:
-            logger.error("%s: %s did not report off; their watchdogs switch them off", self.name, self._names(on))
+            logger.error("%s: %s did not report off; their watchdogs switch them off", self.name, self.motors.names(on))
         self.status.enter(Mode.OFF)
         self.status.letting_go = False
 
@@ -335,7 +289,7 @@ class BaseController:
     def fail(self, error: Exception) -> None:
         """Command velocity 0 after an error in our own code."""
         logger.critical("%s: internal error, stopping", self.name, exc_info=error)
-        self._commands[:] = 0.0
+        self.motors.asked[:] = 0.0
         self._suffer(Trouble.INTERNAL_ERROR, f"internal error, stopping: {error!r}")
 
     def take_news(self) -> Trouble | None:
@@ -365,15 +319,8 @@ class BaseController:
         self._rearming, status.rearming = self._rearm(), True
 
     def _rearm(self) -> Generator[None, None, None]:
-        failed = np.flatnonzero(self._watch.check(self.clock.now()).bad).tolist()
-        silent = yield from enable(self, failed, clear=True)
-        for _ in range(_READY_TICKS):
-            yield
-            finding = self._watch.check(self.clock.now())
-            if not finding.bad.any():
-                break
-        if silent or finding.bad.any():
-            raise MotorError(f"{self.name}: {finding.message or self._names(silent)}; look at the motor, then re-arm")
+        failed = np.flatnonzero(self.motors.watch.check(self.clock.now()).bad).tolist()
+        yield from self.motors.enable(failed)
         self._steering.forget()
         self.motion.restart()
         status = self.status
@@ -394,9 +341,6 @@ class BaseController:
             self.status.refusal = str(error)
             return
         self._rearming, self.status.rearming = work, True
-
-    def _names(self, motors: list[int]) -> str:
-        return ", ".join(f"{self.chain.motors[i].name} (id {self.chain.motors[i].can_id})" for i in motors)
 
     def complaints(self) -> list[str]:
         if not self.chain.round_trip.slow:

@@ -17,7 +17,7 @@ class SteeringMonitor:
 
     def __init__(self, hardware: ResolvedBase):
         self._motors = hardware.motors[0:8:2]
-        self._since_s = np.full(len(CASTERS), math.inf)
+        self._since_s: np.ndarray = np.full(len(CASTERS), math.inf)
 
     def forget(self) -> None:
         """Start anew, after a fault has been cleared."""

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import can
 import can.interfaces
 
-from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig
+from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ChannelConfig
 from lerobot_robot_yam.damiao.bus_port import RESET_LINK
 from lerobot_robot_yam.damiao.tables import BITRATE
 from lerobot_robot_yam.errors import BusError, YamError
@@ -29,7 +29,7 @@ def load_driver(interface: str) -> None:
             importlib.import_module(can.interfaces.BACKENDS[interface][0])
 
 
-def open_bus(config: ArmConfig, only: Sequence[int] | None = None) -> can.BusABC:
+def open_bus(config: ChannelConfig, only: Sequence[int] | None = None) -> can.BusABC:
     """Open the arm's channel, classic CAN at 1 Mbit/s.
 
     Args:

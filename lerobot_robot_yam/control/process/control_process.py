@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 import can
 
 from lerobot_robot_yam.arm.config import passive_of
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.control.process import stand_by
@@ -70,7 +71,8 @@ def control(
             logger.info("control loop of %s: %s, %s", names, granted, avoid_oom_killer())
             gc.disable()
         if passive:
-            passive_loop.run(parts, buses, keys, pairs, on_ready, must_land)
+            arms = [part for part in parts if isinstance(part, ResolvedArm)]
+            passive_loop.run(arms, buses, keys, pairs, on_ready, must_land)
             return
         loop.start()
         loop.run(on_ready, must_land)

@@ -1,0 +1,113 @@
+"""The motors of a base in joint coordinates: checks before the start, enabling, commands out, state in."""
+
+from collections.abc import Generator, Sequence
+
+import can
+import numpy as np
+
+from lerobot_robot_yam.control.joints.enabling import enable
+from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
+from lerobot_robot_yam.control.safety.channel_monitor import ChannelMonitor
+from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.motor_inspection import LISTEN_S, check_bandwidth, listen, verify
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.errors import ChannelInUseError, MotorError
+from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+
+CASTER_MOTORS = slice(0, 8)  # steering and drive of each caster in turn
+STEER = slice(0, 8, 2)
+_DQ = 1  # column of the velocity in the commands of a chain
+_READY_TICKS = 20  # ticks within which every motor must report that it is enabled: a reply may get lost
+_REFRESHES, _REFRESH_S = 3, 0.01  # attempts to read all motors at a take-over, and timeout of each, s
+
+
+class BaseMotors:
+    """Motors of one base.
+
+    Args:
+        hardware: the base.
+        bus: an open bus; the caller closes it.
+
+    Attributes:
+        q, dq, tau: (n,) measured state, rad, rad/s, Nm.
+        asked: (n,) commanded velocities, rad/s.
+        instead: index of a motor -> special command that is sent once in place of its command.
+    """
+
+    def __init__(self, hardware: ResolvedBase, bus: can.BusABC):
+        self._hardware, self._config, self._bus, n = hardware, hardware.config, bus, hardware.n
+        self.chain = MotorChain(bus, hardware.motors, channel=self._config.channel)
+        self.watch = ChannelMonitor(self.chain)
+        self.q, self.dq, self.tau, self.asked = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+        self.instead: dict[int, SpecialCommand] = {}
+        self._commands = np.zeros((n, 5))
+
+    def inspect(self) -> None:
+        """Check that everything is there and as configured. Sends no command that moves or energises anything.
+
+        Raises:
+            YamError: a part is missing or differs; the message names it.
+        """
+        config, chain = self._config, self.chain
+        refuse_stopped(config.name, EmergencyStop())
+        check_bandwidth(len(chain), False, config.rate_hz)
+        if not config.skip_listen:
+            listen(self._bus, LISTEN_S, [motor.can_id for motor in chain.motors], config.channel)
+        verify(chain)
+        self.read()
+
+    def check_alone(self) -> None:
+        """Raise ChannelInUseError if another driver has commanded these motors since `inspect`."""
+        self.chain.drain()
+        if self.chain.foreign_commands:
+            where = f"{self._config.name} ({self._config.channel})"
+            raise ChannelInUseError(f"{where}: another driver commands the motors; stop it and try again")
+
+    def enable(self, motors: Sequence[int]) -> Generator[None, None, None]:
+        """Clear faults of these motors and enable them, one step per tick.
+
+        Raises:
+            MotorError: a motor does not enable; the message names it.
+        """
+        silent = yield from enable(self, motors, clear=True)
+        why = f"{self.names(silent)}: no answer; check power and cable"
+        for _ in range(0 if silent else _READY_TICKS):
+            yield
+            finding = self.watch.check(self.chain.clock.now())
+            if not finding.bad.any() and finding.trouble is None:
+                return
+            why = f"{finding.message}; look at the motor, or switch the base off and on"
+        raise MotorError(f"{self._config.name} ({self._config.channel}): cannot enable {why}")
+
+    def adopt(self, record: np.ndarray) -> None:
+        """Take over from a loop that has died: `record` is the last state that it published."""
+        n = self._hardware.n
+        positions = np.nan_to_num(record["q"][:n]) * self._hardware.sign
+        self.chain.feedback.assume(positions, np.zeros(n), record["motor_stamp_s"][:n])
+        for _ in range(_REFRESHES):
+            if all(self.chain.refresh(timeout_s=_REFRESH_S)):
+                break
+        self.read()
+
+    def read(self) -> None:
+        """Update the state from the newest replies."""
+        sign, chain = self._hardware.sign, self.chain
+        self.q, self.dq, self.tau = chain.position_rad * sign, chain.velocity_rad_s * sign, chain.torque_nm * sign
+
+    def send(self) -> None:
+        """Put this tick's commands on the wire. Raises BusError: the channel does not take the frames."""
+        self._commands[:, _DQ] = self.asked * self._hardware.sign
+        instead, self.instead = self.instead, {}
+        self.chain.send(self._commands, instead)
+
+    def disable(self) -> list[int]:
+        """Command all enabled motors to cut torque in the next tick; return them."""
+        on: list[int] = np.flatnonzero(self.chain.fault == Fault.NORMAL).tolist()
+        self.instead = dict.fromkeys(on or range(self._hardware.n), SpecialCommand.DISABLE)
+        return on
+
+    def names(self, motors: Sequence[int]) -> str:
+        """Name motors, for messages."""
+        return ", ".join(f"{self.chain.motors[i].name} (id {self.chain.motors[i].can_id})" for i in motors)
