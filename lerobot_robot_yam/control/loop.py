@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from lerobot_robot_yam.control.arm_controller import ArmController
-from lerobot_robot_yam.control.controller import Blocks, Controller
 from lerobot_robot_yam.control.loop_timing import LoopStatistics
+from lerobot_robot_yam.control.part_controller import Blocks, Controller
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
 from lerobot_robot_yam.errors import LifeCycleError, MotorError

@@ -224,7 +224,7 @@ class StepRunner:
 
     def start(self, blocks: Sequence[Descriptors]) -> None:
         from lerobot_robot_yam.control.preflight.open_bus import open_bus
-        from lerobot_robot_yam.control.process.parts import build  # late import: only this runner needs the module
+        from lerobot_robot_yam.control.process.robot_loop import build  # late import: only this runner needs the module
 
         try:
             for arm in self._arms:

@@ -5,8 +5,8 @@ import contextlib
 import pytest
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
-from lerobot_robot_yam.control.process.parts import build
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
+from lerobot_robot_yam.control.process.robot_loop import build
 from lerobot_robot_yam.errors import BusError, ChannelInUseError, EmergencyStopError
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
@@ -61,18 +61,20 @@ def test_an_emergency_stop_after_the_inspection_keeps_all_limp(rig, loop):
 
 @pytest.mark.parametrize("happens", ["emergency stop", "adapter gone"])
 def test_what_happens_to_the_first_arm_while_the_second_comes_up_leaves_none_with_torque(rig, loop, happens):
-    drive, stop = loop._controllers[1].interface, EmergencyStop()
-    enable = drive.enable
+    second, stop = loop._controllers[1], EmergencyStop()
+    energise = second.energise
 
-    def enabled_and_then(motors):
-        yield from enable(motors)
-        assert on(rig) == set(CHANNELS)
+    def energised_until():
+        steps = energise()
+        while on(rig) != set(CHANNELS):
+            yield next(steps)
         if happens == "emergency stop":
             stop.latch("a test")
         else:
             rig.fault(CHANNELS[0], None, "adapter_gone")
+        yield from steps
 
-    drive.enable = enabled_and_then
+    second.energise = energised_until
     try:
         with pytest.raises((BusError, EmergencyStopError)):
             loop.start()

@@ -19,7 +19,7 @@ from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
 from lerobot_robot_yam.control.process import stand_by
 from lerobot_robot_yam.control.process.caller import Caller
-from lerobot_robot_yam.control.process.parts import build
+from lerobot_robot_yam.control.process.robot_loop import build
 from lerobot_robot_yam.control.teleop import passive_loop
 from lerobot_robot_yam.mobile.robot_parts import Part, part_of
 from lerobot_robot_yam.state.base_records import map_blocks

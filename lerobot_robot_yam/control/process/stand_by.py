@@ -23,7 +23,7 @@ from lerobot_robot_yam.control.impedance import gravity_model
 from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.preflight.open_bus import load_driver, open_bus
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd
-from lerobot_robot_yam.control.process.parts import make_blocks, make_controller
+from lerobot_robot_yam.control.process.robot_loop import make_blocks, make_controller
 from lerobot_robot_yam.damiao.handle_encoder import HANDLE_IDS
 from lerobot_robot_yam.errors import ChannelInUseError
 from lerobot_robot_yam.mobile.robot_parts import Part

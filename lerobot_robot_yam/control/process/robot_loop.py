@@ -9,10 +9,10 @@ from lerobot_robot_yam.arm.collision.parts import GuardedArm
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.arm_controller import ArmController
-from lerobot_robot_yam.control.controller import Blocks
 from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.mobile.base_blocks import BaseBlocks
 from lerobot_robot_yam.control.mobile.base_controller import BaseController
+from lerobot_robot_yam.control.part_controller import Blocks
 from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
 from lerobot_robot_yam.control.state_publisher import ControllerBlocks
 from lerobot_robot_yam.control.teleop.lead import make_leads
