@@ -10,6 +10,7 @@ import pytest
 from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.session.yam_base import YamBase
 from lerobot_robot_yam.state.modes import Mode
+from tests.support.pages import block
 from tests.support.waiting import wait
 
 pytestmark = pytest.mark.alone
@@ -46,3 +47,9 @@ def test_it_is_braked_and_off_when_its_loop_is_killed_in_motion(rig):
         assert 0.1 < away[0] < 0.6 and abs(away[1]) < 0.1  # braked by 0.25 m/s² from 0.4 m/s: 0.32 m
     finally:
         base.close()
+
+
+def test_the_program_on_the_page(capfd):
+    exec(block("docs/mobile-base.md", "python", "YamBase("), {})
+    x, _, theta = map(float, capfd.readouterr().out.strip("[]\n ").split())
+    assert 0.1 < x < 0.6 and 0.2 < theta < 1.0

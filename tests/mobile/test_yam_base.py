@@ -86,6 +86,17 @@ def test_a_pose_is_reached(rig, base):
     assert goal == pytest.approx([0.5 + 0.1 * math.cos(1.0), -0.3 + 0.1 * math.sin(1.0), 1.0], abs=0.02)
 
 
+@pytest.mark.long
+def test_ten_metres_square_closes(rig, base):
+    for corner in ((2.5, 0.0, 0.0), (2.5, 2.5, 0.0), (0.0, 2.5, 0.0), (0.0, 0.0, 0.0)):
+        for _ in range(180):
+            base.set_target_pose(corner)
+            base.clock.sleep(0.05)
+    measured, true = base.odometry().pose, truth(rig)
+    assert math.hypot(*measured[:2]) < 0.005 and abs(measured[2]) < math.radians(0.5)
+    assert math.hypot(*true[:2]) < 0.02 and abs(true[2]) < math.radians(0.5)
+
+
 def test_no_caster_flips_when_the_direction_reverses(base):
     fastest = []
     look = lambda: fastest.append(np.abs(base.observe().steer_rad_s).max())  # noqa: E731
