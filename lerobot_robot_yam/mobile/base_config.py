@@ -1,53 +1,20 @@
-"""Configuration of a base: its channel, limits, and its rail. All values are plain: they travel as JSON."""
+"""Configuration of a base: its channel, limits and sizes. All values are plain: they travel as JSON."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
-from lerobot_robot_yam.arm.option import from_plain, option, real
+from lerobot_robot_yam.arm.option import option, real
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.mobile.base_motion import BaseLimits
 from lerobot_robot_yam.mobile.base_profile import (
     COMMAND_TIMEOUT_S,
     HARD_CAP,
     HARD_CAP_ACCELERATION,
-    RAIL_HARD_CAP_M_S,
     BaseProfile,
-    RailProfile,
 )
 
 _RATE_HZ = (100.0, 350.0)  # the stand-by would treat a slower loop as dead; the wire carries no faster one
-_RAIL_IO = ("gpio", "usb", "rig")
-
-
-@dataclass(kw_only=True)
-class RailConfig:
-    """Vertical rail of a base."""
-
-    io: Literal["gpio", "usb", "rig"] = option(
-        "what reads the switches and drives the brake: gpio (pins of a Raspberry Pi), usb (the vendor's USB-GPIO "
-        "converter), or rig (the virtual rig)",
-        "usb",
-    )
-    port: str = option("serial port of the USB-GPIO converter", "/dev/ttyUSB0")
-    stroke_m: float = option("distance between the two switches, m", RailProfile().stroke_m)
-    velocity_limit_m_s: float = option("of the rail, m/s, at most 1.0", 0.5)
-    acceleration_limit_m_s2: float = option("of the rail, m/s²", 0.5)
-    slow_above_m: float = option("height from which on the base drives slower the higher the rail is, m", 0.3)
-    slowest: float = option("share of the base's velocity limits that is left at full height, 0.05 to 1", 0.3)
-    calibration_path: str | None = option(
-        "JSON file that keeps metres per radian; by default none: the rail is homed at each start", None
-    )
-
-    def __post_init__(self) -> None:
-        if self.io not in _RAIL_IO:
-            raise ConfigError(f"rail: io is one of {', '.join(_RAIL_IO)}, not {self.io!r}")
-        _within("rail: stroke_m", self.stroke_m, 0.05, 3.0)
-        _within("rail: velocity_limit_m_s", self.velocity_limit_m_s, 0.01, RAIL_HARD_CAP_M_S)
-        _within("rail: acceleration_limit_m_s2", self.acceleration_limit_m_s2, 0.05, 5.0)
-        _within("rail: slow_above_m", self.slow_above_m, 0.0, 3.0)
-        _within("rail: slowest", self.slowest, 0.05, 1.0)
 
 
 @dataclass(kw_only=True)
@@ -73,12 +40,9 @@ class BaseConfig:
     command_timeout_s: float = option("when the newest target is older, s, the base brakes", COMMAND_TIMEOUT_S)
     max_state_age_s: float = option("a state that is older, s, is an error, never an answer", 0.25)
     rate_hz: float = option("of the control loop, Hz, 100 to 350; that of the arms of the same robot", 250.0)
-    rail: RailConfig | None = option("the vertical rail; by default none", None)
     skip_listen: bool = option("true: do not listen for another driver on the channel first", False)
 
     def __post_init__(self) -> None:
-        if isinstance(self.rail, Mapping):  # plain values from JSON
-            self.rail = from_plain(RailConfig, self.rail, "rail")
         if not self.channel:
             raise ConfigError(f"{self.name}: channel is empty; name the base's CAN channel, such as can_base")
         _within(f"{self.name}: rate_hz", self.rate_hz, *_RATE_HZ)

@@ -1,4 +1,4 @@
-"""Numbers of the vendor's holonomic base ("Flow Base") and its rail; each has the vendor's value as its default.
+"""Numbers of the vendor's holonomic base ("Flow Base"); each has the vendor's value as its default.
 
 Body frame: +x forward, +y left, rotation counter-clockwise. Casters in the order of the motor ids: rear left, front
 left, front right, rear right. Source of every number: I2RT driver v1.2.4.
@@ -11,8 +11,7 @@ from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.tables import ControlMode
 from lerobot_robot_yam.errors import ConfigError
 
-BASE_MOTORS = 9  # maximum number of motors: those of four casters and the rail's
-RAIL_HARD_CAP_M_S = 1.0  # maximum of the rail's velocity limit
+BASE_MOTORS = 8  # number of motors
 CASTERS = ("rear_left", "front_left", "front_right", "rear_right")
 FLIP_RAD_S = 12.56  # steering rate above which a caster counts as flipping, rad/s
 COMMAND_TIMEOUT_S = 0.25  # age of the newest command, s, at which the base begins to brake
@@ -67,27 +66,3 @@ class BaseProfile:
                 MotorSpec(f"{name}_drive", drive, self.drive_type, turns=True, mode=ControlMode.VELOCITY),
             )
         ]
-
-
-@dataclass(frozen=True)
-class RailProfile:
-    """Vertical rail: its motor, and the vendor's speeds.
-
-    Attributes:
-        homing_rad_s: speed towards a switch while homing, of the motor.
-        homing_timeout_s: maximum time for each way of homing.
-        settle_s: wait at a switch before its angle is read.
-        least_travel_rad: minimum angle between both switches.
-    """
-
-    can_id: int = 9
-    type: str = "DM8009"
-    sign: int = 1
-    stroke_m: float = 1.0
-    homing_rad_s: float = 7.0
-    homing_timeout_s: float = 30.0
-    settle_s: float = 0.2
-    least_travel_rad: float = 0.001
-
-    def motor(self) -> MotorSpec:
-        return MotorSpec("rail", self.can_id, self.type, turns=True, mode=ControlMode.VELOCITY)

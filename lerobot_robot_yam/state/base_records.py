@@ -1,7 +1,7 @@
 """Records that caller and control loop share for a mobile base: its state (the loop writes) and the command.
 
 SI units, all times on the monotonic clock. Motors in the order of `BaseProfile.motors`: steering and drive of each
-caster, then the rail's if there is one.
+caster in turn.
 """
 
 from enum import IntEnum
@@ -23,18 +23,9 @@ class BaseRequest(IntEnum):
 
     NONE = 0
     HOLD = 1  # brake and stay
-    LAND = 2  # brake, engage the rail's brake, cut torque
+    LAND = 2  # brake, cut torque
     REARM = 3
     RESET_ODOMETRY = 4
-    HOME_RAIL = 5
-
-
-class RailAim(IntEnum):
-    """What a command asks of the rail."""
-
-    NONE = 0
-    VELOCITY = 1  # m/s
-    HEIGHT = 2  # m
 
 
 BASE_STATE_DTYPE = np.dtype(
@@ -59,13 +50,6 @@ BASE_STATE_DTYPE = np.dtype(
         ("temp_rotor_c", "f4", BASE_MOTORS),
         ("fault", "u1", BASE_MOTORS),
         ("lost", "u8", BASE_MOTORS),
-        ("height", "f8"),  # of the rail above its lower switch, m; NaN without a rail or before homing
-        ("height_speed", "f8"),  # m/s; NaN as `height`
-        ("m_per_rad", "f8"),  # m of height per rad of the rail's motor; NaN before homing
-        ("upper", "u1"),  # whether the upper switch is triggered
-        ("lower", "u1"),
-        ("brake_on", "u1"),
-        ("homing", "u1"),
         ("target_sequence", "u8"),  # number of the newest target that was processed
         ("request_sequence", "u8"),  # number of the newest request that was executed or refused
         ("request_refused", "u1"),
@@ -82,8 +66,6 @@ BASE_COMMAND_DTYPE = np.dtype(
         ("values", "f8", 3),  # a twist, m/s, m/s, rad/s, or a pose, m, m, rad
         ("frame", "u1"),  # a `base_motion.Frame`
         ("pose", "u1"),  # whether `values` is a pose
-        ("rail_aim", "u1"),  # a `RailAim`
-        ("rail", "f8"),  # m/s or m
         ("request_stamp_s", "f8"),
         ("request", "u1"),
         ("request_sequence", "u8"),
@@ -177,35 +159,6 @@ class BaseState:
     def fault(self) -> tuple[int, ...]:
         """Per motor, code of `damiao.tables.Fault`."""
         return tuple(self._record["fault"][self._motors].tolist())
-
-    @property
-    def height_m(self) -> float:
-        """Height of the rail above its lower switch, m; NaN without a rail or before homing."""
-        return float(self._record["height"])
-
-    @property
-    def height_m_s(self) -> float:
-        """Speed of the rail, m/s; NaN as `height_m`."""
-        return float(self._record["height_speed"])
-
-    @property
-    def m_per_rad(self) -> float:
-        """Height per turn of the rail's motor, m/rad; NaN before homing."""
-        return float(self._record["m_per_rad"])
-
-    @property
-    def switches(self) -> tuple[bool, bool]:
-        """Whether the upper and the lower switch are triggered."""
-        return bool(self._record["upper"]), bool(self._record["lower"])
-
-    @property
-    def brake_on(self) -> bool:
-        """Whether the rail's brake is engaged."""
-        return bool(self._record["brake_on"])
-
-    @property
-    def homing(self) -> bool:
-        return bool(self._record["homing"])
 
     @property
     def stamp_s(self) -> float:

@@ -86,6 +86,16 @@ def test_a_pose_is_reached(rig, base):
     assert goal == pytest.approx([0.5 + 0.1 * math.cos(1.0), -0.3 + 0.1 * math.sin(1.0), 1.0], abs=0.02)
 
 
+def test_low_limits_let_no_base_roll_on_without_torque(rig):
+    """Braking from 0.4 m/s by 0.05 m/s² would take 8 s: longer than the end of a session waits."""
+    with made(rig, acceleration_limit=[0.05, 0.05, 0.05]) as base:
+        drive(base, [0.4, 0.0, 0.0], 9.0)
+        assert base.odometry().body_twist[0] > 0.38
+    there = truth(rig)
+    rig.sleep(0.5)
+    assert truth(rig) == pytest.approx(there, abs=5e-3) and not any(enabled(rig))
+
+
 @pytest.mark.long
 def test_ten_metres_square_closes(rig, base):
     for corner in ((2.5, 0.0, 0.0), (2.5, 2.5, 0.0), (0.0, 2.5, 0.0), (0.0, 0.0, 0.0)):

@@ -16,7 +16,7 @@ from lerobot_robot_yam.state.records import BlockPair, state_path
 
 logger = logging.getLogger(__name__)
 
-OWNER = BASE_STATE_DTYPE.fields["owner_pid"][1], struct.Struct("<Q")  # type: ignore[index]
+_OWNER = BASE_STATE_DTYPE.fields["owner_pid"][1], struct.Struct("<Q")  # type: ignore[index]
 
 
 class BaseBlocks:
@@ -41,8 +41,6 @@ class BaseBlocks:
         if adopt is not None:
             self._record[()] = adopt
             self._states.adopt()
-        for field in ("height", "height_speed", "m_per_rad"):
-            self._record[field] = np.nan
         self._owner = self._record["owner_pid"] = os.getpid()
         self._record["motors"] = controller.hardware.n
         self._first_tick = int(self._record["tick"])
@@ -54,7 +52,7 @@ class BaseBlocks:
     @property
     def owned(self) -> bool:
         """False once another loop has taken the base over."""
-        return bool(self._states.peek(*OWNER) == self._owner)
+        return bool(self._states.peek(*_OWNER) == self._owner)
 
     def read_target(self, now: float) -> None:
         """Give the controller what the caller has written since the last tick."""

@@ -1,8 +1,8 @@
 """The controller of a mobile base: requests, targets, faults and the emergency stop move it from mode to mode.
 
 HOLD commands velocity 0, so that the base stays on a slope. TRACK follows targets; a target that is too old is followed
-by planned braking to rest. STOPPED and FAULT brake with the hard cap of acceleration. LAND brakes as usual, and then
-cuts torque.
+by planned braking to rest. STOPPED and FAULT brake with the hard cap of acceleration. LAND brakes as usual, hard
+if that takes too long, and then cuts torque.
 """
 
 import logging
@@ -29,9 +29,10 @@ from lerobot_robot_yam.system.clock import Clock
 logger = logging.getLogger(__name__)
 
 _REST = np.array([0.005, 0.005, 0.01])  # velocities below which the base counts as at rest, m/s, m/s, rad/s
+_SETTLE_S = 0.3  # rest at velocity 0 before torque is cut, s: a chassis that was braked hard still rocks
 _OFF_S = 0.05  # wait for motors to report that they are off, s; the adapter's delay is added
-_BRAKE_S = 4.0  # maximum time of braking before torque is cut, s: from the highest speed, twice over
-_MOST_DT_S = 0.05  # maximum measured period that is integrated at once, s; a longer gap is split
+_BRAKE_S = 4.0  # time of braking as usual before torque is cut, s: enough for the default limits; then it brakes hard
+_HARD_BRAKE_S = 2.0  # maximum time of braking hard, s: from the highest speed it takes 1.25 s
 
 
 class BaseController:
@@ -55,7 +56,8 @@ class BaseController:
         self._bus_loss, self._steering = BusLoss(), SteeringMonitor(hardware)
         self._target, self._target_s = REST, -math.inf
         self._measured_s = math.nan  # time of the samples that the odometry took last
-        self._until_s = math.inf  # when braking or switching off ends at the latest
+        self._rests_s = math.inf  # time since which a landing base is at rest
+        self._until_s = math.inf  # when braking as usual, or switching off, ends at the latest
         self._rearming: Generator[None, None, None] | None = None
         self._news: Trouble | None = None
 
@@ -110,8 +112,7 @@ class BaseController:
         self.motion.odometry.pose = record["pose"].copy()
         self.motion.velocity = record["planned"].copy()
         self._land(now, Trouble.CONTROL_DEAD, "its control process has died; the stand-by brakes it")
-        self.advance(now, 0.004)
-        self.compute_command(now, 0.0)
+        self.advance(now, 1.0 / self.config.rate_hz)
 
     def send(self) -> None:
         self._talk(self._send)
@@ -156,8 +157,8 @@ class BaseController:
         """Integrate the odometry over the time between the samples, not over the nominal period."""
         stamp_s = float(np.median(self.chain.stamp_s[CASTER_MOTORS]))
         dt, self._measured_s = stamp_s - self._measured_s, stamp_s
-        if dt > 0.0:  # False for NaN
-            self.motion.measure(self.motors.q[STEER], self.motors.dq[CASTER_MOTORS], min(dt, _MOST_DT_S))
+        if 0.0 < dt < math.inf:  # False for NaN
+            self.motion.measure(self.motors.q[STEER], self.motors.dq[CASTER_MOTORS], dt)
 
     def stop_reason(self, now: float) -> str:
         return ""
@@ -185,8 +186,10 @@ class BaseController:
             status.limited |= Limited.COMMAND_TIMEOUT
             logger.info("%s: no target for %g s; it brakes", self.name, self.config.command_timeout_s)
             self._rest(Mode.HOLD)
-        elif status.mode is Mode.LAND and (self._at_rest() or now > self._until_s):
-            self._switch_off(now)
+        elif status.mode is Mode.LAND:
+            self._rests_s = min(self._rests_s, now) if self._at_rest() else math.inf
+            if now - self._rests_s > _SETTLE_S or now > self._until_s + _HARD_BRAKE_S:
+                self._switch_off(now)
 
     def set_target(self, target: Target, now: float, age_s: float) -> bool:
         """Accept a target given `age_s` ago, if the base holds or tracks; return whether it does."""
@@ -201,7 +204,8 @@ class BaseController:
 
     def advance(self, now: float, dt: float) -> None:
         """Plan one tick, and set the rates of the casters."""
-        hard = self.status.mode in (Mode.STOPPED, Mode.FAULT)
+        mode = self.status.mode
+        hard = mode in (Mode.STOPPED, Mode.FAULT) or (mode is Mode.LAND and now > self._until_s)
         if dt <= 0.0:
             return
         rates = self.motion.advance(self._target, self.motors.q[STEER], dt, hard=hard)
@@ -252,7 +256,7 @@ class BaseController:
         if status.mode is Mode.STOPPED:
             status.must_land = True
             return
-        self._until_s = now + _BRAKE_S
+        self._until_s, self._rests_s = now + _BRAKE_S, math.inf
         self._rest(Mode.LAND)
 
     def end(self, now: float) -> None:
@@ -329,10 +333,9 @@ class BaseController:
         logger.info("%s: re-armed", self.name)
 
     def _advance_rearm(self) -> None:
-        work, self._rearming = self._rearming, None
+        work, self._rearming, self.status.rearming = self._rearming, None, False
         if work is None:
             return
-        self.status.rearming = False
         try:
             next(work)
         except StopIteration:
@@ -343,6 +346,5 @@ class BaseController:
         self._rearming, self.status.rearming = work, True
 
     def complaints(self) -> list[str]:
-        if not self.chain.round_trip.slow:
-            return []
-        return [f"{self.name} ({self.chain.channel}): {self.chain.round_trip.summary()}"]
+        delays = self.chain.round_trip
+        return [f"{self.name} ({self.chain.channel}): {delays.summary()}"] if delays.slow else []
