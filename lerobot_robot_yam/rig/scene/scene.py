@@ -37,6 +37,7 @@ class ArmPlacement:
     """An arm on the table with its base at `position_m`, rotated by `yaw_rad` about the vertical.
 
     Attributes:
+        on_base: whether the arm rides on the scene's mobile base; its placement is then in the frame of the mount.
         tilt_rad: [roll, pitch] of a base that does not stand upright, see `model.base_quat`.
         q_rad: initial pose (n,), default the rest pose.
         stops_rad: gripper stops [closed, open] in joint space (motor angle * direction), default from the profile.
@@ -52,6 +53,7 @@ class ArmPlacement:
     gripper: str
     position_m: np.ndarray = array_field(3)
     yaw_rad: float = 0.0
+    on_base: bool = False
     tilt_rad: np.ndarray = array_field(2, default=(0, 0))
     q_rad: np.ndarray | None = array_field(-1, default=None)
     stops_rad: np.ndarray | None = array_field(2, default=None)
@@ -210,6 +212,8 @@ def _check(scene: Scene) -> None:
     for arm in scene.arms:
         if arm.role not in ROLES:
             raise ConfigError(f"{where}: role of {arm.channel} must be one of {ROLES}, not '{arm.role}'")
+        if arm.on_base and scene.base is None:
+            raise ConfigError(f"{where}: {arm.channel} is on_base; add a base, or remove on_base")
         if arm.passive is not None and (arm.role != "leader" or arm.passive not in JOINT_SIGNS):
             raise ConfigError(f"{where}: {arm.channel}: passive is for leaders, and one of {', '.join(JOINT_SIGNS)}")
     operators = (*OPERATORS, *(task.name for task in scene.tasks if task.does in SCRIPTS))
@@ -280,9 +284,9 @@ def _selected(scene: Scene) -> Scene:
             if options.gripper is not None:
                 row = replace(row, gripper=options.gripper, stops_rad=None, q_rad=None)
         arms.append(row)
-    bodies = tuple(row.channel for row in arms)
-    cameras = tuple(c for c in scene.cameras if not c.body or c.body.partition("/")[0] in bodies)
-    return replace(scene, arms=tuple(arms), cameras=cameras)
+    kept = replace(scene, arms=tuple(arms))
+    cameras = tuple(c for c in scene.cameras if not c.body or c.body.partition("/")[0] in kept.channels)
+    return replace(kept, cameras=cameras)
 
 
 def serial_number(scene: Scene, row: ArmPlacement, can_id: int) -> int:

@@ -12,12 +12,18 @@ from lerobot_robot_yam.rig.scene.scene import BasePlacement
 _CHASSIS_KG, _CASTER_KG, _WHEEL_KG = 50.0, 1.0, 0.8
 _CHASSIS_M, _CHASSIS_UP_M = (0.28, 0.25, 0.09), 0.16
 _WHEEL_HALF_WIDTH_M = 0.012
+_MOUNT_M = (0.10, 0.0, 0.69)  # mount in the frame of the base: at the height of a table top, z = 0 in the world
+_COLUMN_KG, _COLUMN_M = 6.0, (0.05, 0.12, 0.22)  # column between chassis and mount, below arms only
+_PLATE_KG, _PLATE_M = 3.0, (0.06, 0.31, 0.01)  # plate on which the arms stand
 _GRIP = (1.0, 0.005, 0.0001)  # friction of rubber on a floor: sliding, torsion, rolling
 _STEER_RUB, _DRIVE_RUB = 0.05, 0.05  # dry friction of steering and wheel, Nm
 
 
-def add_base(spec: mujoco.MjSpec, row: BasePlacement, profile: BaseProfile, floor_z_m: float) -> None:
-    """Add a base that stands on the floor. Names of its parts carry its channel: "base/rear_left_drive"."""
+def add_base(spec: mujoco.MjSpec, row: BasePlacement, profile: BaseProfile, floor_z_m: float, arms: bool) -> None:
+    """Add a base that stands on the floor. Names of its parts carry its channel: "base/rear_left_drive".
+
+    arms: whether arms stand on the body "base/mount", which otherwise is only a frame.
+    """
     x, y = row.position_m.tolist()
     half = row.yaw_rad / 2.0
     base = spec.worldbody.add_body(
@@ -30,6 +36,11 @@ def add_base(spec: mujoco.MjSpec, row: BasePlacement, profile: BaseProfile, floo
     chassis.pos, chassis.mass, chassis.rgba = [0.0, 0.0, _CHASSIS_UP_M], _CHASSIS_KG, [0.25, 0.27, 0.30, 1.0]
     for caster, h_x, h_y in zip(CASTERS, profile.h_x_m, profile.h_y_m, strict=True):
         _add_caster(spec, base, f"{row.channel}/{caster}", (h_x, h_y), profile)
+    mount = base.add_body(name=f"{row.channel}/mount", pos=_MOUNT_M)
+    if arms:
+        for name, kg, size in (("column", _COLUMN_KG, _COLUMN_M), ("plate", _PLATE_KG, _PLATE_M)):
+            part = mount.add_geom(name=f"{row.channel}/{name}", type=mujoco.mjtGeom.mjGEOM_BOX, size=size)
+            part.pos, part.mass, part.rgba = [0.0, 0.0, -size[2]], kg, [0.55, 0.57, 0.60, 1.0]
 
 
 def _add_caster(

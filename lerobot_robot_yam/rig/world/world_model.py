@@ -51,10 +51,10 @@ def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0  # prevents held props from creeping out of the fingers
     add_scenery(spec)
+    if scene.base is not None:
+        add_base(spec, scene.base, BaseProfile(), _FLOOR_Z_M, any(row.on_base for row in scene.arms))
     for row in scene.arms:
         _attach_arm(spec, row, scene)
-    if scene.base is not None:
-        add_base(spec, scene.base, BaseProfile(), _FLOOR_Z_M)
     add_things(spec, scene.things)
     if visible and scene.options.pictures == "full":
         add_shaded_surfaces(spec, scene.furniture)
@@ -137,7 +137,8 @@ def carried(deviation: Deviation) -> Load:
 def _attach_arm(spec: mujoco.MjSpec, row: ArmPlacement, scene: Scene) -> None:
     physics = Physics(friction_scale=scene.options.friction, armature_scale=scene.options.armature)
     arm, gripper = resolve_profiles(row.arm, row.gripper)
-    frame = spec.worldbody.add_frame(pos=row.position_m, quat=base_quat(row.yaw_rad, row.tilt_rad.tolist()))
+    stand = spec.body(f"{scene.base.channel}/mount") if row.on_base and scene.base is not None else spec.worldbody
+    frame = stand.add_frame(pos=row.position_m, quat=base_quat(row.yaw_rad, row.tilt_rad.tolist()))
     built, load = (arm, gripper), None
     if row.deviation is not None:
         built, load = row.deviation.apply(arm, gripper), carried(row.deviation)

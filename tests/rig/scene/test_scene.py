@@ -52,6 +52,20 @@ def test_an_unknown_scene_is_refused(name):
         load_scene(name)
 
 
+def test_an_arm_rides_on_the_base_only_where_there_is_one(tmp_path):
+    path = tmp_path / "one.yaml"
+    arm = "{channel: a, role: follower, arm: yam, gripper: no_gripper, position_m: [0.1, 0.2, 0], on_base: true}"
+    path.write_text(f"name: one\narms: [{arm}]\n")
+    with pytest.raises(ConfigError, match="a is on_base; add a base"):
+        load_scene(path)
+    path.write_text(f"name: one\narms: [{arm}]\nbase: {{channel: b, position_m: [1, 2], yaw_rad: 1.5708}}\n")
+    model = build_world(load_scene(path))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    mount = data.body("b/mount").xpos
+    assert data.body("a/base").xpos - mount == pytest.approx([-0.2, 0.1, 0.0], abs=1e-3)
+
+
 def test_a_scene_of_ones_own(tmp_path):
     path = tmp_path / "one.yaml"
     path.write_text(
