@@ -11,9 +11,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.model import Load, base_quat, build_spec
+from lerobot_robot_yam.arm.model import base_quat, build_spec
 from lerobot_robot_yam.arm.mounting import resolve_profiles
-from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, Load
 from lerobot_robot_yam.system.few_values import any_of
 
 

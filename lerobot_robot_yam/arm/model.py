@@ -16,10 +16,8 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.arm.mounting import resolve_profiles
-from lerobot_robot_yam.arm.profile import COLOURS, ArmProfile, Body, GripperProfile, Inertial, Shape
+from lerobot_robot_yam.arm.profile import COLOURS, EE_BODY, ArmProfile, Body, GripperProfile, Inertial, Load, Shape
 from lerobot_robot_yam.errors import ConfigError
-
-EE_BODY = "gripper"
 
 # Coefficient of sliding friction between motor housings: coated metal, 0.2 … 0.4. With MuJoCo's default of 1 (rubber)
 # a wrist that leans on the shoulder would lock the elbow.
@@ -42,32 +40,6 @@ class Physics:
     friction_scale: float = 1.0
     armature_scale: float = 1.0
     collisions: bool = True
-
-
-@dataclass(frozen=True)
-class Load:
-    """Differences between the real end effector and its profile.
-
-    payload_com_m is the payload's centre of mass in the frame of tcp_site. ee_mass_kg replaces the mass of the end
-    effector's root body, ee_inertia its inertial: centre of mass (3), quaternion (4), principal moments (3).
-    """
-
-    payload_mass_kg: float = 0.0
-    payload_com_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ee_mass_kg: float | None = None
-    ee_inertia: Sequence[float] | None = None
-
-    def __post_init__(self) -> None:
-        numbers = [self.payload_mass_kg, *self.payload_com_m, self.ee_mass_kg or 0.0, *(self.ee_inertia or ())]
-        if not np.isfinite(numbers).all() or self.payload_mass_kg < 0 or (self.ee_mass_kg or 0.0) < 0:
-            raise ConfigError(f"payload and end-effector masses must be finite and not negative: {self}")
-        if len(self.payload_com_m) != 3:
-            raise ConfigError(f"payload_com_m needs three numbers in metres, got {self.payload_com_m}")
-        if self.ee_inertia is not None and (len(self.ee_inertia) != 10 or min(self.ee_inertia[7:]) <= 0):
-            raise ConfigError(
-                "ee_inertia needs 10 numbers (centre of mass 3, quaternion 4, principal moments 3 > 0), "
-                f"got {list(self.ee_inertia)}"
-            )
 
 
 def base_quat(yaw_rad: float, tilt_rad: Sequence[float] = (0.0, 0.0)) -> np.ndarray:

@@ -4,6 +4,7 @@ Conventions: SI units; quaternions w x y z; joint value = (motor angle - zero) *
 (closed) to 1 (open). Arrays of an arm have one entry per joint: n joints, 0 for the arm "none".
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +12,8 @@ import numpy as np
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.strict_yaml import array_field
+
+EE_BODY = "gripper"  # root body of the end effector in the model
 
 COLOURS: dict[str, tuple[float, float, float, float]] = {
     "housing": (0.13, 0.13, 0.15, 1.0),
@@ -259,3 +262,29 @@ class GripperProfile:
             return 0.0
         closed, opened = self.calibration.nominal_stops_rad
         return float(abs(opened - closed))
+
+
+@dataclass(frozen=True)
+class Load:
+    """Differences between the real end effector and its profile.
+
+    payload_com_m is the payload's centre of mass in the frame of tcp_site. ee_mass_kg replaces the mass of the end
+    effector's root body, ee_inertia its inertial: centre of mass (3), quaternion (4), principal moments (3).
+    """
+
+    payload_mass_kg: float = 0.0
+    payload_com_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ee_mass_kg: float | None = None
+    ee_inertia: Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        numbers = [self.payload_mass_kg, *self.payload_com_m, self.ee_mass_kg or 0.0, *(self.ee_inertia or ())]
+        if not np.isfinite(numbers).all() or self.payload_mass_kg < 0 or (self.ee_mass_kg or 0.0) < 0:
+            raise ConfigError(f"payload and end-effector masses must be finite and not negative: {self}")
+        if len(self.payload_com_m) != 3:
+            raise ConfigError(f"payload_com_m needs three numbers in metres, got {self.payload_com_m}")
+        if self.ee_inertia is not None and (len(self.ee_inertia) != 10 or min(self.ee_inertia[7:]) <= 0):
+            raise ConfigError(
+                "ee_inertia needs 10 numbers (centre of mass 3, quaternion 4, principal moments 3 > 0), "
+                f"got {list(self.ee_inertia)}"
+            )

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.arm.model import Load
 from lerobot_robot_yam.arm.mounting import mounted
-from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, Load
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.arm.tuning import Tuning, load_tuning
 from lerobot_robot_yam.damiao.motor_spec import MAX_MOTORS, MotorSpec, check_specs

@@ -13,8 +13,7 @@ import numpy as np
 import yaml
 
 from lerobot_robot_yam.arm.config_checks import PAYLOAD_MOST_KG
-from lerobot_robot_yam.arm.model import EE_BODY, Load
-from lerobot_robot_yam.arm.profile import ArmProfile, Body, GripperProfile
+from lerobot_robot_yam.arm.profile import EE_BODY, ArmProfile, Body, GripperProfile, Load
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.paths import write_whole
 from lerobot_robot_yam.system.strict_yaml import array_field, parse, read_yaml

@@ -1,8 +1,9 @@
 """Actuation of one arm: motors, set-point and control laws."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.arm_status import ArmStatus
 from lerobot_robot_yam.control.impedance import Assist, Impedance, gravity_model
@@ -14,6 +15,9 @@ from lerobot_robot_yam.control.mode_command import ModeCommand
 from lerobot_robot_yam.control.safety.channel_monitor import BusLoss, Finding
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.state.modes import Mode
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.arm.dynamics import GravityModel
 
 
 class Actuation:
@@ -40,7 +44,7 @@ class Actuation:
         hardware: ResolvedArm,
         interface: JointInterface,
         status: ArmStatus,
-        gravity: GravityModel | None = None,
+        gravity: "GravityModel | None" = None,
     ):
         self.hardware = hw = hardware
         self.config, self.name, self.status = hw.config, hw.name, status

@@ -7,11 +7,11 @@ The controller has no clock of its own and never blocks. `actuation` moves the a
 import logging
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import can
 import numpy as np
 
-from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.arm_status import ArmStatus
@@ -33,6 +33,9 @@ from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited, Request
 from lerobot_robot_yam.system.clock import Clock
 from lerobot_robot_yam.system.few_values import largest
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.arm.dynamics import GravityModel
 
 logger = logging.getLogger(__name__)
 
@@ -57,7 +60,7 @@ class ArmController:
         coupling: coupling to a leader that this arm may follow at loop rate.
     """
 
-    def __init__(self, hardware: ResolvedArm, bus: can.BusABC, gravity: GravityModel | None = None):
+    def __init__(self, hardware: ResolvedArm, bus: can.BusABC, gravity: "GravityModel | None" = None):
         self.config, self.name = hardware.config, hardware.name
         self.status = status = ArmStatus(self.name, floats=self.config.start == "float")
         self.interface = JointInterface(hardware, bus)

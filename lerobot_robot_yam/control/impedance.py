@@ -1,11 +1,10 @@
 """Impedance control of one arm: computes MIT commands from set-point and measured state, without modes or clock."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from lerobot_robot_yam.arm.config_checks import PAYLOAD_MOST_KG
-from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import Gripper
@@ -15,6 +14,9 @@ from lerobot_robot_yam.state.faults import MOST_RAD_S2
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.system.few_values import all_of, largest
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.arm.dynamics import GravityModel
 
 _GLIDE_S = 0.5  # transition time of a gain change, s
 _SOFT_FADE_S = 0.3  # time in which the friction feedforward of soft joints fades in or out, s
@@ -131,7 +133,7 @@ class Impedance:
             fed forward unless the configuration sets friction.
     """
 
-    def __init__(self, hardware: ResolvedArm, gravity: GravityModel | None, gripper: Gripper | None):
+    def __init__(self, hardware: ResolvedArm, gravity: "GravityModel | None", gripper: Gripper | None):
         self._hardware, self._gravity, self._gripper = hardware, gravity, gripper
         self.live = LiveGains(hardware.kp, hardware.kd)
         self.kp, self.kd = hardware.kp.copy(), hardware.kd.copy()
@@ -303,8 +305,10 @@ class Impedance:
         return out, limited | Limited.TORQUE if self._clipped else limited
 
 
-def gravity_model(hardware: ResolvedArm) -> GravityModel | None:
+def gravity_model(hardware: ResolvedArm) -> "GravityModel | None":
     """Create the gravity model of an arm; None for a gripper without arm."""
     if not hardware.joints:
         return None
+    from lerobot_robot_yam.arm.dynamics import GravityModel  # late import of MuJoCo, which a base does not need
+
     return GravityModel(hardware.arm, hardware.gripper, load=hardware.load, tilt_rad=hardware.tilt_rad)

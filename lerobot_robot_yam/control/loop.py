@@ -7,17 +7,19 @@ Deadlines are absolute; after an overrun the deadlines restart from the present 
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.loop_timing import LoopStatistics
 from lerobot_robot_yam.control.part_controller import Blocks, Controller
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
-from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import RESPONSES, Response
 from lerobot_robot_yam.state.modes import ENERGISED, Mode
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
 
 logger = logging.getLogger(__name__)
 
@@ -51,7 +53,7 @@ class ControlLoop:
         controllers: Sequence[Controller],
         blocks: Sequence[Blocks],
         rate_hz: float,
-        workspace: WorkspaceGuard | None = None,
+        workspace: "WorkspaceGuard | None" = None,
         stop: EmergencyStop | None = None,
     ):
         self._controllers = controllers
@@ -224,7 +226,7 @@ class ControlLoop:
                 if not controller.status.ended:
                     controller.fail(error)
 
-    def _advance_guarded(self, workspace: WorkspaceGuard, now: float, dt: float) -> None:
+    def _advance_guarded(self, workspace: "WorkspaceGuard", now: float, dt: float) -> None:
         controllers = [controller for controller in self._controllers if isinstance(controller, ArmController)]
         for controller in self._controllers:
             if not isinstance(controller, ArmController):

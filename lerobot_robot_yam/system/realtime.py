@@ -13,7 +13,8 @@ _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}.get(platform.machine())
 _SCHED_ATTR = struct.Struct("<IIQiIQQQII")  # size, policy, flags, nice, priority, runtime, deadline, period, 2 clamps
 _SHORT_SLICE_NS = 100_000  # minimum slice that Linux >= 6.12 grants without privilege, ns
 _PR_SET_TIMERSLACK = 29
-_MCL_CURRENT, _MCL_FUTURE = 1, 2
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
+_BUFFER_BYTES = 16 << 20  # minimum size of memory that is only reserved, bytes: numpy's OpenBLAS reserves 32 MB
 _GIVING_WAY_NICE = 2  # nice value: two thirds of the usual CPU share, so that a busy machine still draws images
 _OOM_SCORES = (-900, 0)  # OOM scores to try, of -1000 … 1000; only root may go below a process's initial score
 
@@ -31,8 +32,23 @@ def request_realtime(priority: int) -> str:
     gc.freeze()
     _LIBC.prctl(_PR_SET_TIMERSLACK, 1000, 0, 0, 0)
     scheduling = request_scheduling(priority)
-    locked = _LIBC.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0
-    return f"{scheduling}, memory {'locked' if locked else 'not locked'}"
+    return f"{scheduling}, memory {'locked' if _lock_memory() else 'not locked'}"
+
+
+def _lock_memory() -> bool:
+    """Load all memory and keep it loaded, except for large buffers, whose pages stay once they are used.
+
+    Returns:
+        Whether the kernel has granted it.
+    """
+    if _LIBC.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) != 0:
+        return False
+    for line in Path("/proc/self/maps").read_text().splitlines():
+        place, _, _, _, inode, *_ = line.split()
+        start, end = (int(address, 16) for address in place.split("-"))
+        if inode != "0" or end - start < _BUFFER_BYTES:
+            _LIBC.mlock(ctypes.c_void_p(start), ctypes.c_size_t(end - start))  # loads it; fails for guard pages
+    return True
 
 
 def raise_threads(priority: int, named: str) -> None:

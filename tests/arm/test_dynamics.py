@@ -7,7 +7,7 @@ import pytest
 
 from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.kinematics import YamKinematics
-from lerobot_robot_yam.arm.model import Load
+from lerobot_robot_yam.arm.profile import Load
 from lerobot_robot_yam.arm.profile_files import ARMS, load_gripper
 from lerobot_robot_yam.errors import ConfigError
 from tests.support.paths import GOLDEN

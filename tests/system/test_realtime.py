@@ -56,3 +56,27 @@ def test_a_process_that_gives_way_does_so_for_its_session():
     assert policy == "True"
     assert int(nice) > 0
     assert session in ([], [nice])
+
+
+LOCK = """
+import ctypes, mmap
+from lerobot_robot_yam.system.realtime import request_realtime
+
+def loaded(memory):
+    address = ctypes.addressof(ctypes.c_char.from_buffer(memory))
+    pages = (ctypes.c_ubyte * (len(memory) // mmap.PAGESIZE))()
+    assert ctypes.CDLL(None).mincore(ctypes.c_void_p(address), ctypes.c_size_t(len(memory)), pages) == 0
+    return sum(page & 1 for page in pages) / len(pages)
+
+block, buffer = mmap.mmap(-1, 1 << 20), mmap.mmap(-1, 32 << 20, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+granted = request_realtime(1)
+print("memory locked" in granted, loaded(block), loaded(buffer))
+"""
+
+
+def test_locked_memory_is_loaded_but_not_what_is_only_reserved():
+    answer = subprocess.run([sys.executable, "-c", LOCK], capture_output=True, text=True, check=True)
+    locked, block, buffer = answer.stdout.split()
+    if locked != "True":
+        pytest.skip("locked memory needs RLIMIT_MEMLOCK")
+    assert float(block) == 1.0 and float(buffer) < 0.2

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from lerobot_robot_yam.arm.export.body_meshes import Colour
-from lerobot_robot_yam.arm.model import EE_BODY, Physics, build_spec
-from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
+from lerobot_robot_yam.arm.model import Physics, build_spec
+from lerobot_robot_yam.arm.profile import EE_BODY, ArmProfile, GripperProfile
 
 _ROOT = "world"
 _NOWHERE = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))  # position and quaternion of a frame that equals its parent

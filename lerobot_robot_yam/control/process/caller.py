@@ -19,6 +19,8 @@ from lerobot_robot_yam.errors import YamError
 
 logger = logging.getLogger(__name__)
 
+_STACK_BYTES = 1 << 20  # stack of a thread, bytes: all of it is locked in memory, and the usual 8 MB are never used
+
 
 class Caller:
     """Caller of this process. Create this object first, in the main thread: the constructor waits for the job.
@@ -40,6 +42,7 @@ class Caller:
         for name in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE):
             signal.signal(name, signal.SIG_IGN)
         self._ended = self._gone = False
+        threading.stack_size(_STACK_BYTES)
         signal.signal(signal.SIGTERM, self._end)
         self.job: dict[str, Any] = json.loads(sys.stdin.readline())
         self._pid = int(self.job["parent_pid"])

@@ -1,29 +1,31 @@
 """The parts of a robot, arms and a mobile base: their controllers, blocks and loop."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import can
 import numpy as np
 
-from lerobot_robot_yam.arm.collision.parts import GuardedArm
-from lerobot_robot_yam.arm.dynamics import GravityModel
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.mobile.base_blocks import BaseBlocks
 from lerobot_robot_yam.control.mobile.base_controller import BaseController
 from lerobot_robot_yam.control.part_controller import Blocks
-from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
 from lerobot_robot_yam.control.state_publisher import ControllerBlocks
 from lerobot_robot_yam.control.teleop.lead import make_leads
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.mobile.robot_parts import Part
 from lerobot_robot_yam.state.records import BlockPair
 
+if TYPE_CHECKING:
+    from lerobot_robot_yam.arm.dynamics import GravityModel
+    from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
+
 PartController = ArmController | BaseController
 
 
-def make_controller(part: Part, bus: can.BusABC, gravity: GravityModel | None = None) -> PartController:
+def make_controller(part: Part, bus: can.BusABC, gravity: "GravityModel | None" = None) -> PartController:
     """Make the controller of a part. gravity: an arm's gravity model, if one was made before."""
     return BaseController(part, bus) if isinstance(part, ResolvedBase) else ArmController(part, bus, gravity)
 
@@ -48,15 +50,24 @@ def build(parts: Sequence[Part], keys: Sequence[str], buses: Sequence, pairs: Se
         controller.lead = lead
     for part in controllers:
         part.inspect()
-    limited = any(arm.config.workspace.limits_anything for arm in arms)
-    guarded = [GuardedArm(arm.name, arm.arm, arm.gripper, arm.config.workspace, arm.tilt_rad) for arm in arms]
-    guard = WorkspaceGuard(guarded) if limited else None
     blocks: list[Blocks] = []
     try:
         for part, key, pair in zip(controllers, keys, pairs, strict=True):
             blocks.append(make_blocks(part, key, pair))
-        return ControlLoop(controllers, blocks, parts[0].config.rate_hz, guard)
+        return ControlLoop(controllers, blocks, parts[0].config.rate_hz, _guard(arms))
     except BaseException:
         for made in blocks:
             made.close(remove=True)
         raise
+
+
+def _guard(arms: Sequence[ResolvedArm]) -> "WorkspaceGuard | None":
+    """Create the guard against collisions; None if no arm limits its workspace."""
+    if not any(arm.config.workspace.limits_anything for arm in arms):
+        return None
+    from lerobot_robot_yam.arm.collision.parts import GuardedArm  # late imports of MuJoCo
+    from lerobot_robot_yam.control.safety.collision_guard import WorkspaceGuard
+
+    return WorkspaceGuard(
+        [GuardedArm(arm.name, arm.arm, arm.gripper, arm.config.workspace, arm.tilt_rad) for arm in arms]
+    )

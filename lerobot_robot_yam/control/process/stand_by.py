@@ -15,6 +15,7 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,6 +36,9 @@ from lerobot_robot_yam.system.log_thread import log_from_a_thread
 from lerobot_robot_yam.system.realtime import avoid_oom_killer, request_realtime
 from lerobot_robot_yam.system.runtime_files import FileLock
 
+if TYPE_CHECKING:
+    from lerobot_robot_yam.arm.dynamics import GravityModel
+
 logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.02
@@ -48,6 +52,8 @@ def spawn(arms: Sequence[Part], keys: Sequence[str], pairs: Sequence[BlockPair],
     Call this function before the process opens any channel: the stand-by inherits all open files, such as the blocks.
     """
     control_pid = os.getpid()
+    # before the fork, so that both processes share what is loaded for it
+    gravity = [gravity_model(arm) if isinstance(arm, ResolvedArm) else None for arm in arms]
     pid = os.fork()
     if pid:
         return pid
@@ -61,7 +67,7 @@ def spawn(arms: Sequence[Part], keys: Sequence[str], pairs: Sequence[BlockPair],
             signal.signal(name, signal.SIG_IGN)
         avoid_oom_killer()
         with log_from_a_thread():
-            StandBy(arms, keys, pairs, control_pid).run(rt_priority)
+            StandBy(arms, keys, pairs, gravity, control_pid).run(rt_priority)
         status = 0
     except BaseException:
         logger.exception("stand-by failed")
@@ -77,11 +83,19 @@ class StandBy:
 
     Args:
         arms, keys, pairs: arms of the control process, their channel keys, and their shared blocks.
+        gravity: gravity model of each arm.
         control_pid: pid of the control process.
     """
 
-    def __init__(self, arms: Sequence[Part], keys: Sequence[str], pairs: Sequence[BlockPair], control_pid: int):
-        self._arms, self._keys, self._pairs, self._pid = arms, keys, pairs, control_pid
+    def __init__(
+        self,
+        arms: Sequence[Part],
+        keys: Sequence[str],
+        pairs: Sequence[BlockPair],
+        gravity: "Sequence[GravityModel | None]",
+        control_pid: int,
+    ):
+        self._arms, self._keys, self._pairs, self._gravity, self._pid = arms, keys, pairs, gravity, control_pid
         named = zip(arms, keys, strict=True)
         self._locks = [FileLock(lock_path(key), f"CAN channel {arm.config.channel}") for arm, key in named]
         self._stop = EmergencyStop()
@@ -89,7 +103,6 @@ class StandBy:
         self._end = ProcessEnd(control_pid)
         self._poll = select.poll()
         self._poll.register(self._process, select.POLLIN)
-        self._gravity = [gravity_model(arm) if isinstance(arm, ResolvedArm) else None for arm in arms]
         for arm in arms:
             load_driver(arm.config.interface)
         self._records: list[np.ndarray | None] = [None] * len(keys)

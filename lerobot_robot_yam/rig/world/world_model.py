@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from lerobot_robot_yam.arm.model import Load, Physics, base_quat, build_spec
+from lerobot_robot_yam.arm.model import Physics, base_quat, build_spec
 from lerobot_robot_yam.arm.mounting import resolve_profiles
-from lerobot_robot_yam.arm.profile import GripperProfile
+from lerobot_robot_yam.arm.profile import GripperProfile, Load
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.mobile.base_profile import BaseProfile

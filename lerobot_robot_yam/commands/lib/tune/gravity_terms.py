@@ -17,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lerobot_robot_yam.arm.dynamics import GravityModel
-from lerobot_robot_yam.arm.model import Load
-from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
+from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, Load
 
 PAYLOAD_TERMS = ("mass", "moment x", "moment y", "moment z")
 LEAST_LINK_KG = 0.05  # minimum mass of a link for fitting its moments, kg: excludes a bare wrist
