@@ -29,37 +29,15 @@ _CAMERAS = (
 
 
 @dataclass(kw_only=True)
-class FollowerOptions(ABC):
-    """Options of the robot as a whole: with one arm or two, connected to this computer or to another one."""
+class RobotOptions:
+    """Options of every robot."""
 
     cameras: dict[str, CameraConfig] = option(_CAMERAS, factory=dict)
-    observe_velocity: bool = option("also observe joint_1.vel …, rad/s, and the gripper in strokes per second", False)
-    observe_torque: bool = option(
-        "also observe joint_1.torque …, Nm at the motor's output; LeRobot cannot roll out a policy that wants it", False
-    )
-    observe_temperature: bool = option(
-        "also observe joint_1.temp_mos and joint_1.temp_rotor …, °C; LeRobot cannot roll out a policy that wants them",
-        False,
-    )
-    use_degrees: bool = option(
-        "joints in degrees (and degrees per second) in observations and actions; grippers stay 0 … 1, options "
-        "keep their units",
-        False,
-    )
-    action_space: Literal["joint", "ee"] = option(
-        "joint: actions and observed positions are joint_1.pos …; ee: they are the tool's pose ee_x.pos …, m and "
-        "rad (docs/end-effector.md)",
-        "joint",
-    )
     isolation: Literal["process", "thread", "lockstep"] = option(
         "process runs the control loop in another process; thread is for debugging; lockstep is set by the "
         "environment yam",
         "process",
     )
-
-    @abstractmethod
-    def arms(self) -> Mapping[str, ArmConfig]:
-        """Return the configs of the arms by feature prefix, in canonical order."""
 
     def runs(self) -> "Isolation":
         """Return how the control loop is isolated, see `ArmSession`."""
@@ -79,6 +57,34 @@ class FollowerOptions(ABC):
         for name, camera in self.all_cameras().items():
             names += [name] * getattr(camera, "use_rgb", True) + [f"{name}_depth"] * getattr(camera, "use_depth", False)
         return names
+
+
+@dataclass(kw_only=True)
+class FollowerOptions(RobotOptions, ABC):
+    """Options of the robot as a whole: with one arm or two, connected to this computer or to another one."""
+
+    observe_velocity: bool = option("also observe joint_1.vel …, rad/s, and the gripper in strokes per second", False)
+    observe_torque: bool = option(
+        "also observe joint_1.torque …, Nm at the motor's output; LeRobot cannot roll out a policy that wants it", False
+    )
+    observe_temperature: bool = option(
+        "also observe joint_1.temp_mos and joint_1.temp_rotor …, °C; LeRobot cannot roll out a policy that wants them",
+        False,
+    )
+    use_degrees: bool = option(
+        "joints in degrees (and degrees per second) in observations and actions; grippers stay 0 … 1, options "
+        "keep their units",
+        False,
+    )
+    action_space: Literal["joint", "ee"] = option(
+        "joint: actions and observed positions are joint_1.pos …; ee: they are the tool's pose ee_x.pos …, m and "
+        "rad (docs/end-effector.md)",
+        "joint",
+    )
+
+    @abstractmethod
+    def arms(self) -> Mapping[str, ArmConfig]:
+        """Return the configs of the arms by feature prefix, in canonical order."""
 
     def action_keys(self) -> list[str]:
         """Return the action keys, in canonical order. Raises ConfigError: an arm or gripper is unknown."""

@@ -7,8 +7,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from lerobot.cameras.utils import make_cameras_from_configs
-from lerobot.robots.robot import Robot
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
 from lerobot_robot_yam.config_yam_follower import (
@@ -22,13 +20,11 @@ from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.face.datasets.recording import recorded_name
 from lerobot_robot_yam.face.devices.arm_device import ArmDevice
 from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance, guidance
-from lerobot_robot_yam.face.devices.images import ImageReader, beside_arms
+from lerobot_robot_yam.face.devices.recorded_robot import RecordedRobot
 from lerobot_robot_yam.face.devices.remote_device import RemoteDevice
-from lerobot_robot_yam.face.recorder.episode_log import EpisodeLog
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.face.recorder.rehearsal import rehearse
 from lerobot_robot_yam.face.rl_stack import MotorBus
-from lerobot_robot_yam.face.session_desk import SessionDesk
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.clock import Clock
 
@@ -41,7 +37,7 @@ _PERMITTED_S = 0.1  # period after the caller's last action in which a follower 
 _SAME = 1e-6  # maximum difference of equal targets, rad or strokes: shared memory rounds them
 
 
-class FollowerBase(ArmDevice, Robot):
+class FollowerBase(ArmDevice, RecordedRobot):
     """Robot with one or two follower arms.
 
     Args:
@@ -59,15 +55,11 @@ class FollowerBase(ArmDevice, Robot):
         self.robot_type = self.name
         self._arms = self._make_arms("follower", arms, self._use_degrees, options.runs())
         self._speak(options.action_space, [(side.hardware.arm, side.hardware.gripper) for side in self._arms.sides])
-        cameras = options.all_cameras()
-        self._camera_configs = {name: beside_arms(camera, arms.values()) for name, camera in cameras.items()}
-        self.cameras = make_cameras_from_configs(self._camera_configs)
-        self._images = ImageReader(self.cameras, self._camera_configs)
+        self._make_cameras(options.all_cameras(), arms.values())
         self._last_action: dict[str, Any] = {}
         self._coupled_s = -math.inf  # time of the last action from a leader
         self._extra_keys = options.optional_keys(self._arms.motors)
         self.bus = MotorBus(self._arms, self.send_action)  # for LeRobot's RL stack
-        self._episodes, self._desk = EpisodeLog(), SessionDesk()
         self._guidance: HandGuidance | None = None
 
     @cached_property
@@ -75,16 +67,6 @@ class FollowerBase(ArmDevice, Robot):
         """Types or shapes by key: positions of all arms, in canonical order; optional values; images."""
         keys = [*self._space.keys, *self._extra_keys]
         return {**dict.fromkeys(keys, float), **self._image_features()}
-
-    def _image_features(self) -> dict[str, tuple[int, int, int]]:
-        features = {}
-        for name, config in self._camera_configs.items():
-            height, width = config.height, config.width
-            if getattr(config, "use_rgb", True):
-                features[name] = (height, width, 3)
-            if getattr(config, "use_depth", False):
-                features[f"{name}_depth"] = (height, width, 1)
-        return features
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
@@ -101,21 +83,12 @@ class FollowerBase(ArmDevice, Robot):
             YamError: an arm cannot be driven.
             Exception: a camera cannot be opened; the type depends on the camera.
         """
-        self._episodes.begin()
-        self._desk.begin()
-        try:
-            self._guidance = guidance()
-            if self._guidance is not None:
-                self._guidance.attach(self.name, self._arms, self._space)
-            for camera in self.cameras.values():
-                camera.connect()
+        self._guidance = guidance()
+        if self._guidance is not None:
+            self._guidance.attach(self.name, self._arms, self._space)
+        with self._open():
             self._arms.start(calibrate, self._space.keys, self._models)
             self._space.begin()
-        except BaseException:
-            self._close_cameras()
-            self._episodes.end()
-            self._desk.end()
-            raise
         logger.info("%s connected", self)
         try:
             self._catch_up()
@@ -173,8 +146,7 @@ class FollowerBase(ArmDevice, Robot):
         if self._guidance is not None:
             self._guidance.detach(self._arms)
         self._arms.discard()
-        self._close_cameras()
-        self._desk.end()
+        self._close()
 
     def disconnect(self) -> None:
         """Land the arms, then close the cameras. Idempotent. A camera error cannot prevent the landing."""
@@ -183,17 +155,7 @@ class FollowerBase(ArmDevice, Robot):
                 self._guidance.detach(self._arms)
             self._arms.stop()
         finally:
-            self._close_cameras()
-            self._episodes.end()
-            self._desk.end()
-
-    def _close_cameras(self) -> None:
-        for name, camera in self.cameras.items():
-            try:
-                if camera.is_connected:
-                    camera.disconnect()
-            except Exception as error:
-                logger.warning("camera %s did not close: %s", name, error)
+            self._close()
 
     @check_if_not_connected
     @saves_finished_episode

@@ -12,8 +12,10 @@ from lerobot_robot_yam.arm.option import options_of
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_env import YamEnvConfig
 from lerobot_robot_yam.config_yam_follower import FollowerOptions, YamRigConfig
+from lerobot_robot_yam.config_yam_mobile import BaseOptions
 from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig
 from lerobot_robot_yam.face.devices.remote_device import RemoteOptions
+from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
 from lerobot_teleoperator_yam.config_yam_hand_guide import (
     BiYamHandGuideConfig,
@@ -44,6 +46,16 @@ _SECTIONS = [
         WorkspaceConfig,
     ),
     ("A robot", "Options of `yam_follower` and `bi_yam_follower` as a whole.", FollowerOptions),
+    (
+        "A mobile base",
+        "Write `--robot.velocity_limit=…` with `yam_base`. See [mobile base](mobile-base.md).",
+        BaseConfig,
+    ),
+    (
+        "A robot with a mobile base",
+        "Options of `yam_base` as a whole, besides `cameras` and `isolation` of any robot.",
+        BaseOptions,
+    ),
     ("A teleoperator", "Options of `yam_leader` and `bi_yam_leader` as a whole.", LeaderOptions),
     (
         "A hand that guides a follower",

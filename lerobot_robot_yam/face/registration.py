@@ -24,7 +24,7 @@ from lerobot_robot_yam.system.other_plugins import distribution_of, is_foreign, 
 
 # LeRobot module with a registry → this package's modules that register types in it
 REGISTRIES = {
-    "lerobot.robots.config": ("lerobot_robot_yam.config_yam_follower",),
+    "lerobot.robots.config": ("lerobot_robot_yam.config_yam_follower", "lerobot_robot_yam.config_yam_mobile"),
     "lerobot.teleoperators.config": (
         "lerobot_teleoperator_yam.config_yam_leader",
         "lerobot_teleoperator_yam.config_yam_hand_guide",

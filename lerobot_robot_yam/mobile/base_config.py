@@ -6,7 +6,7 @@ from typing import Any
 
 from lerobot_robot_yam.arm.option import option, real
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.mobile.base_motion import BaseLimits
+from lerobot_robot_yam.mobile.base_limits import BaseLimits
 from lerobot_robot_yam.mobile.base_profile import (
     COMMAND_TIMEOUT_S,
     HARD_CAP,

@@ -10,7 +10,7 @@ import pytest
 TYPES = {
     "lerobot.robots": (
         "RobotConfig",
-        ["yam_follower", "bi_yam_follower", "i2rt_yam_follower", "bi_i2rt_yam_follower"],
+        ["yam_follower", "bi_yam_follower", "i2rt_yam_follower", "bi_i2rt_yam_follower", "yam_base"],
     ),
     "lerobot.teleoperators": (
         "TeleoperatorConfig",
@@ -73,7 +73,7 @@ import lerobot.robots, lerobot.teleoperators, lerobot.cameras, lerobot.configs
 before = set(sys.modules)
 import lerobot_robot_yam
 loaded = set(sys.modules) - before
-print(sorted(name for name in loaded if not name.startswith(("lerobot_", "wrapt")) or "profile" in name))
+print(sorted(name for name in loaded if not name.startswith(("lerobot_", "wrapt")) or "arm.profile" in name))
 assert not {{"lerobot.envs", "lerobot.rollout"}} & loaded
 {CHECK}
 """

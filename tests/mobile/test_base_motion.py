@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.mobile.base_motion import REST, BaseLimits, BaseMotion, Frame, Target
+from lerobot_robot_yam.mobile.base_limits import BaseLimits
+from lerobot_robot_yam.mobile.base_motion import REST, BaseMotion, Frame, Target
 from lerobot_robot_yam.mobile.base_profile import FLIP_RAD_S, BaseProfile
 
 DT = 0.004

@@ -1,6 +1,5 @@
 """One or two arms of a LeRobot device: feature names, units, calibration files, connect and land."""
 
-import atexit
 import contextlib
 import logging
 import math
@@ -11,23 +10,18 @@ import numpy as np
 
 from lerobot_robot_yam.arm.config import ArmConfig, lead_of
 from lerobot_robot_yam.errors import ConfigError, YamError
+from lerobot_robot_yam.face.devices.device_session import DeviceSession, connected_sessions
 from lerobot_robot_yam.face.devices.feature_names import motor_names
 from lerobot_robot_yam.face.devices.pair_check import Models, Spoken, check_followers, check_pair
 from lerobot_robot_yam.face.lerobot_command.running_command import under_a_command
-from lerobot_robot_yam.face.recorder.kept_episodes import stop_after_saving, tell_what_is_kept
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.session.target_limits import refuse_degrees, validate_action
 from lerobot_robot_yam.state.records import ArmState, channel_key
-from lerobot_robot_yam.system.clock import Clock
-from lerobot_robot_yam.system.realtime import spare_what_is_loaded
-from lerobot_robot_yam.system.signals import end_session_on_signals, undisturbed
 
 logger = logging.getLogger(__name__)
 
 Recognise = Callable[[Mapping[str, object]], tuple[np.ndarray, list[bool]] | None]
-
-_running: "list[ArmGroup]" = []  # connected groups of this process
 
 
 class _Side:
@@ -49,7 +43,7 @@ class _Side:
         self.follower_key = None if lead is None else channel_key(config.interface, lead.follower, rig)
 
 
-class ArmGroup:
+class ArmGroup(DeviceSession):
     """The arms of one LeRobot device, driven by one control loop.
 
     Args:
@@ -79,10 +73,9 @@ class ArmGroup:
         isolation: Isolation,
         handles: Collection[str] | None = None,
     ):
-        self.device = device
-        self._use_degrees, self._leads = use_degrees, handles is not None
         self._configs = list(arms.values())
-        self._session = ArmSession(self._configs, isolation)
+        super().__init__(device, self._configs, isolation)
+        self._use_degrees, self._leads = use_degrees, handles is not None
         self.sides: list[_Side] = []
         self.motors: list[str] = []
         for prefix, config in arms.items():
@@ -99,15 +92,9 @@ class ArmGroup:
         self.paused = False
         self.give_action: Callable[[], Mapping[str, float]] | None = None
         self.recognise: Recognise | None = None
-        self._undo_signals: Callable[[], None] = lambda: None
 
     def __getitem__(self, side: _Side) -> ArmClient:
         return self._session[side.name]
-
-    @property
-    def connected(self) -> bool:
-        """Whether the device is connected, in whatever mode the arms are."""
-        return self._session.running
 
     @property
     def calibrated(self) -> bool:
@@ -140,23 +127,12 @@ class ArmGroup:
         Raises:
             YamError: an arm cannot be driven; no arm is energised.
         """
-        tell_what_is_kept()
         self._action_keys, self._models, self.paused = list(action_keys), models, False
         self.give_action, self.recognise = give_action, recognise
-        for other in _running:
+        for other in _running():
             if other._leads is not self._leads:
                 self._check_pair(other)
-        commanded = under_a_command()
-        self._undo_signals = end_session_on_signals(stop_after_saving, commanded)
-        if commanded:
-            spare_what_is_loaded()
-        try:
-            self._session.start(search_grippers=calibrate)
-        except BaseException:
-            self._undo_signals()
-            raise
-        _running.append(self)
-        atexit.register(self.stop)  # land the arms, for whatever reason the interpreter ends
+        self.energise(search_grippers=calibrate)
 
     def _check_pair(self, other: "ArmGroup") -> None:
         """Raise ConfigError if actions of leader and follower do not match, before the arms are energised."""
@@ -172,44 +148,9 @@ class ArmGroup:
 
     def check_followers(self) -> None:
         """Raise if this process cannot lead a follower, as `pair_check.check_followers` does."""
-        others = [side.key for other in _running if not other._leads for side in other.sides]
+        others = [side.key for other in _running() if not other._leads for side in other.sides]
         if any(side.follower_key for side in self.sides):
             check_followers([side.hardware.config for side in self.sides], others)
-
-    def stop(self) -> None:
-        """Land all arms and disconnect. Idempotent; signals do not shorten the landing.
-
-        A LeRobot command that disconnects one device then disconnects the others, so all arms start landing now.
-        """
-        self._leave()
-        try:
-            with undisturbed(f"{self.device}: landing"):
-                if under_a_command():
-                    for other in _running:
-                        with contextlib.suppress(
-                            OSError
-                        ):  # an error in the other control process must not prevent this landing
-                            other._session.begin_stop()
-                self._session.stop()
-        finally:
-            self._undo_signals()
-
-    def _leave(self) -> None:
-        atexit.unregister(self.stop)
-        if self in _running:
-            _running.remove(self)
-
-    @property
-    def clock(self) -> Clock:
-        return self._session.clock
-
-    def discard(self) -> None:
-        """End the session without landing, when its simulated world is discarded. Idempotent."""
-        self._leave()
-        try:
-            self._session.discard()
-        finally:
-            self._undo_signals()
 
     def calibrate(self) -> None:
         """Search for the stops of gripper motors and store them, see `ArmDevice.calibrate`."""
@@ -223,14 +164,10 @@ class ArmGroup:
             else:
                 logger.info("%s: nothing to calibrate, there is no gripper motor", side.name)
 
-    def rearm(self) -> None:
-        """Re-enable arms after a fault, see `ArmDevice.rearm`."""
-        self._session.rearm()
-
     def leader(self) -> "ArmGroup | None":
         """Return the leaders whose actions a LeRobot command sends to these followers, if there is exactly one pair."""
-        leaders = [other for other in _running if other.give_action is not None]
-        one_pair = len(leaders) == 1 and len(_running) == 2
+        leaders = [other for other in _running() if other.give_action is not None]
+        one_pair = len(leaders) == 1 and len(_running()) == 2
         return leaders[0] if one_pair and under_a_command() else None
 
     def couple(
@@ -247,7 +184,7 @@ class ArmGroup:
             each arm, the channel key of its leader; None if that leader has no follower or has not produced the arm's
             part of the action.
         """
-        for other in _running:
+        for other in _running():
             if other.recognise is None or not any(side.follower_key for side in other.sides):
                 continue
             recognised = other.recognise(action)
@@ -265,7 +202,7 @@ class ArmGroup:
 
     def follower_state(self, key: str) -> ArmState | None:
         """Return the state of the follower with this channel key; None if it is not in this process, or is in fault."""
-        for other in _running:
+        for other in _running():
             for side in other.sides:
                 if side.key == key and not other._leads:
                     with contextlib.suppress(YamError):
@@ -274,7 +211,7 @@ class ArmGroup:
 
     def follower_opening(self) -> float:
         """Return the first follower's target opening, 0 closed … 1 open; 1 without a gripper or follower."""
-        states = [other.newest()[0] for other in _running if not other._leads]
+        states = [other.newest()[0] for other in _running() if not other._leads]
         opening = states[0].gripper_setpoint if states else None
         return 1.0 if opening is None else opening
 
@@ -284,14 +221,14 @@ class ArmGroup:
         Called before a held leader is moved to a follower's pose: LeRobot pauses at that time, but still sends its last
         action.
         """
-        for other in _running:
+        for other in _running():
             if not other._leads:
                 other._hold()
 
     @staticmethod
     def resume_followers() -> None:
         """End the pause: followers accept any target again."""
-        for other in _running:
+        for other in _running():
             other.paused = False
 
     def _hold(self) -> None:
@@ -336,3 +273,8 @@ class ArmGroup:
 
     def begin(self) -> None:
         """Do nothing: joints can be moved from any pose."""
+
+
+def _running() -> list[ArmGroup]:
+    """Return the connected groups of this process."""
+    return [session for session in connected_sessions if isinstance(session, ArmGroup)]

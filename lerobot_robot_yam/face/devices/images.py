@@ -17,7 +17,7 @@ from lerobot.cameras.camera import Camera
 from lerobot.cameras.configs import CameraConfig
 from lerobot.cameras.utils import make_cameras_from_configs
 
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.config import ChannelConfig
 from lerobot_robot_yam.errors import CameraError, ConfigError, StaleStateError
 from lerobot_robot_yam.rig.scene.scene import Options
 from lerobot_robot_yam.system.runtime_files import rig_name
@@ -44,7 +44,7 @@ _REGISTER = ("lerobot.cameras.opencv", "lerobot.cameras.realsense")  # modules t
 _SCENE_OPTIONS = {field.name for field in dataclasses.fields(Options)}
 
 
-def beside_arms(camera: Any, arms: Iterable[ArmConfig]) -> Any:
+def beside_arms(camera: Any, arms: Iterable[ChannelConfig]) -> Any:
     """Return a camera's config with the rig of a robot's virtual arms, unless the config names another rig.
 
     The camera may be the first to start that rig. Configs of other camera types are returned unchanged.
@@ -61,7 +61,7 @@ def beside_arms(camera: Any, arms: Iterable[ArmConfig]) -> Any:
     )
 
 
-def open_camera(name: str, options: Mapping[str, Any], arms: Iterable[ArmConfig] = ()) -> Camera:
+def open_camera(name: str, options: Mapping[str, Any], arms: Iterable[ChannelConfig] = ()) -> Camera:
     """Open and connect a camera. The caller disconnects it.
 
     Args:

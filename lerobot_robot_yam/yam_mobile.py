@@ -1,0 +1,126 @@
+"""A mobile base, alone or with two arms, as a LeRobot robot."""
+
+import logging
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
+
+from lerobot_robot_yam.config_yam_mobile import YamBaseRobotConfig, base_config
+from lerobot_robot_yam.face.devices.base_part import BasePart
+from lerobot_robot_yam.face.devices.device_session import DeviceSession
+from lerobot_robot_yam.face.devices.recorded_robot import RecordedRobot
+from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
+from lerobot_robot_yam.session.target_limits import validate_action
+from lerobot_robot_yam.system.clock import Clock
+
+logger = logging.getLogger(__name__)
+
+
+class YamBaseRobot(RecordedRobot):
+    """A mobile base that follows actions from LeRobot.
+
+    Args:
+        config: the base.
+    """
+
+    config_class = YamBaseRobotConfig
+    name = "yam_base"
+
+    def __init__(self, config: YamBaseRobotConfig):
+        super().__init__(config)
+        self.config = config
+        base = base_config(config)
+        self._session = DeviceSession(self.name, [base], config.runs())
+        self._base = BasePart(self._session, base.name, config.observe_odometry, config.observe_wheels)
+        self._make_cameras(config.all_cameras(), [base])
+
+    @cached_property
+    def action_features(self) -> dict[str, type]:
+        """Features `x.vel`, `y.vel`, `theta.vel`."""
+        return dict.fromkeys(self._base.action_keys, float)
+
+    @cached_property
+    def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
+        """Types or shapes by key: velocity, optional values, images."""
+        keys = [*self._base.action_keys, *self._base.extra_keys]
+        return {**dict.fromkeys(keys, float), **self._image_features()}
+
+    @check_if_already_connected
+    def connect(self, calibrate: bool = True) -> None:
+        """Open the cameras and energise the base, which stays where it is. An error undoes all steps.
+
+        Raises:
+            YamError: the base cannot be driven.
+            Exception: a camera cannot be opened; the type depends on the camera.
+        """
+        with self._open():
+            self._session.energise()
+        logger.info("%s connected", self)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the base is connected. Cameras do not count: a dead camera must not prevent braking."""
+        return self._session.connected
+
+    @property
+    def is_calibrated(self) -> bool:
+        """True: a base has nothing to calibrate."""
+        return True
+
+    def calibrate(self) -> None:
+        logger.info("%s: a base has nothing to calibrate", self)
+
+    def configure(self) -> None:
+        """Do nothing: the control loop has checked and set up the motors."""
+
+    @property
+    def clock(self) -> Clock:
+        """Clock of the base: the computer's, or that of a lock-step rig."""
+        return self._session.clock
+
+    @check_if_not_connected
+    def rearm(self) -> None:
+        """Enable failed motors again. Raises YamError: a motor still fails."""
+        self._session.rearm()
+
+    @check_if_not_connected
+    @saves_finished_episode
+    def get_observation(self) -> dict[str, Any]:
+        """Return the measured velocity, optional values, and the newest images; wait for a late image.
+
+        Raises:
+            MotorError: a motor has failed.
+            StaleStateError: the base or a camera has no fresh data; the base brakes.
+        """
+        images, _ = self._images.read()
+        observation: dict[str, Any] = {**self._base.observe(), **images}
+        self._episodes.observed([], images)
+        self._desk.observed()
+        return observation
+
+    @check_if_not_connected
+    @saves_finished_episode
+    def send_action(self, action: Mapping[str, Any]) -> dict[str, float]:
+        """Send a velocity, which the base plans its way to. Without another action it brakes after 0.25 s.
+
+        Args:
+            action: a number (or 0-d tensor) for every key of `action_features`, and no other keys.
+
+        Returns:
+            The velocity actually sent: a faster one is slowed down in its direction.
+
+        Raises:
+            ActionError: keys or values are wrong; nothing was sent.
+            YamError: the base has failed or is silent; nothing was sent.
+        """
+        validate_action(self.name, action, self._base.action_keys)
+        return self._base.send(self._base.target(action))
+
+    def disconnect(self) -> None:
+        """Brake and cut torque, then close the cameras. Idempotent. A camera's error cannot prevent the braking."""
+        try:
+            self._session.stop()
+        finally:
+            self._close()
