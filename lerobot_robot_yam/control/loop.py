@@ -173,11 +173,12 @@ class ControlLoop:
             self._ready = self._bring_up(on_ready)
 
     def _guard(self, controller: Controller, work: Callable[..., None], *arguments: Any) -> None:
-        """Run `work` for one arm; on an exception, hold that arm, since an arm without commands falls."""
+        """Run `work` for one part; on an exception, hold that part, since an arm without commands falls."""
         try:
             work(controller, *arguments)
         except Exception as error:
-            controller.fail(error)
+            if not controller.status.ended:
+                controller.fail(error)
 
     def _tell_peers(self) -> None:
         """Let the other arms respond to an arm's new fault according to the fault table."""
@@ -214,23 +215,26 @@ class ControlLoop:
             controller.decide(now)
 
     def _advance(self, now: float, dt: float) -> None:
-        """Step the set-points, with the workspace guard if there is one."""
-        try:
-            if self._workspace is None:
-                for controller in self._controllers:
-                    controller.advance(now, dt)
-            else:
-                self._advance_guarded(self._workspace, now, dt)
-        except Exception as error:  # whichever arm caused the error, all arms need commands
-            for controller in self._controllers:
-                if not controller.status.ended:
-                    controller.fail(error)
-
-    def _advance_guarded(self, workspace: "WorkspaceGuard", now: float, dt: float) -> None:
-        controllers = [controller for controller in self._controllers if isinstance(controller, ArmController)]
+        """Step the set-points and plans; those of the arms with the workspace guard if there is one."""
+        guarded: list[ArmController] = []
         for controller in self._controllers:
-            if not isinstance(controller, ArmController):
-                controller.advance(now, dt)
+            if self._workspace is not None and isinstance(controller, ArmController):
+                guarded.append(controller)
+            else:
+                self._guard(controller, lambda part: part.advance(now, dt))
+        if self._workspace is None:
+            return
+        try:
+            self._advance_guarded(self._workspace, guarded, now, dt)
+        except Exception as error:  # whichever arm caused the error, all arms need commands
+            for arm in guarded:
+                if not arm.status.ended:
+                    arm.fail(error)
+
+    @staticmethod
+    def _advance_guarded(
+        workspace: "WorkspaceGuard", controllers: Sequence[ArmController], now: float, dt: float
+    ) -> None:
         arms = [controller.actuation for controller in controllers]
         workspace.open_grippers([arm.opening for arm in arms])
         guarded = [controller.mode in _GUARDED for controller in controllers]

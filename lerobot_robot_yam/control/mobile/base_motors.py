@@ -71,6 +71,7 @@ class BaseMotors:
         Raises:
             MotorError: a motor does not enable; the message names it.
         """
+        self.chain.feedback.believe(motors)  # readings that were rejected before say nothing about the next ones
         silent = yield from enable(self, motors, clear=True)
         why = f"{self.names(silent)}: no answer; check power and cable"
         for _ in range(0 if silent else _READY_TICKS):
@@ -105,6 +106,7 @@ class BaseMotors:
     def disable(self) -> list[int]:
         """Command all enabled motors to cut torque in the next tick; return them."""
         on: list[int] = np.flatnonzero(self.chain.fault == Fault.NORMAL).tolist()
+        self.chain.feedback.believe(on)  # a motor whose readings were rejected also has to report that it is off
         self.instead = dict.fromkeys(on or range(self._hardware.n), SpecialCommand.DISABLE)
         return on
 

@@ -14,6 +14,7 @@ from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 from lerobot_robot_yam.rig.devices.thermometer import Ramp
 from lerobot_robot_yam.rig.simulation.device import RigDevice
 from lerobot_robot_yam.rig.simulation.operation import Operations, flag, number, operation, vector, whole
+from lerobot_robot_yam.rig.world.outer_forces import Ballast
 
 _Details = dict[str, Any]
 _ID_MAX = 0x7FF
@@ -32,6 +33,12 @@ def _handle_of(channel: Channel) -> SimHandle:
     if channel.handle is None:
         raise ConfigError("the channel has no teaching handle")
     return channel.handle
+
+
+def _tool_of(device: RigDevice, channel: Channel) -> Ballast:
+    if channel.name not in device.ballast:
+        raise ConfigError("the channel has no arm, so no tool to hang a mass on")
+    return device.ballast[channel.name]
 
 
 def _foreign(device: RigDevice, channel: Channel, value: Any) -> None:
@@ -85,7 +92,7 @@ CHANNEL_KINDS: dict[str, Callable[[RigDevice, Channel, Any], None]] = {
     "latency_s": lambda device, channel, value: setattr(channel.adapter, "latency_s", number(value, 0.0, _DELAY_MAX_S)),
     "hold_back": _hold_back,
     "second_arm": _second_arm,
-    "payload_kg": lambda device, channel, value: device.ballast[channel.name].carry(number(value, 0.0, _MASS_MAX_KG)),
+    "payload_kg": lambda device, channel, value: _tool_of(device, channel).carry(number(value, 0.0, _MASS_MAX_KG)),
     "encoders_silent": _encoders_silent,
     "handle_silent": lambda device, channel, value: setattr(_handle_of(channel), "silent", flag(value)),
 }
@@ -245,7 +252,8 @@ class FaultOperations(Operations):
         where.cable_out = False
         where.foreign = None
         where.adapter.latency_s, where.adapter.hold = device.scene.options.latency_s, None
-        device.ballast[channel].carry(0.0)
+        if channel in device.ballast:
+            device.ballast[channel].carry(0.0)
         if where.handle is not None:
             where.handle.silent = False
             if isinstance(where.handle, SimEncoders):
