@@ -203,7 +203,7 @@ class Watch:
 
     def __init__(self, device: RigDevice, asked: Asked):
         self._device, self._world, self._asked_now = device, device.world, asked
-        world, channels = device.world, list(device.channels.values())
+        world, channels = device.world, [device.channels[row.channel] for row in device.scene.arms]
         self._all_motors = [motor for channel in channels for motor in channel.motors]
         ends = list(itertools.accumulate((len(channel.motors) for channel in channels), initial=0))
         self._rows = {channel.name: slice(*ends[i : i + 2]) for i, channel in enumerate(channels)}  # rows of its motors

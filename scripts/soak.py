@@ -22,6 +22,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from soak.mobile import soak_mobile
 from soak.schedule import make_schedule
 from tqdm import tqdm
 
@@ -38,6 +39,9 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--pace", type=float, default=1.0, help="so many times as many faults")
     parser.add_argument(
         "--coupled", action="store_true", help="leaders lead at loop rate, behind a gate, with force feedback"
+    )
+    parser.add_argument(
+        "--mobile", action="store_true", help="two arms on a mobile base, driven by a program, in simulated time"
     )
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     parser.add_argument("--verbose", action="store_true", help="a line for every fault and every recovery")
@@ -219,7 +223,7 @@ def main(args: argparse.Namespace) -> int:
     os.environ["YAM_RUNTIME_DIR"] = str(runtime)  # the soak's emergency stops must not stop other arms
     os.environ.pop("YAM_RIG", None)
     try:
-        report = soak(args, folder)
+        report = soak_mobile(args.minutes, args.seed, args.pace) if args.mobile else soak(args, folder)
         report["left_behind"] = left_behind(runtime)
     finally:
         shutil.rmtree(runtime, ignore_errors=True)

@@ -37,10 +37,11 @@ class Driver(Protocol):
 
 
 class OurSession:
-    """Our control loop, accessed through `ArmSession`."""
+    """Our control loop, accessed through `ArmSession`; with `base`, a mobile base ticks in the same loop."""
 
-    def __init__(self, arms: int, isolation: str = "process", rate_hz: float = 250.0):
+    def __init__(self, arms: int, isolation: str = "process", rate_hz: float = 250.0, base: bool = False):
         from lerobot_robot_yam.arm.config import ArmConfig
+        from lerobot_robot_yam.mobile.base_config import BaseConfig
         from lerobot_robot_yam.session.arm_session import ArmSession
 
         self._names = _SIDES[:arms]
@@ -48,15 +49,20 @@ class OurSession:
             ArmConfig(name=side, channel=channel, interface="yam_sim", rate_hz=rate_hz, gripper_stops_rad=_STOPS_RAD)
             for side, channel in zip(self._names, _CHANNELS, strict=False)
         ]
-        self._session = ArmSession(configs, isolation=isolation)  # type: ignore[arg-type]
+        self._base = [BaseConfig(channel="base", interface="yam_sim", rate_hz=rate_hz)] if base else []
+        self._session = ArmSession([*configs, *self._base], isolation=isolation)  # type: ignore[arg-type]
 
     def start(self) -> None:
         self._session.start()
 
     def get(self) -> Any:
+        for base in self._base:
+            self._session.base(base.name).observe()
         return [self._session[name].observe() for name in self._names]
 
     def send(self, got: Any) -> None:
+        for base in self._base:
+            self._session.base(base.name).write_velocity([0.0, 0.0, 0.1])
         for name, state in zip(self._names, got, strict=True):
             self._session[name].write_target(state.setpoint_q, state.gripper_setpoint)
 

@@ -68,6 +68,23 @@ def ours_at_250_hz(settings: Settings, results: Results) -> None:
             results.put_periods("ours", "hogged", measure_periods(rig, settings.seconds))
 
 
+def ours_mobile(settings: Settings, results: Results) -> None:
+    """Measure the periods and the CPU of each process with two arms and a turning base in one loop."""
+    with driver("ours", scene="mobile_tables", arms=ARMS, rate_hz=CONTROL_HZ, base=True) as (rig, subject):
+
+        def work(seconds: float) -> None:
+            subject.request("work", seconds=seconds, rate_hz=LEROBOT_HZ, ages=False)
+
+        processes, begin = subject.processes(), time.monotonic()
+        used = {name: cpu_s(pid) for name, pid in processes.items()}
+        results.put_periods("ours", "mobile_idle", measure_periods(rig, settings.seconds, work))
+        elapsed_s = time.monotonic() - begin
+        for name, pid in processes.items():
+            results.put("ours", f"mobile_cpu_{name}", (cpu_s(pid) - used[name]) / elapsed_s)
+        with subject.hogging():
+            results.put_periods("ours", "mobile_hogged", measure_periods(rig, settings.seconds))
+
+
 def ours_as_thread(settings: Settings, results: Results) -> None:
     """Measure the same periods with the loop in a thread of the caller."""
     with driver("ours", arms=ARMS, rate_hz=CONTROL_HZ, isolation="thread") as (rig, subject):
@@ -149,6 +166,7 @@ def _put_age(settings: Settings, results: Results, name: str, subject: Subject) 
 
 STEPS: dict[str, Callable[[Settings, Results], None]] = {
     "ours.250hz": ours_at_250_hz,
+    "ours.mobile": ours_mobile,
     "ours.thread": ours_as_thread,
     "ours.unthrottled": ours_unthrottled,
     "ours.robot": ours_robot,

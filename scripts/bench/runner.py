@@ -73,12 +73,12 @@ class Subject:
 
     def loop_pid(self) -> int:
         """Return the pid of our control loop, a child of the driver's process; without one, the driver's own pid."""
-        for path in Path("/proc").glob("[0-9]*"):
-            with contextlib.suppress(OSError):
-                parent = int((path / "stat").read_text().rsplit(")", 1)[1].split()[1])
-                if parent == self.pid and b"control_process" in (path / "cmdline").read_bytes():
-                    return int(path.name)
-        return self.pid
+        return _child(self.pid, b"control_process") or self.pid
+
+    def processes(self) -> dict[str, int]:
+        """Return the pids of caller, control process and stand-by."""
+        loop = self.loop_pid()
+        return {"caller": self.pid, "control": loop, "stand_by": _child(loop, b"") or loop}
 
     def close(self) -> None:
         """Disconnect the driver and end the process, by force if necessary."""
@@ -122,10 +122,21 @@ class Subject:
         return BenchError(f"{self.name}: {what}\n{tail}")
 
 
+def _child(pid: int, named: bytes) -> int | None:
+    for path in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            parent = int((path / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            if parent == pid and named in (path / "cmdline").read_bytes():
+                return int(path.name)
+    return None
+
+
 @contextlib.contextmanager
-def driver(kind: str, latency_s: float = 0.0, **job: Any) -> Iterator[tuple[RigControl, Subject]]:
+def driver(
+    kind: str, latency_s: float = 0.0, scene: str | None = None, **job: Any
+) -> Iterator[tuple[RigControl, Subject]]:
     """Start a driver on a separate rig; end both when the block is left."""
-    with running_rig(latency_s=latency_s) as rig:
+    with running_rig(scene=scene, latency_s=latency_s) as rig:
         stamp_temperatures(rig)
         subject = Subject(rig.name, {"kind": kind, **job})
         try:
