@@ -1,4 +1,4 @@
-"""YAM leader arms for LeRobot. `lerobot_robot_yam` registers their types; modules are loaded on first use."""
+"""YAM leader arms, gamepads and keys for LeRobot. `lerobot_robot_yam` registers the types; modules load on use."""
 
 import importlib
 from typing import TYPE_CHECKING, Any
@@ -7,12 +7,16 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.other_plugins import mixture, overwritten
 
 if TYPE_CHECKING:
+    from lerobot_teleoperator_yam.config_yam_gamepad import YamBaseKeysConfig as YamBaseKeysConfig
+    from lerobot_teleoperator_yam.config_yam_gamepad import YamGamepadConfig as YamGamepadConfig
     from lerobot_teleoperator_yam.config_yam_hand_guide import BiYamHandGuideConfig as BiYamHandGuideConfig
     from lerobot_teleoperator_yam.config_yam_hand_guide import YamHandGuideConfig as YamHandGuideConfig
     from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig as BiYamLeaderConfig
     from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig as YamLeaderConfig
     from lerobot_teleoperator_yam.config_yam_passive_leader import BiYamPassiveLeaderConfig as BiYamPassiveLeaderConfig
     from lerobot_teleoperator_yam.config_yam_passive_leader import YamPassiveLeaderConfig as YamPassiveLeaderConfig
+    from lerobot_teleoperator_yam.yam_base_keys import YamBaseKeys as YamBaseKeys
+    from lerobot_teleoperator_yam.yam_gamepad import YamGamepad as YamGamepad
     from lerobot_teleoperator_yam.yam_hand_guide import BiYamHandGuide as BiYamHandGuide
     from lerobot_teleoperator_yam.yam_hand_guide import YamHandGuide as YamHandGuide
     from lerobot_teleoperator_yam.yam_leader import BiYamLeader as BiYamLeader
@@ -21,6 +25,10 @@ if TYPE_CHECKING:
     from lerobot_teleoperator_yam.yam_passive_leader import YamPassiveLeader as YamPassiveLeader
 
 _MODULES = {
+    "YamBaseKeys": "yam_base_keys",
+    "YamBaseKeysConfig": "config_yam_gamepad",
+    "YamGamepad": "yam_gamepad",
+    "YamGamepadConfig": "config_yam_gamepad",
     "YamPassiveLeader": "yam_passive_leader",
     "YamPassiveLeaderConfig": "config_yam_passive_leader",
     "BiYamPassiveLeader": "yam_passive_leader",

@@ -7,11 +7,10 @@ from typing import Any
 
 from lerobot.teleoperators.teleoperator import Teleoperator
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
-from lerobot.utils.keyboard_input import TerminalKeyListener, create_key_listener
 
 from lerobot_robot_yam.face.devices.feature_names import action_keys
 from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance
-from lerobot_robot_yam.face.lerobot_command.running_command import callers
+from lerobot_robot_yam.face.operator_keys.typed_keys import listen
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.system.uncopyable import Uncopied
 from lerobot_teleoperator_yam.config_yam_hand_guide import BiYamHandGuideConfig, YamHandGuideConfig
@@ -19,48 +18,6 @@ from lerobot_teleoperator_yam.config_yam_hand_guide import BiYamHandGuideConfig,
 logger = logging.getLogger(__name__)
 
 _HALF = 0.5
-
-
-def listen(pressed: Callable[[str], None]) -> Callable[[], None]:
-    """Listen to keys through LeRobot's key listener, in the listener's thread.
-
-    A terminal has only one reader: if LeRobot's own listener reads the terminal, `pressed` gets its keys, too.
-
-    Args:
-        pressed: callback with LeRobot's name of the key: a character, or a word such as "left".
-
-    Returns:
-        The function that stops listening.
-    """
-
-    def tell(key: str) -> None:
-        try:
-            pressed(key)
-        except Exception:
-            logger.exception("the key %r was not understood", key)
-
-    theirs = _terminal_listener()
-    if theirs is None:
-        own = create_key_listener(tell)
-        return own.stop if own is not None else lambda: None
-    heard = theirs._on_key
-
-    def both(key: str) -> None:
-        tell(key)
-        heard(key)
-
-    theirs._on_key = both
-    return lambda: setattr(theirs, "_on_key", heard)
-
-
-def _terminal_listener() -> TerminalKeyListener | None:
-    """Return the key listener of the running command, if it reads a terminal."""
-    for caller in callers():
-        values = caller.f_locals
-        for found in (values.get("listener"), getattr(values.get("self"), "_listener", None)):
-            if isinstance(found, TerminalKeyListener):
-                return found
-    return None
 
 
 class HandGuideBase(Uncopied, Teleoperator):

@@ -15,8 +15,10 @@ from lerobot_robot_yam.config_yam_follower import FollowerOptions, YamRigConfig
 from lerobot_robot_yam.config_yam_mobile import BaseOptions
 from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig
 from lerobot_robot_yam.face.devices.remote_device import RemoteOptions
+from lerobot_robot_yam.face.driving.drive_options import DriveOptions
 from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
+from lerobot_teleoperator_yam.config_yam_gamepad import PadOptions, YamBaseKeysConfig
 from lerobot_teleoperator_yam.config_yam_hand_guide import (
     BiYamHandGuideConfig,
     HandGuideOptions,
@@ -71,6 +73,13 @@ _SECTIONS = [
         PassiveLeaderArmConfig,
     ),
     (
+        "A driver of a base",
+        "Options of `yam_gamepad` and `yam_base_keys`. See [gamepad](gamepad.md).",
+        DriveOptions,
+    ),
+    ("A gamepad", "Of `yam_gamepad`.", PadOptions),
+    ("Keys", "Of `yam_base_keys`.", YamBaseKeysConfig),
+    (
         "A rollout that you share with the policy",
         "Options of `lerobot-rollout --strategy.type=yam_dagger`. See [rollout](rollout.md#corrections-arm-by-arm).",
         YamDaggerStrategyConfig,
@@ -102,6 +111,7 @@ _ABOVE = {
     LeaderArmConfig: ArmConfig,
     YamHandGuideConfig: HandGuideOptions,
     BiYamHandGuideConfig: HandGuideOptions,
+    YamBaseKeysConfig: DriveOptions,
 }
 
 

@@ -29,6 +29,7 @@ REGISTRIES = {
         "lerobot_teleoperator_yam.config_yam_leader",
         "lerobot_teleoperator_yam.config_yam_hand_guide",
         "lerobot_teleoperator_yam.config_yam_passive_leader",
+        "lerobot_teleoperator_yam.config_yam_gamepad",
     ),
     "lerobot.envs.configs": ("lerobot_robot_yam.config_yam_env",),
     "lerobot.cameras.configs": ("lerobot_robot_yam.config_yam_camera", "lerobot_robot_yam.config_yam_realsense"),

@@ -93,6 +93,11 @@ class ArmSession(Uncopied):
             raise ConfigError(f"{name!r} is no base but an arm")
         return client
 
+    @property
+    def bases(self) -> list[BaseClient]:
+        """Clients of all bases; empty while the session is not running."""
+        return [client for client in self._clients.values() if isinstance(client, BaseClient)]
+
     def _client(self, name: str) -> ArmClient | BaseClient:
         if name not in self._parts:
             raise ConfigError(f"no arm is called {name!r}; there are {list(self._parts)}")

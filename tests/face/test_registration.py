@@ -14,7 +14,7 @@ TYPES = {
     ),
     "lerobot.teleoperators": (
         "TeleoperatorConfig",
-        ["yam_leader", "bi_yam_leader", "i2rt_yam_leader", "bi_i2rt_yam_leader"],
+        ["yam_leader", "bi_yam_leader", "i2rt_yam_leader", "bi_i2rt_yam_leader", "yam_gamepad", "yam_base_keys"],
     ),
     "lerobot.cameras": ("CameraConfig", ["yam_sim"]),
     "lerobot.envs": ("EnvConfig", ["yam"]),

@@ -37,6 +37,11 @@ class DeviceSession:
         return self._session.base(name)
 
     @property
+    def bases(self) -> list[BaseClient]:
+        """Clients of all bases; empty while the device is not connected."""
+        return self._session.bases
+
+    @property
     def connected(self) -> bool:
         """Whether the device is connected, in whatever mode its parts are."""
         return self._session.running

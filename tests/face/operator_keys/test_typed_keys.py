@@ -5,7 +5,7 @@ import os
 import pytest
 from lerobot.utils import keyboard_input
 
-from lerobot_teleoperator_yam.yam_hand_guide import listen
+from lerobot_robot_yam.face.operator_keys.typed_keys import listen
 from tests.support.waiting import wait
 
 

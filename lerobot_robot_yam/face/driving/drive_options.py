@@ -1,0 +1,45 @@
+"""Options of teleoperators that drive a mobile base. Does not import what drives: LeRobot loads this at its start."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from lerobot_robot_yam.arm.option import option, real
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.mobile.base_profile import HARD_CAP
+
+_RAIL_CAP = 1.0  # maximum of `rail_speed`, m/s
+RAIL_KEY = "height.vel"
+
+
+@dataclass(kw_only=True)
+class DriveOptions:
+    """Options of a teleoperator that drives a base."""
+
+    rail: bool = option("the base has a rail, and the action height.vel", False)
+    speed: list[float] = option(
+        "at full deflection, of x, y, theta, m/s, m/s, deg/s; a base in the same process lowers it to its own limits",
+        factory=lambda: [0.5, 0.5, 90.0],
+    )
+    rail_speed: float = option("of the rail at full deflection, m/s", 0.5)
+    slow_factor: float = option("on both speeds while driving slowly, 0 to 1", 0.3)
+
+    def drive_keys(self) -> tuple[str, ...]:
+        """Return the keys of the base's part of an action."""
+        from lerobot_robot_yam.face.devices.base_part import VELOCITY_KEYS  # late import, for a quick start
+
+        return (*VELOCITY_KEYS, RAIL_KEY) if self.rail else VELOCITY_KEYS
+
+    def check_drive(self, device: str) -> None:
+        """Check the values. Raises ConfigError: a value is out of range; the message names it."""
+        caps = (HARD_CAP[0], HARD_CAP[1], math.degrees(HARD_CAP[2]))
+        speeds = list(map(real, self.speed)) if isinstance(self.speed, Sequence) else []
+        if len(speeds) != 3 or not all(0.0 < speed <= cap for speed, cap in zip(speeds, caps, strict=True)):
+            raise ConfigError(
+                f"{device}: speed is three numbers above 0, at most {caps[0]:g}, {caps[1]:g} m/s and {caps[2]:g} "
+                f"deg/s, not {self.speed!r}"
+            )
+        if not 0.0 < real(self.rail_speed) <= _RAIL_CAP:
+            raise ConfigError(f"{device}: rail_speed is above 0, at most {_RAIL_CAP:g} m/s, not {self.rail_speed!r}")
+        if not 0.0 < real(self.slow_factor) <= 1.0:
+            raise ConfigError(f"{device}: slow_factor is above 0, at most 1, not {self.slow_factor!r}")
