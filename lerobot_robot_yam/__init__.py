@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig as YamSimCameraConfig
     from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig as BiYamFollowerConfig
     from lerobot_robot_yam.config_yam_follower import YamFollowerConfig as YamFollowerConfig
+    from lerobot_robot_yam.config_yam_mobile import YamBaseRobotConfig as YamBaseRobotConfig
+    from lerobot_robot_yam.config_yam_mobile import YamMobileConfig as YamMobileConfig
     from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig as YamRealsenseCameraConfig
     from lerobot_robot_yam.session.yam_arm import YamArm as YamArm
     from lerobot_robot_yam.waldo.client.async_client import AsyncRobotClient as AsyncRobotClient
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
     from lerobot_robot_yam.yam_camera import YamSimCamera as YamSimCamera
     from lerobot_robot_yam.yam_follower import BiYamFollower as BiYamFollower
     from lerobot_robot_yam.yam_follower import YamFollower as YamFollower
+    from lerobot_robot_yam.yam_mobile import YamBaseRobot as YamBaseRobot
+    from lerobot_robot_yam.yam_mobile import YamMobile as YamMobile
     from lerobot_robot_yam.yam_realsense import YamRealsenseCamera as YamRealsenseCamera
 
 _MODULES = {
@@ -29,6 +33,10 @@ _MODULES = {
     "YamFollowerConfig": "config_yam_follower",
     "BiYamFollower": "yam_follower",
     "BiYamFollowerConfig": "config_yam_follower",
+    "YamBaseRobot": "yam_mobile",
+    "YamBaseRobotConfig": "config_yam_mobile",
+    "YamMobile": "yam_mobile",
+    "YamMobileConfig": "config_yam_mobile",
     "YamSimCamera": "yam_camera",
     "YamSimCameraConfig": "config_yam_camera",
     "YamRealsenseCamera": "yam_realsense",

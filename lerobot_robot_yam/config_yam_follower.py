@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any, Literal
 from lerobot.cameras.configs import CameraConfig
 from lerobot.robots.config import RobotConfig
 
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.config import ArmConfig, check_together
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.remote_device import RemoteOptions
 from lerobot_robot_yam.face.registration import register_as
+from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.system.rig_file import RIG_TYPE
 
 if TYPE_CHECKING:
@@ -86,6 +87,10 @@ class FollowerOptions(RobotOptions, ABC):
     def arms(self) -> Mapping[str, ArmConfig]:
         """Return the configs of the arms by feature prefix, in canonical order."""
 
+    def base(self) -> BaseConfig | None:
+        """Return the config of the base on which the arms ride, if any. Raises ConfigError: a value is impossible."""
+        return None
+
     def action_keys(self) -> list[str]:
         """Return the action keys, in canonical order. Raises ConfigError: an arm or gripper is unknown."""
         from lerobot_robot_yam.face.devices import feature_names  # late import of profiles, for a fast start
@@ -111,8 +116,10 @@ def refuse_follower(device: str, config: Any) -> None:
     from lerobot_robot_yam.face.lerobot_command.command_checks import check_cli
     from lerobot_robot_yam.face.lerobot_command.config_refusal import refuse
 
-    def check(_: Any) -> None:
+    def check(arms: Mapping[str, Any]) -> None:
         RobotConfig.__post_init__(config)
+        if (base := config.base()) is not None:
+            check_together([*(arm.config for arm in arms.values()), base])
         joints_in_degrees = config.use_degrees and config.action_space == "joint"
         check_cli(device, config.action_keys(), joints_in_degrees, config.image_names())
 

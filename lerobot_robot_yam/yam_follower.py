@@ -53,9 +53,10 @@ class FollowerBase(ArmDevice, RecordedRobot):
         self._use_degrees = options.use_degrees and options.action_space == "joint"
         self.name = recorded_name(self.name, options.use_degrees, options.action_space)
         self.robot_type = self.name
-        self._arms = self._make_arms("follower", arms, self._use_degrees, options.runs())
+        base = options.base()
+        self._arms = self._make_arms("follower", arms, self._use_degrees, options.runs(), base=base)
         self._speak(options.action_space, [(side.hardware.arm, side.hardware.gripper) for side in self._arms.sides])
-        self._make_cameras(options.all_cameras(), arms.values())
+        self._make_cameras(options.all_cameras(), [*arms.values(), *([] if base is None else [base])])
         self._last_action: dict[str, Any] = {}
         self._coupled_s = -math.inf  # time of the last action from a leader
         self._extra_keys = options.optional_keys(self._arms.motors)
@@ -85,9 +86,9 @@ class FollowerBase(ArmDevice, RecordedRobot):
         """
         self._guidance = guidance()
         if self._guidance is not None:
-            self._guidance.attach(self.name, self._arms, self._space)
+            self._guidance.attach(self.name, self._arms, self._space, list(self.action_features))
         with self._open():
-            self._arms.start(calibrate, self._space.keys, self._models)
+            self._arms.start(calibrate, list(self.action_features), self._models)
             self._space.begin()
         logger.info("%s connected", self)
         try:
@@ -105,7 +106,7 @@ class FollowerBase(ArmDevice, RecordedRobot):
         begin_s, within_s = self.clock.now(), 0.0
         while True:
             try:
-                sent = self._write_targets(self._space.vector(leaders.give_action()))
+                sent = self._write_targets(self._space.vector(self._of_arms(leaders.give_action())))
                 gap = np.abs(sent - _measured(self._arms.observe()))[self._arms.is_joint].max(initial=0.0)
             except YamError as error:
                 logger.info("%s: does not wait until it is where its leaders are: %s", self, error)
@@ -121,6 +122,10 @@ class FollowerBase(ArmDevice, RecordedRobot):
                 return
             self.clock.sleep(_CATCH_UP_TICK_S)
 
+    def _of_arms(self, action: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the arms' part of an action."""
+        return action
+
     def _rehearse(self) -> None:
         """Observe and follow the leaders once as a recording does. Errors are only logged: a recording repeats them."""
 
@@ -128,7 +133,7 @@ class FollowerBase(ArmDevice, RecordedRobot):
             self._arms.observe()
             leaders = self._arms.leader()
             if leaders is not None and leaders.give_action is not None:
-                self._write_targets(self._space.vector(leaders.give_action()))
+                self._write_targets(self._space.vector(self._of_arms(leaders.give_action())))
             return self._images.read()[0]
 
         try:

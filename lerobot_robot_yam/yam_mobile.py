@@ -5,15 +5,17 @@ from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
-from lerobot_robot_yam.config_yam_mobile import YamBaseRobotConfig, base_config
-from lerobot_robot_yam.face.devices.base_part import BasePart
+from lerobot_robot_yam.config_yam_mobile import YamBaseRobotConfig, YamMobileConfig, base_config
+from lerobot_robot_yam.face.devices.base_part import BasePart, completed
 from lerobot_robot_yam.face.devices.device_session import DeviceSession
 from lerobot_robot_yam.face.devices.recorded_robot import RecordedRobot
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.session.target_limits import validate_action
 from lerobot_robot_yam.system.clock import Clock
+from lerobot_robot_yam.yam_follower import FollowerBase
 
 logger = logging.getLogger(__name__)
 
@@ -33,18 +35,18 @@ class YamBaseRobot(RecordedRobot):
         self.config = config
         base = base_config(config)
         self._session = DeviceSession(self.name, [base], config.runs())
-        self._base = BasePart(self._session, base.name, config.observe_odometry, config.observe_wheels)
+        self._base = BasePart(self._session, base.name, config.base_keys(), config.base_extra_keys())
         self._make_cameras(config.all_cameras(), [base])
 
     @cached_property
     def action_features(self) -> dict[str, type]:
         """Features `x.vel`, `y.vel`, `theta.vel`."""
-        return dict.fromkeys(self._base.action_keys, float)
+        return dict.fromkeys(self._base.keys, float)
 
     @cached_property
     def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
         """Types or shapes by key: velocity, optional values, images."""
-        keys = [*self._base.action_keys, *self._base.extra_keys]
+        keys = [*self._base.keys, *self._base.extra_keys]
         return {**dict.fromkeys(keys, float), **self._image_features()}
 
     @check_if_already_connected
@@ -115,7 +117,8 @@ class YamBaseRobot(RecordedRobot):
             ActionError: keys or values are wrong; nothing was sent.
             YamError: the base has failed or is silent; nothing was sent.
         """
-        validate_action(self.name, action, self._base.action_keys)
+        action = completed(action, self.action_features, self.observation_features)
+        validate_action(self.name, action, self._base.keys)
         return self._base.send(self._base.target(action))
 
     def disconnect(self) -> None:
@@ -124,3 +127,67 @@ class YamBaseRobot(RecordedRobot):
             self._session.stop()
         finally:
             self._close()
+
+
+class YamMobile(FollowerBase):
+    """A mobile base with two YAM arms that follow actions from LeRobot; one control loop drives all of it."""
+
+    config_class = YamMobileConfig
+    name = "yam_mobile"
+
+    def __init__(self, config: YamMobileConfig):
+        super().__init__(config)
+        self._base = BasePart(self._arms, config.base().name, config.base_keys(), config.base_extra_keys())
+        self._twist = np.zeros(3)  # of the last action before a pause, m/s, m/s, rad/s
+
+    @cached_property
+    def action_features(self) -> dict[str, type]:
+        """Features of the arms, as of `bi_yam_follower`, then `x.vel`, `y.vel`, `theta.vel`."""
+        return dict.fromkeys([*self._space.keys, *self._base.keys], float)
+
+    @cached_property
+    def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
+        """Types or shapes by key: what actions have, then optional values of the arms and of the base, then images."""
+        keys = [*self.action_features, *self._extra_keys, *self._base.extra_keys]
+        return {**dict.fromkeys(keys, float), **self._image_features()}
+
+    def _of_arms(self, action: Mapping[str, Any]) -> dict[str, Any]:
+        return {key: action[key] for key in self._space.keys if key in action}
+
+    @check_if_not_connected
+    @saves_finished_episode
+    def get_observation(self) -> dict[str, Any]:
+        """Return measured positions of the arms, velocity of the base, optional values, and the newest images.
+
+        Raises:
+            MotorError: a motor has failed.
+            StaleStateError: a part or a camera has no fresh data; the arms hold, and the base brakes.
+        """
+        return {**super().get_observation(), **self._base.observe()}
+
+    @check_if_not_connected
+    @saves_finished_episode
+    def send_action(self, action: Mapping[str, Any]) -> dict[str, float]:
+        """Send targets to the arms and a velocity to the base. Nothing is sent before all of it is checked.
+
+        An action that has all `.pos` of an observation and nothing else, with which lerobot-rollout returns to its
+        start, moves the arms; the base stands.
+
+        Args:
+            action: a number (or 0-d tensor) for every key of `action_features`, and no other keys.
+
+        Returns:
+            The action actually sent, see `YamFollower.send_action` and `YamBaseRobot.send_action`.
+
+        Raises:
+            ActionError: keys or values are wrong; nothing was sent to any part.
+            YamError: a part has failed or is silent; nothing was sent to the base.
+        """
+        action = completed(action, self.action_features, self.observation_features)
+        validate_action(self.name, action, list(self.action_features))
+        twist = self._base.target(action)
+        sent = super().send_action(self._of_arms(action))
+        if not self._arms.paused:
+            self._twist = twist
+        repeats = self._arms.paused and np.array_equal(twist, self._twist)
+        return {**sent, **self._base.send(twist, repeats)}

@@ -133,7 +133,7 @@ class LeaderBase(ArmDevice, Teleoperator):
         self._restart()
         self._arms.check_followers()
         self._voice.begin()
-        keys = (self._steps or self._space).keys
+        keys = list(self.action_features) if self._steps is None else self._steps.keys
         self._arms.start(calibrate, keys, self._models, self.get_action, self._recognise)
         try:
             if self._steps is None:  # the RL stack reads events instead of keys

@@ -16,6 +16,7 @@ from lerobot_robot_yam.damiao.passive_encoders import PassiveEncoders
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 from lerobot_robot_yam.face.devices.arm_group import ArmGroup
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
+from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.session.arm_session import Isolation
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_teleoperator_yam.config_yam_passive_leader import BiYamPassiveLeaderConfig, YamPassiveLeaderConfig
@@ -44,12 +45,13 @@ class PassiveLeaderBase(LeaderBase):
         use_degrees: bool,
         isolation: Isolation,
         handles: Collection[str] | None = None,
+        base: BaseConfig | None = None,
     ) -> ArmGroup:
         for prefix, arm in arms.items():
             if arm.passive_calibration_path is None:  # default: in a subdirectory, whose files LeRobot never reads
                 ident = f"{prefix}{self.id}" if self.id else arm.channel
                 arm.passive_calibration_path = str(self.calibration_dir / "yam" / f"{ident}_passive.json")
-        return super()._make_arms(role, arms, use_degrees, isolation, handles)
+        return super()._make_arms(role, arms, use_degrees, isolation, handles, base)
 
     @property
     def feedback_features(self) -> dict[str, type]:

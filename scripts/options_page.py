@@ -50,12 +50,14 @@ _SECTIONS = [
     ("A robot", "Options of `yam_follower` and `bi_yam_follower` as a whole.", FollowerOptions),
     (
         "A mobile base",
-        "Write `--robot.velocity_limit=…` with `yam_base`. See [mobile base](mobile-base.md).",
+        "Write `--robot.velocity_limit=…` with `yam_base`, `--robot.base_config.velocity_limit=…` with `yam_mobile`.\n"
+        "See [mobile base](mobile-base.md).",
         BaseConfig,
     ),
     (
         "A robot with a mobile base",
-        "Options of `yam_base` as a whole, besides `cameras` and `isolation` of any robot.",
+        "Options of `yam_base` and `yam_mobile` as a whole, besides `cameras` and `isolation` of any robot.\n"
+        "`yam_mobile` has those of `bi_yam_follower`, too.",
         BaseOptions,
     ),
     ("A teleoperator", "Options of `yam_leader` and `bi_yam_leader` as a whole.", LeaderOptions),

@@ -13,6 +13,7 @@ from lerobot_robot_yam.system.strict_yaml import merge, read_yaml
 
 RIG_TYPE = "yam_rig"
 ARMS_OF_TWO = ("left_arm_config", "right_arm_config")
+BASE = "base_config"
 _CAMERAS = "cameras"
 
 

@@ -10,7 +10,7 @@ import pytest
 TYPES = {
     "lerobot.robots": (
         "RobotConfig",
-        ["yam_follower", "bi_yam_follower", "i2rt_yam_follower", "bi_i2rt_yam_follower", "yam_base"],
+        ["yam_follower", "bi_yam_follower", "yam_base", "yam_mobile", "i2rt_yam_follower", "bi_i2rt_yam_follower"],
     ),
     "lerobot.teleoperators": (
         "TeleoperatorConfig",

@@ -24,7 +24,7 @@ from lerobot_robot_yam.face.datasets.layout import DEGREES_SUFFIX, value_names
 logger = logging.getLogger(__name__)
 
 RADIANS, DEGREES = "radians", "degrees"
-_OURS = ("yam_follower", "bi_yam_follower")
+_OURS = ("yam_follower", "bi_yam_follower", "yam_mobile")
 _TOOL_SUFFIX = "_ee"
 _STATISTICS = ("min", "max", "mean", "q01", "q99")  # LeRobot's statistics that are read; any one of these suffices
 _PIPELINES = ("policy_preprocessor.json", "policy_postprocessor.json")

@@ -12,6 +12,7 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.arm_group import ArmGroup
 from lerobot_robot_yam.face.devices.pair_check import Models
 from lerobot_robot_yam.face.lerobot_command.config_refusal import arm_config
+from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.session.arm_session import Isolation
 from lerobot_robot_yam.system.uncopyable import Uncopied
 
@@ -37,14 +38,15 @@ class ArmDevice(Uncopied):
         use_degrees: bool,
         isolation: Isolation,
         handles: Collection[str] | None = None,
+        base: BaseConfig | None = None,
     ) -> ArmGroup:
-        """Create the `ArmGroup` of these arms. Messages name an unnamed arm by prefix and `role`."""
+        """Create the `ArmGroup` of arms and their base. Messages name an unnamed arm by prefix and `role`."""
         configs = {prefix: arm_config(arm, f"{prefix}{role}") for prefix, arm in arms.items()}
         for prefix, arm in configs.items():
             if arm.calibration_path is None:  # default: in a subdirectory, whose files LeRobot never reads
                 ident = f"{prefix}{self.id}" if self.id else arm.channel
                 arm.calibration_path = str(self.calibration_dir / "yam" / f"{ident}_gripper.json")
-        return ArmGroup(self.name, configs, use_degrees, isolation, handles)
+        return ArmGroup(self.name, configs, use_degrees, isolation, handles, base)
 
     def _speak(self, kind: Literal["joint", "ee"], models: Models) -> None:
         """Choose the action space: joint angles, or end-effector poses computed with `models`.

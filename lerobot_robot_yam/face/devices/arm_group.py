@@ -14,6 +14,7 @@ from lerobot_robot_yam.face.devices.device_session import DeviceSession, connect
 from lerobot_robot_yam.face.devices.feature_names import motor_names
 from lerobot_robot_yam.face.devices.pair_check import Models, Spoken, check_followers, check_pair
 from lerobot_robot_yam.face.lerobot_command.running_command import under_a_command
+from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.session.target_limits import refuse_degrees, validate_action
@@ -53,6 +54,7 @@ class ArmGroup(DeviceSession):
         isolation: where the control loop runs, see `ArmSession`.
         handles: for leaders, prefixes of arms whose trigger counts as a gripper, if they have a handle; None for
             followers.
+        base: the base on which the arms ride, if any.
 
     Attributes:
         motors: names of the values in canonical order, such as `left_joint_1`.
@@ -72,9 +74,10 @@ class ArmGroup(DeviceSession):
         use_degrees: bool,
         isolation: Isolation,
         handles: Collection[str] | None = None,
+        base: BaseConfig | None = None,
     ):
-        self._configs = list(arms.values())
-        super().__init__(device, self._configs, isolation)
+        self._configs, self._base = list(arms.values()), base
+        super().__init__(device, [*self._configs, *([] if base is None else [base])], isolation)
         self._use_degrees, self._leads = use_degrees, handles is not None
         self.sides: list[_Side] = []
         self.motors: list[str] = []
@@ -237,6 +240,9 @@ class ArmGroup(DeviceSession):
         for side in self.sides:
             with contextlib.suppress(YamError):  # a failed arm raises at its next observation
                 self[side].hold()
+        if self._base is not None:
+            with contextlib.suppress(YamError):
+                self.base(self._base.name).hold()
 
     def held(self) -> np.ndarray:
         """Return the set-points of all arms, (n,) in canonical order, rad; grippers 0 closed … 1 open.

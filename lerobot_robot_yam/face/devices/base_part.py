@@ -7,27 +7,52 @@
 
 All names end in .pos or .vel, since lerobot-rollout drops other numbers (`lerobot/rollout/context.py`,
 `observation_features_hw`).
+
+Two habits of LeRobot suit arms, not bases:
+
+- While a rollout with corrections pauses, LeRobot repeats or fades its last action (`rollout/strategies/dagger.py`). An
+  arm with the same target stays where it is, a base with the same velocity drives on: it rests, see `BasePart.send`.
+- At the end of a rollout, LeRobot sends observed .pos values alone (`rollout/strategies/core.py`), see `completed`.
 """
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
 
 from lerobot_robot_yam.arm.validation import finite_number
 from lerobot_robot_yam.face.devices.device_session import DeviceSession
+from lerobot_robot_yam.face.lerobot_command.running_command import policy_pauses
 from lerobot_robot_yam.mobile.base_profile import CASTERS
 from lerobot_robot_yam.session.base_client import BaseClient
+
+logger = logging.getLogger(__name__)
 
 VELOCITY_KEYS = ("x.vel", "y.vel", "theta.vel")
 ODOMETRY_KEYS = ("x.pos", "y.pos", "theta.pos")
 WHEEL_KEYS = (*(f"{name}_steer.pos" for name in CASTERS), *(f"{name}_drive.vel" for name in CASTERS))
-_UNITS = np.array([1.0, 1.0, np.degrees(1.0)])  # LeRobot's numbers in SI units: m, m, degrees
+_UNITS = np.array([1.0, 1.0, np.degrees(1.0)])  # LeRobot's units per SI unit: m, m, degrees
 
 
 def optional_keys(odometry: bool, wheels: bool) -> list[str]:
     """Return the keys of the optional numbers that are enabled."""
     return [*ODOMETRY_KEYS * odometry, *WHEEL_KEYS * wheels]
+
+
+def completed(action: Mapping[str, Any], keys: Collection[str], observed: Collection[str]) -> Mapping[str, Any]:
+    """Complete an action with which a rollout returns to its start; return any other action unchanged.
+
+    The base stands meanwhile: LeRobot's straight way back may lead through whatever stands around.
+
+    Args:
+        keys: keys of the robot's actions.
+        observed: keys of the robot's observations.
+    """
+    positions = {key for key in observed if key.endswith(".pos")}
+    if not positions or positions == set(keys) or not isinstance(action, Mapping) or action.keys() != positions:
+        return action
+    return {key: action.get(key, 0.0) for key in keys}
 
 
 class BasePart:
@@ -36,18 +61,14 @@ class BasePart:
     Args:
         session: the session of the device, of which the base is a part.
         name: the base's name in the session.
-        odometry, wheels: whether these are observed.
-
-    Attributes:
-        action_keys: keys of the base's part of an action.
-        extra_keys: keys of the optional numbers.
+        keys: keys of the base's part of an action.
+        extra_keys: keys of the optional numbers, see `optional_keys`.
     """
 
-    def __init__(self, session: DeviceSession, name: str, odometry: bool, wheels: bool):
+    def __init__(self, session: DeviceSession, name: str, keys: Collection[str], extra_keys: Collection[str]):
         self._session, self._name = session, name
-        self._odometry, self._wheels = odometry, wheels
-        self.action_keys = list(VELOCITY_KEYS)
-        self.extra_keys = optional_keys(odometry, wheels)
+        self.keys, self.extra_keys = list(keys), list(extra_keys)
+        self._rests = False
 
     @property
     def client(self) -> BaseClient:
@@ -59,26 +80,32 @@ class BasePart:
 
         Raises:
             ActionError: a value is not a finite number.
+            YamError: the base has failed or is silent.
         """
+        self.client.observe()
         return np.array([finite_number(self._name, key, action[key]) for key in VELOCITY_KEYS]) / _UNITS
 
-    def send(self, twist: np.ndarray) -> dict[str, float]:
+    def send(self, twist: np.ndarray, rests: bool = False) -> dict[str, float]:
         """Send a twist (3,), m/s, m/s, rad/s; return what was sent as an action.
+
+        Args:
+            rests: whether zero is sent instead. Zero is also sent while a rollout pauses.
 
         Raises:
             YamError: the base has failed or is silent; nothing was sent.
         """
-        return _named(VELOCITY_KEYS, self.client.write_velocity(twist) * _UNITS)
+        rested, self._rests = self._rests, rests or policy_pauses()
+        if self._rests and not rested:
+            logger.info("%s: stands while LeRobot pauses", self._name)
+        sent = self.client.write_velocity(np.zeros(3) if self._rests else twist)
+        return _named(VELOCITY_KEYS, sent * _UNITS)
 
     def observe(self) -> dict[str, float]:
         """Return the newest state by key. Raises YamError: the base has failed or is silent."""
         state = self.client.observe()
-        seen = _named(VELOCITY_KEYS, state.body_twist * _UNITS)
-        if self._odometry:
-            seen |= _named(ODOMETRY_KEYS, state.pose * _UNITS)
-        if self._wheels:
-            seen |= _named(WHEEL_KEYS, np.concatenate([state.steer_rad, state.drive_rad_s]))
-        return seen
+        seen = _named(VELOCITY_KEYS, state.body_twist * _UNITS) | _named(ODOMETRY_KEYS, state.pose * _UNITS)
+        seen |= _named(WHEEL_KEYS, np.concatenate([state.steer_rad, state.drive_rad_s]))
+        return {key: seen[key] for key in (*self.keys, *self.extra_keys)}
 
 
 def _named(keys: tuple[str, ...], values: np.ndarray) -> dict[str, float]:

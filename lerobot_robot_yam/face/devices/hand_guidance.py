@@ -58,15 +58,15 @@ class HandGuidance:
         if _announced is self:
             _announced = None
 
-    def attach(self, follower: str, arms: ArmGroup, space: "ArmGroup | EeSpace") -> None:
-        """Guide a follower that is about to be energised.
+    def attach(self, follower: str, arms: ArmGroup, space: "ArmGroup | EeSpace", keys: Sequence[str]) -> None:
+        """Guide a follower that is about to be energised. keys: the follower's action keys.
 
         Raises:
             ConfigError: follower and teleoperator have different action keys, or another follower is already guided.
         """
         if self._arms is not None and self._arms is not arms and self._arms.connected:
             raise ConfigError(f"{self._device}: guides {self._follower} already; disconnect that first")
-        if differing := sorted(set(self._keys) ^ set(space.keys)):
+        if differing := sorted(set(self._keys) ^ set(keys)):
             raise ConfigError(
                 f"{self._device} and {follower}: only one has {', '.join(differing)}; give {self._device} the arm, "
                 "gripper and action_space of the follower; bi_yam_hand_guide is for two arms"

@@ -50,6 +50,8 @@ def check_pair(one: Spoken, other: Spoken) -> None:
         if all(key.endswith("gripper.pos") for key in differing):
             remedy = "set ee_gripper of the leader's arm to the follower's gripper; to lead one, the leader needs "
             remedy += "a handle or a gripper motor"
+        elif not any(key.endswith(".pos") for key in differing):
+            remedy = "a leader of arms alone drives no base; use yam_mobile_leader"
         raise ConfigError(f"{both}: only one has {', '.join(differing)}; {remedy}")
     if "delta" not in spaces and other.use_degrees is not one.use_degrees:
         raise ConfigError(f"{both}: one uses degrees; give both the same use_degrees")

@@ -40,9 +40,9 @@ from lerobot_robot_yam.face.datasets.recording import (
     of_dataset,
     unit_of,
 )
-from lerobot_robot_yam.face.devices.feature_names import TOOL_NUMBERS, space_of
+from lerobot_robot_yam.face.devices.feature_names import JOINT, TOOL_NUMBERS, space_of
 from lerobot_robot_yam.face.lerobot_command.running_command import callers
-from lerobot_robot_yam.system.rig_file import ARMS_OF_TWO, device_of
+from lerobot_robot_yam.system.rig_file import ARMS_OF_TWO, BASE, device_of
 
 logger = logging.getLogger(__name__)
 
@@ -73,13 +73,13 @@ def _section(options: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 
 def channels_of(device: str) -> dict[str, str]:
-    """Return option name → channel for the arms of a device ("robot", "teleop")."""
+    """Return option name → channel for the arms and the base of a device ("robot", "teleop")."""
     try:
         told = device_of(device, _section(given_options(), device))
     except (ConfigError, TypeError):  # raised again when the device is created
         return {}
-    arms = {"channel": told} | {f"{name}.channel": _section(told, name) for name in ARMS_OF_TWO}
-    return {f"{device}.{option}": str(arm["channel"]) for option, arm in arms.items() if arm.get("channel")}
+    parts = {"channel": told} | {f"{name}.channel": _section(told, name) for name in (*ARMS_OF_TWO, BASE)}
+    return {f"{device}.{option}": str(part["channel"]) for option, part in parts.items() if part.get("channel")}
 
 
 def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Collection[str] = ()) -> None:
@@ -118,9 +118,9 @@ def check_cli(device: str, keys: Sequence[str], use_degrees: bool, cameras: Coll
         if set(learnt.names) == set(keys):  # in this case LeRobot uses the order, not the names
             _check_names(device, keys, learnt, in_order=True)
         recordings.append(learnt)
-    if space is None:  # a gripper alone
+    if space is None:  # a gripper or a base alone
         return
-    is_joint = np.array([not key.endswith("gripper.pos") for key in keys])
+    is_joint = np.array([JOINT.fullmatch(key) is not None for key in keys])
     for recording in recordings:
         _check_space(device, keys, recording)
         if space == "joint":  # end-effector poses have one unit
@@ -142,7 +142,7 @@ def _check_channels() -> None:
         for option, channel in channels_of(device).items():
             if channel in found:
                 raise ConfigError(
-                    f"channel {channel} is given twice, by {found[channel]} and {option}; each arm has its own"
+                    f"channel {channel} is given twice, by {found[channel]} and {option}; each part has its own"
                 )
             found[channel] = option
 

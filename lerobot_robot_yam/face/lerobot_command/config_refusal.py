@@ -18,7 +18,7 @@ from lerobot_robot_yam.arm.leaders.lead_config import LeadOptions
 from lerobot_robot_yam.arm.leaders.passive_config import PassiveOptions
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.system.rig_file import ARMS_OF_TWO, RIG_TYPE, device_of
+from lerobot_robot_yam.system.rig_file import ARMS_OF_TWO, BASE, RIG_TYPE, device_of
 
 _DEFAULT_NAME = ArmConfig(channel="any").name
 
@@ -118,7 +118,9 @@ def check_options(section: str, device: Mapping[str, Any], where: str) -> None:
     places: list[tuple[str, Any, Mapping[str, Any]]] = [(where, config, device)]
     hints = typing.get_type_hints(config)
     places += [
-        (f"{where}, {arm}", hints[arm], device[arm]) for arm in ARMS_OF_TWO if isinstance(device.get(arm), Mapping)
+        (f"{where}, {arm}", hints[arm], device[arm])
+        for arm in (*ARMS_OF_TWO, BASE)
+        if isinstance(device.get(arm), Mapping)
     ]
     for place, known_by, given in places:
         known = {field.name for field in dataclasses.fields(known_by)} | ({"type"} if known_by is config else set())

@@ -224,6 +224,19 @@ def _strategy(strategy: Any, ctx: Any, phase: Phase, turn: float, left_s: float)
     return Situation(command, phase, keys, dataset, turn)
 
 
+def policy_pauses() -> bool:
+    """Return whether a rollout with corrections is paused or hands over, and so repeats or fades its last action."""
+    for caller in callers():
+        if not caller.f_code.co_filename.startswith(_STRATEGIES):
+            continue
+        if caller.f_code.co_name == "_apply_transition":
+            return True
+        if caller.f_code.co_name == "run":
+            events = getattr(caller.f_locals.get("self"), "_events", None)
+            return getattr(getattr(events, "phase", None), "value", None) == Phase.PAUSED.value
+    return False
+
+
 def evaluation_values() -> dict[str, Any]:
     """Return local variables of LeRobot's evaluation in this process, and of its current rollout, by name."""
     found: dict[str, Any] = {}
