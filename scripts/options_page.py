@@ -17,6 +17,7 @@ from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig
 from lerobot_robot_yam.face.devices.remote_device import RemoteOptions
 from lerobot_robot_yam.face.driving.drive_options import DriveOptions
 from lerobot_robot_yam.mobile.base_config import BaseConfig
+from lerobot_robot_yam.mobile.rail_config import RailConfig
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
 from lerobot_teleoperator_yam.config_yam_gamepad import PadOptions, YamBaseKeysConfig
 from lerobot_teleoperator_yam.config_yam_hand_guide import (
@@ -53,6 +54,11 @@ _SECTIONS = [
         "Write `--robot.velocity_limit=…` with `yam_base`, `--robot.base_config.velocity_limit=…` with `yam_mobile`.\n"
         "See [mobile base](mobile-base.md).",
         BaseConfig,
+    ),
+    (
+        "The rail of a mobile base",
+        "Write `--robot.rail.io=gpio`. See [linear rail](mobile-base.md#linear-rail).",
+        RailConfig,
     ),
     (
         "A robot with a mobile base",

@@ -105,6 +105,9 @@ class ArmController:
         """Time for which the frames of one tick occupy the bus, s."""
         return self.interface.chain.expected_wire_s
 
+    def close(self) -> None:
+        """Do nothing: an arm opens nothing itself."""
+
     def send(self) -> None:
         """Send this tick's commands, or the last valid commands if encoding fails."""
         self._talk(self._send)

@@ -300,4 +300,5 @@ class ControlLoop:
                 logger.warning(what)
             if controller.mode is Mode.OFF:
                 blocks.publish(self._clock.now(), 0)  # a stand-by may still read the block
+            controller.close()
             blocks.close(remove=not (stand_by and controller.mode in ENERGISED))

@@ -79,6 +79,9 @@ class Controller(Protocol):
     def halt(self, peer: ArmStatus) -> None:
         """Hold, because another part of the robot has a fault."""
 
+    def close(self) -> None:
+        """Close what this controller has opened itself; the bus is the caller's. Idempotent."""
+
     def complaints(self) -> list[str]:
         """Return warnings about adapter and cable for the end of the session."""
 

@@ -1,10 +1,11 @@
 """Configuration of a base: its channel, limits and sizes. All values are plain: they travel as JSON."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from lerobot_robot_yam.arm.option import option, real
+from lerobot_robot_yam.arm.option import from_plain, option, real
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.mobile.base_limits import BaseLimits
 from lerobot_robot_yam.mobile.base_profile import (
@@ -13,6 +14,7 @@ from lerobot_robot_yam.mobile.base_profile import (
     HARD_CAP_ACCELERATION,
     BaseProfile,
 )
+from lerobot_robot_yam.mobile.rail_config import RailConfig
 
 _RATE_HZ = (100.0, 350.0)  # the stand-by would treat a slower loop as dead; the wire carries no faster one
 
@@ -39,10 +41,13 @@ class BaseConfig:
     track_factor: float = option("factor on the casters' distances from the centre, from a measured turn", 1.0)
     command_timeout_s: float = option("when the newest target is older, s, the base brakes", COMMAND_TIMEOUT_S)
     max_state_age_s: float = option("a state that is older, s, is an error, never an answer", 0.25)
+    rail: RailConfig | None = option("the linear rail; by default there is none", None)
     rate_hz: float = option("of the control loop, Hz, 100 to 350; that of the arms of the same robot", 250.0)
     skip_listen: bool = option("true: do not listen for another driver on the channel first", False)
 
     def __post_init__(self) -> None:
+        if isinstance(self.rail, Mapping):  # from JSON
+            self.rail = from_plain(RailConfig, self.rail, f"{self.name}: rail")
         if not self.channel:
             raise ConfigError(f"{self.name}: channel is empty; name the base's CAN channel, such as can_base")
         _within(f"{self.name}: rate_hz", self.rate_hz, *_RATE_HZ)

@@ -11,7 +11,7 @@ from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.tables import ControlMode
 from lerobot_robot_yam.errors import ConfigError
 
-BASE_MOTORS = 8  # number of motors
+BASE_MOTORS = 9  # maximum number of motors: eight of the casters, and the rail's
 CASTERS = ("rear_left", "front_left", "front_right", "rear_right")
 FLIP_RAD_S = 12.56  # steering rate above which a caster counts as flipping, rad/s
 COMMAND_TIMEOUT_S = 0.25  # age of the newest command, s, at which the base begins to brake

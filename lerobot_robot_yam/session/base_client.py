@@ -7,9 +7,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from lerobot_robot_yam.arm.validation import finite_vector
-from lerobot_robot_yam.errors import ActionError, LifeCycleError, MotorError, StaleStateError
+from lerobot_robot_yam.arm.validation import finite_number, finite_vector
+from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.mobile.base_motion import Frame
+from lerobot_robot_yam.mobile.rail_config import RailConfig
+from lerobot_robot_yam.mobile.rail_profile import SOFT_END_M, RailState
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.state.base_records import BASE_COMMAND_DTYPE, BASE_STATE_DTYPE, BaseRequest, BaseState
 from lerobot_robot_yam.state.modes import Mode
@@ -20,7 +22,7 @@ from lerobot_robot_yam.system.shared_block import SharedBlock, allocate
 logger = logging.getLogger(__name__)
 
 REQUEST_TIMEOUT_S = 1.0  # wait for the loop's answer to a request, s
-_POLL_S = 0.001
+_POLL_S, _HOMING_POLL_S = 0.001, 0.02
 _POSE_MOST_M, _POSE_MOST_RAD = 1000.0, 1000.0  # maximum of a pose target: farther ones are typing errors
 _FAILED = (Mode.FAULT, Mode.LAND, Mode.OFF)  # modes that mean failure when the state has a message
 _LIMIT_SLACK = 1e-9
@@ -40,7 +42,7 @@ class BaseClient:
         self._states: SharedBlock | None = SharedBlock(None, BASE_STATE_DTYPE, False, allocate(BASE_STATE_DTYPE))
         self._commands = SharedBlock(None, BASE_COMMAND_DTYPE, create=True)
         self._record = np.zeros((), BASE_COMMAND_DTYPE)
-        self._record["target_stamp_s"] = self._record["request_stamp_s"] = -np.inf
+        self._record["target_stamp_s"] = self._record["rail_stamp_s"] = self._record["request_stamp_s"] = -np.inf
         self._lock, self._pid = threading.Lock(), os.getpid()
         self._limited = False
         self._commands.write(self._record)
@@ -137,6 +139,85 @@ class BaseClient:
         self._write_target(target, Frame.GLOBAL, pose=True)
         return target
 
+    def write_rail_velocity(self, velocity: float) -> float:
+        """Write a target velocity of the rail, m/s, positive up. Repeat it at 10 Hz or faster, or the rail brakes.
+
+        Returns:
+            The velocity after the limit; 0 while the base takes no targets (emergency stop).
+
+        Raises:
+            ConfigError: the base has no rail.
+            ActionError: the value is not a finite number; nothing was sent.
+            LifeCycleError: the rail has not been homed, or homes now.
+            YamError: the base has failed or is silent, see `observe`; nothing was sent.
+        """
+        asked, config = finite_number(self.config.name, "rail velocity", velocity), self._rail_config()
+        if not self._takes_rail_targets():
+            return 0.0
+        sent = min(max(asked, -config.velocity_limit), config.velocity_limit)
+        self._write_rail(sent, height=False)
+        return sent
+
+    def write_rail_height(self, height: float) -> float:
+        """Write a target height of the rail, m above the lower switch; see `write_rail_velocity`.
+
+        Returns:
+            The height within the soft ends; the present height while the base takes no targets (emergency stop).
+        """
+        asked, config = finite_number(self.config.name, "rail height", height), self._rail_config()
+        if not self._takes_rail_targets():
+            return self.rail_state().height_m
+        sent = min(max(asked, SOFT_END_M), config.stroke_m - SOFT_END_M)
+        self._write_rail(sent, height=True)
+        return sent
+
+    def rail_state(self) -> RailState:
+        """Read the newest state of the rail. Raises YamError: see `observe`; ConfigError: the base has no rail."""
+        self._rail_config()
+        state = self.observe().rail
+        assert state is not None
+        return state
+
+    def home_rail(self) -> None:
+        """Drive the rail up to its upper and down to its lower switch, so that its height is known; wait for the end.
+
+        Raises:
+            LifeCycleError: the base cannot home now, or was told to stop meanwhile.
+            MotorError: homing has failed; the message says why. The brake holds.
+        """
+        self._rail_config()
+        self.request(BaseRequest.HOME_RAIL)
+        try:
+            while (state := self.rail_state()).homing:
+                self._clock.sleep(_HOMING_POLL_S)
+        except BaseException:
+            if self.mode() in (Mode.HOLD, Mode.TRACK):
+                self.hold()
+            raise
+        if not state.homed:
+            raise LifeCycleError(f"{self.config.name}: rail: homing was stopped; home it again")
+
+    def _rail_config(self) -> RailConfig:
+        if self.config.rail is None:
+            raise ConfigError(f"{self.config.name}: has no rail; give its configuration `rail`")
+        return self.config.rail
+
+    def _takes_rail_targets(self) -> bool:
+        state = self.rail_state()
+        if state.homing or not state.homed:
+            what = (
+                "is homing; wait for its end" if state.homing else "is not homed; call home_rail(), with its way free"
+            )
+            raise LifeCycleError(f"{self.config.name}: rail: {what}")
+        return self._takes_targets()
+
+    def _write_rail(self, value: float, height: bool) -> None:
+        with self._lock:
+            record = self._record
+            record["rail_value"], record["rail_height"], record["rail_stamp_s"] = value, height, self._clock.now()
+            record["rail_sequence"] += 1
+            self._write()
+
     def _takes_targets(self) -> bool:
         """Return whether targets may be sent; an emergency stop ignores them, other modes refuse them."""
         state = self.observe()
@@ -173,7 +254,7 @@ class BaseClient:
             record = self._record
             record["request"], record["request_stamp_s"] = request, self._clock.now()
             record["request_sequence"] += 1
-            record["target_stamp_s"] = -np.inf
+            record["target_stamp_s"] = record["rail_stamp_s"] = -np.inf
             number = int(record["request_sequence"])
             self._write()
         deadline = self._clock.now() + REQUEST_TIMEOUT_S

@@ -18,6 +18,7 @@ import numpy as np
 from lerobot_robot_yam.errors import ActionError, ConfigError
 from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.mobile.base_motion import Frame
+from lerobot_robot_yam.mobile.rail_profile import RailState
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.session.base_client import BaseClient
 from lerobot_robot_yam.state.base_records import BaseState
@@ -113,6 +114,22 @@ class YamBase(Uncopied):
         """Return angles and rates of the casters."""
         state = self.observe()
         return WheelStates(state.steer_rad, state.steer_rad_s, state.drive_rad, state.drive_rad_s)
+
+    def set_rail_velocity(self, velocity: float) -> float:
+        """Write a target velocity of the rail, m/s, positive up; see `BaseClient.write_rail_velocity`."""
+        return self._client.write_rail_velocity(velocity)
+
+    def set_rail_height(self, height: float) -> float:
+        """Write a target height of the rail, m; see `BaseClient.write_rail_height`."""
+        return self._client.write_rail_height(height)
+
+    def home_rail(self) -> None:
+        """Drive the rail up and down to its switches, and wait for the end; see `BaseClient.home_rail`."""
+        self._client.home_rail()
+
+    def rail_state(self) -> RailState:
+        """Return height, velocity, switches and brake of the rail."""
+        return self._client.rail_state()
 
     def hold(self) -> None:
         """Brake and stay."""

@@ -1,7 +1,7 @@
 """Records that caller and control loop share for a mobile base: its state (the loop writes) and the command.
 
 SI units, all times on the monotonic clock. Motors in the order of `BaseProfile.motors`: steering and drive of each
-caster in turn.
+caster in turn; then the rail's, if there is one.
 """
 
 from enum import IntEnum
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.mobile.base_profile import BASE_MOTORS
+from lerobot_robot_yam.mobile.rail_profile import RailScale, RailState
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.mobile.robot_parts import Part
 from lerobot_robot_yam.state.faults import Trouble
@@ -26,6 +27,7 @@ class BaseRequest(IntEnum):
     LAND = 2  # brake, cut torque
     REARM = 3
     RESET_ODOMETRY = 4
+    HOME_RAIL = 5
 
 
 BASE_STATE_DTYPE = np.dtype(
@@ -42,6 +44,13 @@ BASE_STATE_DTYPE = np.dtype(
         ("body_twist", "f8", 3),  # measured velocity in the body's frame
         ("planned", "f8", 3),  # planned velocity in the odometry's frame
         ("slowed", "f8"),  # factor by which the target is slowed down, 0 … 1
+        ("rail_homed", "u1"),
+        ("rail_homing", "u1"),
+        ("rail_m_per_rad", "f8"),  # NaN before homing
+        ("rail_zero_rad", "f8"),  # angle of the rail's motor at height 0
+        ("rail_upper", "u1"),  # whether the switches are triggered
+        ("rail_lower", "u1"),
+        ("rail_brake_on", "u1"),
         ("q", "f8", BASE_MOTORS),  # rad, in joint coordinates, unwrapped
         ("dq", "f8", BASE_MOTORS),  # rad/s
         ("tau", "f8", BASE_MOTORS),  # Nm
@@ -51,6 +60,7 @@ BASE_STATE_DTYPE = np.dtype(
         ("fault", "u1", BASE_MOTORS),
         ("lost", "u8", BASE_MOTORS),
         ("target_sequence", "u8"),  # number of the newest target that was processed
+        ("rail_sequence", "u8"),
         ("request_sequence", "u8"),  # number of the newest request that was executed or refused
         ("request_refused", "u1"),
         ("refusal", "S400"),
@@ -66,6 +76,10 @@ BASE_COMMAND_DTYPE = np.dtype(
         ("values", "f8", 3),  # a twist, m/s, m/s, rad/s, or a pose, m, m, rad
         ("frame", "u1"),  # a `base_motion.Frame`
         ("pose", "u1"),  # whether `values` is a pose
+        ("rail_stamp_s", "f8"),
+        ("rail_sequence", "u8"),
+        ("rail_value", "f8"),  # m/s or m
+        ("rail_height", "u1"),  # whether `rail_value` is a height
         ("request_stamp_s", "f8"),
         ("request", "u1"),
         ("request_sequence", "u8"),
@@ -141,6 +155,20 @@ class BaseState:
     def drive_rad_s(self) -> np.ndarray:
         """Rates of the wheels (4,), rad/s."""
         return self._record["dq"][1:8:2].copy()
+
+    @property
+    def rail(self) -> RailState | None:
+        """State of the rail; None without one."""
+        record = self._record
+        if self._motors.stop < BASE_MOTORS:
+            return None
+        q, dq, tau = (float(record[name][-1]) for name in ("q", "dq", "tau"))
+        scale = RailScale(float(record["rail_m_per_rad"]), float(record["rail_zero_rad"]))
+        homed, homing, upper, lower, brake_on = (
+            bool(record[f"rail_{name}"]) for name in ("homed", "homing", "upper", "lower", "brake_on")
+        )
+        height_m, velocity_m_s = scale.height(q), dq * scale.metres_per_rad
+        return RailState(height_m, velocity_m_s, homed, homing, upper, lower, brake_on, q, dq, tau)
 
     @property
     def tau_nm(self) -> np.ndarray:

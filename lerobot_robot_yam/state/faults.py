@@ -73,6 +73,12 @@ class Trouble(StrEnum):
     LEADER_LOST = "leader of a coupled follower lost"
     FOLLOWER_LOST = "follower of a leader lost"
     STEERING_STALLED = "steering stalled"
+    RAIL_SILENT = "rail's switches and brake silent"
+    RAIL_CABLE = "rail's switch cable off"
+    RAIL_SWITCH = "rail switch stuck or off"
+    RAIL_BRAKE = "rail's brake does not hold"
+    RAIL_BLOCKED = "rail does not follow"
+    RAIL_HOMING = "rail's homing fails"
 
 
 @dataclass(frozen=True)
@@ -104,6 +110,7 @@ class Rule:
 _REARM = "`rearm()` once the cause is gone, or connect again"
 _RECONNECT = "connect again"
 _MOTOR_ERROR = "MotorError that names motor and cause"
+_RAIL_ERROR = "MotorError; the brake is engaged at once, the motor stops and the base brakes"
 PARENT_S = 0.03  # maximum time to detect a dead caller, s: callers are checked every 20 ms
 TICK_S = 0.01  # time for one tick of the loop and one read by its caller, rounded up, s
 SILENT_S = 0.1  # silence after which a motor is lost, s: a quarter of the motor's watchdog time
@@ -297,5 +304,32 @@ RESPONSES: dict[Trouble, Rule] = {
         "a base's steering motor turns with less than a fifth of the commanded rate for 0.3 s",
         0.4,
         "MotorError that names the motor; the base brakes and holds at velocity 0",
+    ),
+    Trouble.RAIL_SILENT: _hold(
+        f"switches and brake of a base's rail have not been read for {SILENT_S} s",
+        0.15,
+        f"{_RAIL_ERROR}; while the brake cannot be engaged, torque is not cut, even after the caller has gone",
+    ),
+    Trouble.RAIL_CABLE: _hold(
+        "both switches read as triggered for 20 ms: an open wire reads so",
+        0.05,
+        f"{_RAIL_ERROR}; at bring-up nothing is energised",
+    ),
+    Trouble.RAIL_SWITCH: _hold(
+        "a switch reads as triggered 30 mm or more from its end, or not 10 mm behind it, for 20 ms",
+        0.05,
+        _RAIL_ERROR,
+    ),
+    Trouble.RAIL_BRAKE: _hold(
+        "the brake's output is not confirmed for 0.5 s; or the carriage moves by 1 mm while it grips",
+        0.6,
+        f"{_RAIL_ERROR}; a brake that slips: the motor holds the carriage again, and torque is not cut until the base "
+        "is re-armed, even after the caller has gone",
+    ),
+    Trouble.RAIL_BLOCKED: _hold("the carriage is 0.5 rad of its motor behind its plan", 0.2, _RAIL_ERROR),
+    Trouble.RAIL_HOMING: _hold(
+        "a switch is not found within 30 s, stays triggered away from its end, or the travel is not the rail's",
+        31.0,
+        _RAIL_ERROR,
     ),
 }

@@ -9,6 +9,7 @@ import numpy as np
 from lerobot_robot_yam.control.mobile.base_controller import BaseController
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.mobile.base_motion import Frame, Target
+from lerobot_robot_yam.mobile.rail_profile import RailTarget
 from lerobot_robot_yam.state.about import forget_about, tell_about
 from lerobot_robot_yam.state.base_records import BASE_STATE_DTYPE, BaseRequest
 from lerobot_robot_yam.state.modes import Mode
@@ -73,6 +74,10 @@ class BaseBlocks:
             self._record["target_sequence"] = command["target_sequence"]
             target = Target(command["values"].copy(), Frame(int(command["frame"])), bool(command["pose"]))
             self._controller.set_target(target, now, float(now - command["target_stamp_s"]))
+        if command["rail_sequence"] > self._record["rail_sequence"]:
+            self._record["rail_sequence"] = command["rail_sequence"]
+            height = RailTarget(float(command["rail_value"]), bool(command["rail_height"]))
+            self._controller.set_target(height, now, float(now - command["rail_stamp_s"]))
 
     def publish(self, now: float, tick: int) -> None:
         """Write the state of this tick. The state of a base that is off is written once."""
@@ -87,6 +92,8 @@ class BaseBlocks:
         odometry = motion.odometry
         record["pose"], record["twist"], record["body_twist"] = odometry.pose, odometry.twist, odometry.body_twist
         record["planned"], record["slowed"] = motion.velocity, motion.slowed
+        if controller.rail is not None:
+            controller.rail.describe(record)
         motors = controller.motors
         record["q"][:n], record["dq"][:n], record["tau"][:n] = motors.q, motors.dq, motors.tau
         record["motor_stamp_s"][:n], record["fault"][:n], record["lost"][:n] = chain.stamp_s, chain.fault, chain.lost

@@ -2,7 +2,7 @@
 
 HOLD commands velocity 0, so that the base stays on a slope. TRACK follows targets; a target that is too old is followed
 by planned braking to rest. STOPPED and FAULT brake with the hard cap of acceleration. LAND brakes as usual, hard
-if that takes too long, and then cuts torque.
+if that takes too long, and then cuts torque. A rail, if there is one, decides by the same modes.
 """
 
 import logging
@@ -14,23 +14,24 @@ import numpy as np
 
 from lerobot_robot_yam.control.arm_status import ArmStatus
 from lerobot_robot_yam.control.mobile.base_motors import CASTER_MOTORS, STEER, BaseMotors
+from lerobot_robot_yam.control.mobile.base_rearm import BaseRearm
+from lerobot_robot_yam.control.mobile.rail_controller import RailController
+from lerobot_robot_yam.control.mobile.rail_monitor import Finding
 from lerobot_robot_yam.control.mobile.steering_monitor import SteeringMonitor
-from lerobot_robot_yam.control.safety.channel_monitor import BusLoss
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.errors import BusError, LifeCycleError, YamError
+from lerobot_robot_yam.errors import BusError, LifeCycleError
 from lerobot_robot_yam.mobile.base_motion import REST, BaseMotion, Target
+from lerobot_robot_yam.mobile.rail_profile import RailTarget
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.state.base_records import BaseRequest
-from lerobot_robot_yam.state.faults import RESPONSES, Trouble
+from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
-from lerobot_robot_yam.system.clock import Clock
 
 logger = logging.getLogger(__name__)
 
 _REST = np.array([0.005, 0.005, 0.01])  # velocities below which the base counts as at rest, m/s, m/s, rad/s
 _SETTLE_S = 0.3  # rest at velocity 0 before torque is cut, s: a chassis that was braked hard still rocks
-_OFF_S = 0.05  # wait for motors to report that they are off, s; the adapter's delay is added
 _BRAKE_S = 4.0  # time of braking as usual before torque is cut, s: enough for the default limits; then it brakes hard
 _HARD_BRAKE_S = 2.0  # maximum time of braking hard, s: from the highest speed it takes 1.25 s
 
@@ -44,7 +45,7 @@ class BaseController:
 
     Attributes:
         motion: plan and odometry.
-        motors: the motors.
+        motors: the motors. rail: the rail, None without one.
     """
 
     def __init__(self, hardware: ResolvedBase, bus: can.BusABC):
@@ -52,26 +53,23 @@ class BaseController:
         self.status = ArmStatus(self.name, floats=False)
         self.motors = BaseMotors(hardware, bus)
         self.chain = self.motors.chain
+        self.clock, self.wire_s = self.chain.clock, self.chain.expected_wire_s
+        self.start_send, self.start_receive = self.motors.send, self.motors.receive
+        self.complaints = self.motors.complaints
         self.motion = BaseMotion(hardware.profile, hardware.limits)
-        self._bus_loss, self._steering = BusLoss(), SteeringMonitor(hardware)
+        self.rail = None if hardware.config.rail is None else RailController(hardware, self.motors)
+        self._steering = SteeringMonitor(hardware)
         self._target, self._target_s = REST, -math.inf
         self._measured_s = math.nan  # time of the samples that the odometry took last
         self._rests_s = math.inf  # time since which a landing base is at rest
-        self._until_s = math.inf  # when braking as usual, or switching off, ends at the latest
-        self._rearming: Generator[None, None, None] | None = None
+        self._until_s = math.inf  # when braking as usual ends at the latest
+        self._rearm = BaseRearm(self.status, self.motors, self._restart)
+        self._leaving: Generator[None, None, Finding | None] | None = None  # the way to OFF
         self._news: Trouble | None = None
 
     @property
     def mode(self) -> Mode:
         return self.status.mode
-
-    @property
-    def clock(self) -> Clock:
-        return self.chain.clock
-
-    @property
-    def wire_s(self) -> float:
-        return self.chain.expected_wire_s
 
     @property
     def lost(self) -> int:
@@ -80,6 +78,12 @@ class BaseController:
     def inspect(self) -> None:
         """Check that everything is there and as configured; see `BaseMotors.inspect`."""
         self.motors.inspect()
+        if self.rail is not None:
+            self.rail.inspect()
+
+    def close(self) -> None:
+        if self.rail is not None:
+            self.rail.close()
 
     def energise(self) -> Iterator[None]:
         """Enable the motors, one step per tick, at velocity 0.
@@ -92,20 +96,15 @@ class BaseController:
         self.status.enter(Mode.BRING_UP)
         yield from self.motors.enable(range(self.hardware.n))
 
-    def start_send(self) -> None:
-        self.motors.send()
-
-    def start_receive(self, until_s: float) -> None:
-        self.chain.collect(until_s)
-        self.motors.read()
-
     def abandon(self) -> None:
         if not self.status.ended:
-            self._switch_off(self.clock.now())
+            self._switch_off()
 
     def adopt(self, record: np.ndarray, now: float) -> None:
         """Take over from a loop that has died: brake, then cut torque. `record`: the last state that it published."""
         self.motors.adopt(record)
+        if self.rail is not None:
+            self.rail.adopt(record)
         if not (self.chain.fault == Fault.NORMAL).any():
             self.status.enter(Mode.OFF)
             return
@@ -115,11 +114,7 @@ class BaseController:
         self.advance(now, 1.0 / self.config.rate_hz)
 
     def send(self) -> None:
-        self._talk(self._send)
-
-    def _send(self) -> None:
-        self.motors.send()
-        self._bus_loss.clear()
+        self._talk(self.motors.send)
 
     def drain(self) -> None:
         self._talk(self.chain.drain)
@@ -132,7 +127,7 @@ class BaseController:
         try:
             work()
         except BusError as error:
-            trouble = self._bus_loss.note(error, self.clock.now())
+            trouble = self.motors.loss.note(error, self.clock.now())
             if trouble is not None:
                 self._suffer(trouble, str(error))
         except Exception as error:  # other parts of the robot must be commanded all the same
@@ -141,13 +136,17 @@ class BaseController:
     def measure(self, now: float) -> None:
         """Update state and odometry from the replies; respond to faults as the table in `state.faults` says."""
         self.motors.read()
+        rail = None if self.rail is None else self.rail.measure(now)
         if self.status.letting_go:
-            self._let_go(now)
+            self._let_go()
             return
         self._measure_way()
         finding = self.motors.watch.check(now)
         if finding.trouble is not None:
             self._suffer(finding.trouble, finding.message)
+            return
+        if rail is not None:
+            self._suffer(*rail)
             return
         stalled = self._steering.check(now, self.motors.asked[STEER], self.motors.dq[STEER])
         if stalled:
@@ -179,24 +178,30 @@ class BaseController:
             if status.must_land:
                 status.must_land = False
                 self._land(now, status.trouble, status.message)
-        self._advance_rearm()
+        self._rearm.advance()
         if status.mode is Mode.BRING_UP:
-            status.enter(Mode.HOLD)
+            if self.rail is None or self.rail.is_up(now):
+                status.enter(Mode.HOLD)
         elif status.mode is Mode.TRACK and now - self._target_s > self.config.command_timeout_s:
-            status.limited |= Limited.COMMAND_TIMEOUT
-            logger.info("%s: no target for %g s; it brakes", self.name, self.config.command_timeout_s)
-            self._rest(Mode.HOLD)
+            self._target = REST
+            if self.rail is None or now - self.rail.target_s > self.config.command_timeout_s:
+                status.limited |= Limited.COMMAND_TIMEOUT
+                logger.info("%s: no target for %g s; it brakes", self.name, self.config.command_timeout_s)
+                self._rest(Mode.HOLD)
         elif status.mode is Mode.LAND:
             self._rests_s = min(self._rests_s, now) if self._at_rest() else math.inf
             if now - self._rests_s > _SETTLE_S or now > self._until_s + _HARD_BRAKE_S:
-                self._switch_off(now)
+                self._switch_off()
 
-    def set_target(self, target: Target, now: float, age_s: float) -> bool:
+    def set_target(self, target: Target | RailTarget, now: float, age_s: float) -> bool:
         """Accept a target given `age_s` ago, if the base holds or tracks; return whether it does."""
         status = self.status
         if status.mode not in (Mode.HOLD, Mode.TRACK) or status.halted or age_s > self.config.command_timeout_s:
             return False
-        self._target, self._target_s = target, now - age_s
+        if isinstance(target, Target):
+            self._target, self._target_s = target, now - age_s
+        elif self.rail is not None:
+            self.rail.set_target(target, now - age_s)
         status.limited = Limited.NOTHING
         if status.mode is Mode.HOLD:
             status.enter(Mode.TRACK)
@@ -208,7 +213,8 @@ class BaseController:
         hard = mode in (Mode.STOPPED, Mode.FAULT) or (mode is Mode.LAND and now > self._until_s)
         if dt <= 0.0:
             return
-        rates = self.motion.advance(self._target, self.motors.q[STEER], dt, hard=hard)
+        share = 1.0 if self.rail is None else self.rail.advance(now, dt, mode)
+        rates = self.motion.advance(self._target, self.motors.q[STEER], dt, share, hard)
         if self.motion.slowed < 1.0:
             self.status.limited |= Limited.SPEED
         self.motors.asked[CASTER_MOTORS] = rates
@@ -225,16 +231,25 @@ class BaseController:
         status = self.status
         if request is BaseRequest.LAND:
             self._land(now)
+            if status.mode is Mode.FAULT:
+                raise LifeCycleError(f"{self.name}: torque is not cut: {status.message}")
         elif request is BaseRequest.RESET_ODOMETRY:
             if status.mode is Mode.TRACK and self._target.pose:
                 raise LifeCycleError(f"{self.name}: drives to a pose of the odometry; let it hold first")
             self.motion.reset_odometry()
         elif request is BaseRequest.REARM:
-            self._begin_rearm()
+            self._rearm.begin()
         elif status.mode is Mode.FAULT:
             raise LifeCycleError(f"{self.name}: {status.message}; re-arm it first")
-        elif request is BaseRequest.HOLD and status.mode not in (Mode.HOLD, Mode.STOPPED, Mode.BRING_UP):
-            self._rest(Mode.HOLD)
+        elif request is BaseRequest.HOLD:
+            if self.rail is not None:
+                self.rail.stop()
+            if status.mode not in (Mode.HOLD, Mode.STOPPED, Mode.BRING_UP):
+                self._rest(Mode.HOLD)
+        elif request is BaseRequest.HOME_RAIL:
+            if self.rail is None or status.mode not in (Mode.HOLD, Mode.TRACK) or status.halted:
+                raise LifeCycleError(f"{self.name}: cannot home a rail in mode {status.mode.name.lower()}")
+            self.rail.start_homing(now)
 
     def _rest(self, mode: Mode) -> None:
         """Enter a mode in which the plan brakes to rest."""
@@ -242,13 +257,17 @@ class BaseController:
         self._target = REST
 
     def _at_rest(self) -> bool:
-        return bool((np.abs(self.motion.velocity) < _REST).all() and (np.abs(self.motion.odometry.twist) < _REST).all())
+        rail = self.rail is None or self.rail.at_rest
+        rests = (np.abs(self.motion.velocity) < _REST) & (np.abs(self.motion.odometry.twist) < _REST)
+        return rail and bool(rests.all())
 
     def _land(self, now: float, trouble: Trouble | None = None, message: str = "") -> None:
         """Brake, then cut torque. An emergency stop delays this; a base that is off already is left alone."""
         status = self.status
-        if status.mode in (Mode.LAND, Mode.OFF):
+        if status.mode in (Mode.LAND, Mode.OFF) or status.letting_go:
             return
+        if status.mode is Mode.FAULT and self.rail is not None and self.rail.must_hold:
+            return  # the carriage would fall
         if status.mode is Mode.OFFLINE and trouble is None:
             status.enter(Mode.OFF)
             return
@@ -264,27 +283,39 @@ class BaseController:
         if not self.status.rearming:
             self._land(now, self.status.trouble, self.status.message)
 
-    def _switch_off(self, now: float) -> None:
+    def _switch_off(self) -> None:
         self.status.check(Mode.OFF)
-        self.status.letting_go = True
-        self._until_s = now + _OFF_S + 2.0 * self.chain.round_trip.one_way_s
-        self.motors.disable()
+        self.status.letting_go, self._leaving = True, self._leave()
+        self._let_go()
 
-    def _let_go(self, now: float) -> None:
+    def _leave(self) -> Generator[None, None, Finding | None]:
+        """Cut torque, first that of the rail. Return why the base goes on instead."""
+        finding = None if self.rail is None else (yield from self.rail.let_go())
+        if finding is None:
+            yield from self.motors.switch_off()
+        return finding
+
+    def _let_go(self) -> None:
         """Advance switching off by one tick."""
-        on = self.motors.disable()
-        if on and now < self._until_s:
-            return
-        if on:
-            logger.error("%s: %s did not report off; their watchdogs switch them off", self.name, self.motors.names(on))
-        self.status.enter(Mode.OFF)
-        self.status.letting_go = False
+        assert self._leaving is not None
+        try:
+            next(self._leaving)
+        except StopIteration as end:
+            self.status.letting_go = False
+            if end.value is None:
+                self.status.enter(Mode.OFF)
+            else:
+                self._fault(*end.value)
 
     def _suffer(self, trouble: Trouble, message: str) -> None:
         """Brake and hold with every motor that still obeys, and inform the other parts of the robot."""
         status = self.status
         if status.mode in (Mode.FAULT, Mode.LAND) or status.letting_go or status.ended:
             return
+        self._fault(trouble, message)
+
+    def _fault(self, trouble: Trouble, message: str) -> None:
+        status = self.status
         logger.error("%s (%s): %s: %s", self.name, self.config.channel, trouble, message)
         self._news = status.trouble = trouble
         status.message, status.must_land = message, False
@@ -310,41 +341,9 @@ class BaseController:
             if status.mode is Mode.TRACK:
                 self._rest(Mode.HOLD)
 
-    def _begin_rearm(self) -> None:
-        status = self.status
-        if status.mode is Mode.LAND or status.must_land:
-            raise LifeCycleError(f"{self.name}: {status.message or 'it has been told to stop'}; connect again")
-        if status.mode is not Mode.FAULT:
-            status.halted = False
-            return
-        assert status.trouble is not None
-        if not RESPONSES[status.trouble].in_place:
-            raise LifeCycleError(f"{self.name}: {status.message}; {RESPONSES[status.trouble].rearm}")
-        self._rearming, status.rearming = self._rearm(), True
-
-    def _rearm(self) -> Generator[None, None, None]:
-        failed = np.flatnonzero(self.motors.watch.check(self.clock.now()).bad).tolist()
-        yield from self.motors.enable(failed)
+    def _restart(self) -> None:
+        """Plan anew from where the base is."""
         self._steering.forget()
         self.motion.restart()
-        status = self.status
-        status.enter(Mode.HOLD)
-        status.trouble, status.message, status.halted, status.limited = None, "", False, Limited.NOTHING
-        logger.info("%s: re-armed", self.name)
-
-    def _advance_rearm(self) -> None:
-        work, self._rearming, self.status.rearming = self._rearming, None, False
-        if work is None:
-            return
-        try:
-            next(work)
-        except StopIteration:
-            return
-        except YamError as error:
-            self.status.refusal = str(error)
-            return
-        self._rearming, self.status.rearming = work, True
-
-    def complaints(self) -> list[str]:
-        delays = self.chain.round_trip
-        return [f"{self.name} ({self.chain.channel}): {delays.summary()}"] if delays.slow else []
+        if self.rail is not None:
+            self.rail.rearm()

@@ -1,5 +1,6 @@
 """The motors of a base in joint coordinates: checks before the start, enabling, commands out, state in."""
 
+import logging
 from collections.abc import Generator, Sequence
 
 import can
@@ -7,7 +8,7 @@ import numpy as np
 
 from lerobot_robot_yam.control.joints.enabling import enable
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
-from lerobot_robot_yam.control.safety.channel_monitor import ChannelMonitor
+from lerobot_robot_yam.control.safety.channel_monitor import BusLoss, ChannelMonitor
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.motor_inspection import LISTEN_S, check_bandwidth, listen, verify
@@ -16,10 +17,14 @@ from lerobot_robot_yam.errors import ChannelInUseError, MotorError
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 
+logger = logging.getLogger(__name__)
+
 CASTER_MOTORS = slice(0, 8)  # steering and drive of each caster in turn
 STEER = slice(0, 8, 2)
+RAIL = 8
 _DQ = 1  # column of the velocity in the commands of a chain
 _READY_TICKS = 20  # ticks within which every motor must report that it is enabled: a reply may get lost
+_OFF_S = 0.05  # wait for motors to report that they are off, s; the adapter's delay is added
 _REFRESHES, _REFRESH_S = 3, 0.01  # attempts to read all motors at a take-over, and timeout of each, s
 
 
@@ -39,7 +44,7 @@ class BaseMotors:
     def __init__(self, hardware: ResolvedBase, bus: can.BusABC):
         self._hardware, self._config, self._bus, n = hardware, hardware.config, bus, hardware.n
         self.chain = MotorChain(bus, hardware.motors, channel=self._config.channel)
-        self.watch = ChannelMonitor(self.chain)
+        self.watch, self.loss = ChannelMonitor(self.chain), BusLoss()
         self.q, self.dq, self.tau, self.asked = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
         self.instead: dict[int, SpecialCommand] = {}
         self._commands = np.zeros((n, 5))
@@ -102,13 +107,31 @@ class BaseMotors:
         self._commands[:, _DQ] = self.asked * self._hardware.sign
         instead, self.instead = self.instead, {}
         self.chain.send(self._commands, instead)
+        self.loss.clear()
 
-    def disable(self) -> list[int]:
-        """Command all enabled motors to cut torque in the next tick; return them."""
-        on: list[int] = np.flatnonzero(self.chain.fault == Fault.NORMAL).tolist()
-        self.chain.feedback.believe(on)  # a motor whose readings were rejected also has to report that it is off
-        self.instead = dict.fromkeys(on or range(self._hardware.n), SpecialCommand.DISABLE)
-        return on
+    def receive(self, until_s: float) -> None:
+        """Process the replies to this tick's commands. Raises BusError: the channel is gone."""
+        self.chain.collect(until_s)
+        self.read()
+
+    def complaints(self) -> list[str]:
+        """Return warnings about adapter and cable."""
+        delays = self.chain.round_trip
+        return [f"{self._config.name} ({self.chain.channel}): {delays.summary()}"] if delays.slow else []
+
+    def switch_off(self) -> Generator[None, None, None]:
+        """Cut the torque of all motors, one step per tick; give up on motors that do not answer."""
+        until_s = self.chain.clock.now() + _OFF_S + 2.0 * self.chain.round_trip.one_way_s
+        on: list[int] = list(range(self._hardware.n))
+        while on and self.chain.clock.now() < until_s:
+            self.chain.feedback.believe(on)  # a motor whose readings were rejected also has to report that it is off
+            self.instead = dict.fromkeys(on, SpecialCommand.DISABLE)
+            yield
+            on = np.flatnonzero(self.chain.fault == Fault.NORMAL).tolist()
+        if on:
+            logger.error(
+                "%s: %s did not report off; their watchdogs switch them off", self._config.name, self.names(on)
+            )
 
     def names(self, motors: Sequence[int]) -> str:
         """Name motors, for messages."""

@@ -48,14 +48,16 @@ def build(parts: Sequence[Part], keys: Sequence[str], buses: Sequence, pairs: Se
     armed = [controller for controller in controllers if isinstance(controller, ArmController)]
     for controller, lead in zip(armed, make_leads(arms), strict=True):
         controller.lead = lead
-    for part in controllers:
-        part.inspect()
     blocks: list[Blocks] = []
     try:
+        for part in controllers:
+            part.inspect()
         for part, key, pair in zip(controllers, keys, pairs, strict=True):
             blocks.append(make_blocks(part, key, pair))
         return ControlLoop(controllers, blocks, parts[0].config.rate_hz, _guard(arms))
     except BaseException:
+        for part in controllers:
+            part.close()
         for made in blocks:
             made.close(remove=True)
         raise

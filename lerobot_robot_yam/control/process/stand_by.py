@@ -22,11 +22,13 @@ import numpy as np
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.impedance import gravity_model
 from lerobot_robot_yam.control.loop import ControlLoop
+from lerobot_robot_yam.control.mobile import rail_drivers
 from lerobot_robot_yam.control.preflight.open_bus import load_driver, open_bus
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd
 from lerobot_robot_yam.control.process.robot_loop import make_blocks, make_controller
 from lerobot_robot_yam.damiao.handle_encoder import HANDLE_IDS
 from lerobot_robot_yam.errors import ChannelInUseError
+from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.mobile.robot_parts import Part
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import HUNG_S
@@ -105,6 +107,8 @@ class StandBy:
         self._poll.register(self._process, select.POLLIN)
         for arm in arms:
             load_driver(arm.config.interface)
+            if isinstance(arm, ResolvedBase) and arm.config.rail is not None:
+                rail_drivers.load_driver(arm)
         self._records: list[np.ndarray | None] = [None] * len(keys)
 
     def run(self, rt_priority: int) -> None:

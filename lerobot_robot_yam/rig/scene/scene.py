@@ -63,18 +63,37 @@ class ArmPlacement:
     number: int = 0
 
 
+@dataclass(frozen=True)
+class RailPlacement:
+    """A linear rail on a base, with motor 9, a brake and two switches.
+
+    Attributes:
+        height_m: initial height of the carriage above the lower switch, m.
+        stroke_m: travel between the switches, m.
+        metres_per_rad: travel per radian of the motor, m/rad.
+        zero_rad: motor's angle at height 0, rad.
+    """
+
+    height_m: float = 0.0
+    stroke_m: float = 1.0
+    metres_per_rad: float = 0.03
+    zero_rad: float = 2.0
+
+
 @dataclass(frozen=True, eq=False)
 class BasePlacement:
     """A mobile base on the floor, at `position_m` (x, y), turned by `yaw_rad` about the vertical.
 
     Attributes:
         steer_zero_rad: steering motors' angles when the casters point forward, default 0.
+        rail: the linear rail that carries the mount; without, the mount is fixed.
     """
 
     channel: str
     position_m: np.ndarray = array_field(2, default=(0, 0))
     yaw_rad: float = 0.0
     steer_zero_rad: np.ndarray = array_field(4, default=(0, 0, 0, 0))
+    rail: RailPlacement | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +119,7 @@ class Options:
         arm, gripper: profiles that replace those of each follower, for tests of other hardware.
         arms: channels to simulate; None for all.
         friction, armature: factors on the profiles' dry friction and rotor inertia.
+        rail: whether a base of the scene without a rail gets one.
         latency_s: delay of the CAN adapter in each direction, s.
         operator: task of the scripted operator: "none", "pick_and_place" or a task of the scene.
         swapped: two channels whose cables are exchanged: each of their arms replies on the other's channel.
@@ -118,6 +138,7 @@ class Options:
     timestep_s: float = 0.001
     friction: float = 1.0
     armature: float = 1.0
+    rail: bool = False
     latency_s: float = 0.0
     operator: str = "none"
     swapped: tuple[str, ...] | None = None
@@ -284,7 +305,10 @@ def _selected(scene: Scene) -> Scene:
             if options.gripper is not None:
                 row = replace(row, gripper=options.gripper, stops_rad=None, q_rad=None)
         arms.append(row)
-    kept = replace(scene, arms=tuple(arms))
+    base = scene.base
+    if options.rail and base is not None and base.rail is None:
+        base = replace(base, rail=RailPlacement())
+    kept = replace(scene, arms=tuple(arms), base=base)
     cameras = tuple(c for c in scene.cameras if not c.body or c.body.partition("/")[0] in kept.channels)
     return replace(kept, cameras=cameras)
 

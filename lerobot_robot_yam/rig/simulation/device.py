@@ -10,7 +10,10 @@ import numpy as np
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS
 from lerobot_robot_yam.arm.profile import ArmMotor, GripperMotor
 from lerobot_robot_yam.damiao.tables import ControlMode
+from lerobot_robot_yam.mobile.rail_profile import RAIL_MOTOR
 from lerobot_robot_yam.rig.bus.channel import Channel
+from lerobot_robot_yam.rig.devices.board_frames import board_channel
+from lerobot_robot_yam.rig.devices.rail_board import SimRailBoard
 from lerobot_robot_yam.rig.devices.simulated_handle import SimEncoders, SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, BasePlacement, Scene, serial_number
@@ -80,11 +83,9 @@ class RigDevice:
             self.channels[row.channel] = channel
             self.ballast[row.channel] = Ballast(self.world, row.channel)
             self.hands[row.channel] = self._hand(row, handle)
+        self.board: SimRailBoard | None = None
         if scene.base is not None:
-            motors = self._base_motors(scene.base)
-            self.channels[scene.base.channel] = Channel(
-                scene.base.channel, motors, None, scene.options.latency_s, scene.options.seed + len(scene.arms)
-            )
+            self._add_base(scene.base)
         self.leaders = [row.channel for row in scene.arms if row.role == "leader"]
         self.judge = Judge(self.world)
         self.presses = ButtonPresses(self._log_button)
@@ -125,16 +126,30 @@ class RigDevice:
             found.append(SimMotor(motor, zero, drive, self.world, log, serial_number(self.scene, row, motor.can_id)))
         return found
 
+    def _add_base(self, row: BasePlacement) -> None:
+        """Add the channels of a base and of its rail's board."""
+        options, seed, rail = self.scene.options, self.scene.options.seed + len(self.scene.arms), row.rail
+        self.channels[row.channel] = Channel(row.channel, self._base_motors(row), None, options.latency_s, seed)
+        if rail is not None:
+            self.board, name = SimRailBoard(self.world, row.channel, rail), board_channel(row.channel)
+            self.channels[name] = Channel(name, [], self.board, 0.0, seed + 1)
+
     def _base_motors(self, row: BasePlacement) -> list[SimMotor]:
-        profile, found = self.world.base, []
-        for index, (spec, sign) in enumerate(zip(profile.motors(), profile.signs, strict=True)):
+        profile, rail = self.world.base, row.rail
+        rows = [
+            (spec, sign, float(row.steer_zero_rad[index // 2]) if index % 2 == 0 else 0.0, 1.0)
+            for index, (spec, sign) in enumerate(zip(profile.motors(), profile.signs, strict=True))
+        ]
+        if rail is not None:
+            rows.append((RAIL_MOTOR, 1, rail.zero_rad, 1.0 / rail.metres_per_rad))
+
+        def log(kind: str, **details: Any) -> None:
+            self.events.add(kind, channel=row.channel, **details)
+
+        found = []
+        for spec, sign, zero, coefficient in rows:
             motor = ArmMotor(spec.name, spec.can_id, spec.type, sign)
-            drive = Drive(self.world, row.channel, spec.name, (spec.name,), 0.0, 1.0)
-            zero = float(row.steer_zero_rad[index // 2]) if index % 2 == 0 else 0.0
-
-            def log(kind: str, **details: Any) -> None:
-                self.events.add(kind, channel=row.channel, **details)
-
+            drive = Drive(self.world, row.channel, spec.name, (spec.name,), 0.0, coefficient)
             serial = BASE_SERIALS + spec.can_id
             found.append(SimMotor(motor, zero, drive, self.world, log, serial, ControlMode.VELOCITY))
         return found

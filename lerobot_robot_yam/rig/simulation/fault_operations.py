@@ -9,6 +9,7 @@ from lerobot_robot_yam.rig.bus.adapter import HoldBack
 from lerobot_robot_yam.rig.bus.channel import PAYLOADS, Channel, ForeignDriver
 from lerobot_robot_yam.rig.devices.flash import WAYS
 from lerobot_robot_yam.rig.devices.motor_faults import FalseReading, LinkFaults
+from lerobot_robot_yam.rig.devices.rail_board import SWITCHES, SimRailBoard
 from lerobot_robot_yam.rig.devices.simulated_handle import SimEncoders, SimHandle
 from lerobot_robot_yam.rig.devices.simulated_motor import SimMotor
 from lerobot_robot_yam.rig.devices.thermometer import Ramp
@@ -83,6 +84,17 @@ def _encoders_silent(device: RigDevice, channel: Channel, value: Any) -> None:
     encoders.silent_devices = frozenset(whole(one, 0, devices[-1]) for one in silent)
 
 
+def _board_of(channel: Channel) -> SimRailBoard:
+    if not isinstance(channel.handle, SimRailBoard):
+        raise ConfigError("the channel has no board of a rail; that is base_io")
+    return channel.handle
+
+
+def _switches(_: RigDevice, channel: Channel, value: Any) -> None:
+    fields = {} if value is False else _fields(value, (), SWITCHES)
+    _board_of(channel).stuck = {name: flag(reads) for name, reads in fields.items()}
+
+
 CHANNEL_KINDS: dict[str, Callable[[RigDevice, Channel, Any], None]] = {
     "link_down": lambda device, channel, value: channel.set_link(device.clock.now(), down=flag(value)),
     "adapter_gone": lambda device, channel, value: channel.set_link(device.clock.now(), gone=flag(value)),
@@ -94,6 +106,8 @@ CHANNEL_KINDS: dict[str, Callable[[RigDevice, Channel, Any], None]] = {
     "second_arm": _second_arm,
     "payload_kg": lambda device, channel, value: _tool_of(device, channel).carry(number(value, 0.0, _MASS_MAX_KG)),
     "encoders_silent": _encoders_silent,
+    "switches": _switches,
+    "brake_slips": lambda device, channel, value: setattr(_board_of(channel), "slips", flag(value)),
     "handle_silent": lambda device, channel, value: setattr(_handle_of(channel), "silent", flag(value)),
 }
 
@@ -225,7 +239,10 @@ class FaultOperations(Operations):
                 registers, fault code and bare shaft. The second arm is limp until enabled. Without q_rad each shaft is
                 0.3 rad from the arm's pose at the rig's start. `state` lists its motors as second_motors.
             "payload_kg" (kg): point mass at the tool.
-            "handle_silent" (bool): the teaching handle sends nothing.
+            "handle_silent" (bool): the teaching handle, or the board of a rail, sends nothing.
+            "switches" ({"upper", "lower"}, each optional, or False): on base_io, what a rail's switch reads, whatever
+                is true: True as when stuck or unplugged, False as when broken.
+            "brake_slips" (bool): on base_io, the rail's brake does not grip.
             "encoders_silent" (bool, or device numbers from 0): encoders of a leader without motors send nothing.
         """
         device, where = self.device, self._channel_of(channel)
@@ -254,6 +271,8 @@ class FaultOperations(Operations):
         where.adapter.latency_s, where.adapter.hold = device.scene.options.latency_s, None
         if channel in device.ballast:
             device.ballast[channel].carry(0.0)
+        if isinstance(where.handle, SimRailBoard):
+            where.handle.stuck, where.handle.slips = {}, False
         if where.handle is not None:
             where.handle.silent = False
             if isinstance(where.handle, SimEncoders):

@@ -63,7 +63,8 @@ class RigOperations(HandOperations, FaultOperations):
             resists (whether the hand released an arm that worked against it), clients,
             motors[name]: {id, enabled, fault, torque_nm, motor_rad, flash_writes},
             second_motors (fault "second_arm") likewise, tcp_site and grasp_site: {pos (3,), mat (9,)};
-            base, if there is one: pose (x, y, m, and heading, rad) and motors[name]: {enabled, fault};
+            base, if there is one: pose (x, y, m, and heading, rad), motors[name]: {enabled, fault}, and with a rail
+            rail: height, m, upper and lower (what the switches read), brake_on (its output);
             props[name] and furniture[name]: {pos, quat};
             joints[name], of furniture: m or rad; with `bodies`, bodies[name]: position (3,).
         """
@@ -91,7 +92,11 @@ class RigOperations(HandOperations, FaultOperations):
             motor.name: {"enabled": motor.enabled, "fault": int(motor.fault)}
             for motor in self.device.channels[name].motors
         }
-        return {"pose": self.device.world.base_pose(), "motors": motors}
+        board, rail = self.device.board, {}
+        if board is not None:
+            upper, lower = board.switches()
+            rail = {"rail": {"height": board.height_m, "upper": upper, "lower": lower, "brake_on": board.brake_on}}
+        return {"pose": self.device.world.base_pose(), "motors": motors, **rail}
 
     def _arm(self, name: str, brief: bool) -> dict[str, Any]:
         world, channel, hand = self.device.world, self.device.channels[name], self.device.hands[name]

@@ -45,6 +45,8 @@ class World:
         for row in scene.arms:
             arm, gripper = self.profiles[row.channel]
             self.set_pose(row.channel, arm.rest_q(gripper) if row.q_rad is None else row.q_rad)
+        if scene.base is not None and scene.base.rail is not None:
+            self.data.joint(f"{scene.base.channel}/rail").qpos[0] = scene.base.rail.height_m
         mujoco.mj_forward(self.model, self.data)
         self.slips = self.steps = 0
         self.look_seed = scene.options.seed

@@ -1,0 +1,64 @@
+"""Re-arming of a base after a fault, over ticks."""
+
+import logging
+from collections.abc import Callable, Generator
+
+import numpy as np
+
+from lerobot_robot_yam.control.arm_status import ArmStatus
+from lerobot_robot_yam.control.mobile.base_motors import BaseMotors
+from lerobot_robot_yam.errors import LifeCycleError, YamError
+from lerobot_robot_yam.state.faults import RESPONSES
+from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.records import Limited
+
+logger = logging.getLogger(__name__)
+
+
+class BaseRearm:
+    """Re-arming of one base.
+
+    Args:
+        status, motors: its status and motors.
+        restart: plans anew, once all motors are enabled.
+    """
+
+    def __init__(self, status: ArmStatus, motors: BaseMotors, restart: Callable[[], None]):
+        self._status, self._motors, self._restart = status, motors, restart
+        self._work: Generator[None, None, None] | None = None
+
+    def begin(self) -> None:
+        """Begin, or only accept targets again if there is no fault. Raises LifeCycleError: it has to connect again."""
+        status = self._status
+        if status.mode is Mode.LAND or status.must_land:
+            raise LifeCycleError(f"{status.name}: {status.message or 'it has been told to stop'}; connect again")
+        if status.mode is not Mode.FAULT:
+            status.halted = False
+            return
+        assert status.trouble is not None
+        rule = RESPONSES[status.trouble]
+        if not rule.in_place:
+            raise LifeCycleError(f"{status.name}: {status.message}; {rule.rearm}")
+        failed = np.flatnonzero(self._motors.watch.check(self._motors.chain.clock.now()).bad).tolist()
+        self._work, status.rearming = self._motors.enable(failed), True
+
+    def advance(self) -> None:
+        """Advance by one tick; a failure is the answer to the request."""
+        work, self._work, self._status.rearming = self._work, None, False
+        if work is None:
+            return
+        try:
+            next(work)
+        except StopIteration:
+            self._end()
+        except YamError as error:
+            self._status.refusal = str(error)
+        else:
+            self._work, self._status.rearming = work, True
+
+    def _end(self) -> None:
+        status = self._status
+        self._restart()
+        status.enter(Mode.HOLD)
+        status.trouble, status.message, status.halted, status.limited = None, "", False, Limited.NOTHING
+        logger.info("%s: re-armed", status.name)

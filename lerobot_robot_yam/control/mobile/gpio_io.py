@@ -1,0 +1,46 @@
+"""Switches and brake on the pins of a Raspberry Pi, by gpiozero, which finds the libraries of each model."""
+
+import time
+
+import gpiozero
+
+from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.mobile.rail_io import RailSample
+from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
+
+
+class GpioIo:
+    """Driver of three pins: inputs are pulled up and high when triggered; a low output engages the brake.
+
+    Args:
+        pins: BCM numbers of upper switch, lower switch and brake.
+    """
+
+    def __init__(self, pins: tuple[int, ...]):
+        self._upper, self._lower = (gpiozero.DigitalInputDevice(pin, pull_up=True) for pin in pins[:2])
+        self._brake = gpiozero.DigitalOutputDevice(pins[2], active_high=True, initial_value=False)
+
+    def read(self) -> RailSample:
+        # A device with a pull-up counts as active when its pin is low.
+        upper, lower = not self._upper.is_active, not self._lower.is_active
+        return RailSample(upper, lower, not self._brake.value, time.monotonic())
+
+    def set_brake(self, on: bool) -> None:
+        self._brake.value = not on
+
+    def close(self) -> None:
+        for device in (self._upper, self._lower, self._brake):
+            device.close()
+
+
+def open_driver(hardware: ResolvedBase) -> GpioIo:
+    """Open the pins. Raises ConfigError: this computer has none, or they are in use."""
+    assert hardware.config.rail is not None
+    pins = hardware.config.rail.wiring
+    try:
+        return GpioIo(pins)
+    except (gpiozero.GPIOZeroError, OSError) as error:
+        raise ConfigError(
+            f"{hardware.name}: rail: pins {list(pins)} cannot be opened: {error}. Check that this is a Raspberry Pi "
+            "with lgpio, that your user is in the group gpio, and that no other program uses them"
+        ) from error

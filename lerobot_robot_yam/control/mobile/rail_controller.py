@@ -1,0 +1,316 @@
+"""The rail of a base: plan, brake and homing of its motor, which ticks as the ninth of the base's channel.
+
+A velocity servo creeps under load. So the planned angle is held by an outer loop, rate = plan' + K (plan − q), except
+where the brake holds: against a brake a servo would wind up. The brake is engaged at once when the motor does not
+answer, and released only while it does.
+"""
+
+import logging
+import math
+import threading
+from collections.abc import Generator
+
+import numpy as np
+
+from lerobot_robot_yam.control.mobile.base_motors import RAIL, BaseMotors
+from lerobot_robot_yam.control.mobile.rail_brake import CONFIRM_S, RailBrake
+from lerobot_robot_yam.control.mobile.rail_calibration import RailCalibration, check_travel, load, store
+from lerobot_robot_yam.control.mobile.rail_drivers import load_driver
+from lerobot_robot_yam.control.mobile.rail_homing import seek
+from lerobot_robot_yam.control.mobile.rail_monitor import Finding, RailMonitor
+from lerobot_robot_yam.damiao.codec import SpecialCommand
+from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.errors import LifeCycleError, MotorError, YamError
+from lerobot_robot_yam.mobile.rail_io import LostIo, RailIo
+from lerobot_robot_yam.mobile.rail_motion import RailMotion
+from lerobot_robot_yam.mobile.rail_profile import (
+    HOMING_RAD_S,
+    SOFT_END_M,
+    SPEED_RAD_S,
+    STOP_RAD_S2,
+    RailScale,
+    RailTarget,
+)
+from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
+from lerobot_robot_yam.state.faults import Trouble
+from lerobot_robot_yam.state.modes import Mode
+
+logger = logging.getLogger(__name__)
+
+_K = 10.0  # gain of the outer loop, 1/s: a tenth of what the loop's delay of 8 ms would make unstable
+_CORRECTION_RAD_S = 5.0  # maximum rate that the outer loop adds, rad/s
+_MISSED = 3  # commands in a row without a reply after which the brake is engaged, long before that is a fault
+_REST_RAD_S = 0.2  # rate below which the carriage counts as at rest, rad/s
+_SLIP_M, _USUAL_M_PER_RAD = 0.001, 0.03  # motion without torque that means that the brake slips, m; scale before homing
+_WATCH_S = 0.4  # time that the carriage is watched after torque was cut, s
+_HOMING_RAD_S2 = 20.0  # acceleration while it homes, rad/s²
+_FAR_RAD = 1e4  # beyond the end of any rail, rad
+_MOVES = (Mode.HOLD, Mode.TRACK)
+
+
+class RailController:
+    """Controller of one base's rail.
+
+    Attributes:
+        sample: what the driver has read last.
+        scale: metres per radian and zero; None until the rail is homed.
+        homing: whether it homes now.
+        target_s: time of the newest target.
+    """
+
+    def __init__(self, hardware: ResolvedBase, motors: BaseMotors):
+        assert hardware.config.rail is not None
+        self.name, self._config, self._hardware = hardware.name, hardware.config.rail, hardware
+        self._motors, self._chain, self._clock = motors, motors.chain, motors.chain.clock
+        self._motion, self._brake, self._monitor = (
+            RailMotion(),
+            RailBrake(),
+            RailMonitor(self.name, self._config.stroke_m),
+        )
+        self._io: RailIo = LostIo()
+        self.sample = self._io.read()
+        self.scale: RailScale | None = None
+        self._calibration: RailCalibration | None = None
+        self._target, self.target_s = RailTarget(0.0), -math.inf
+        self._homing: Generator[float, None, None] | None = None
+        self._place: float | None = None  # angle at which the brake has taken the carriage
+        self._failure: Finding | None = None
+        self._writer: threading.Thread | None = None
+        self._suspect = self._leaving = self._slipped = False
+
+    @property
+    def q(self) -> float:
+        """Angle of the motor, rad."""
+        return float(self._motors.q[RAIL])
+
+    @property
+    def height_m(self) -> float:
+        """Height above the lower switch, m; NaN before homing."""
+        return math.nan if self.scale is None else self.scale.height(self.q)
+
+    @property
+    def homing(self) -> bool:
+        return self._homing is not None
+
+    @property
+    def at_rest(self) -> bool:
+        return self._motion.velocity == 0.0 and abs(float(self._motors.dq[RAIL])) < _REST_RAD_S
+
+    @property
+    def must_hold(self) -> bool:
+        """Whether torque must not be cut, because the brake does not hold or cannot be engaged."""
+        return self._enabled and (self._slipped or self._monitor.silent)
+
+    @property
+    def _enabled(self) -> bool:
+        return bool(self._chain.fault[RAIL] == Fault.NORMAL)
+
+    @property
+    def _slip_rad(self) -> float:
+        return _SLIP_M / (self.scale.metres_per_rad if self.scale else _USUAL_M_PER_RAD)
+
+    def is_up(self, now: float) -> bool:
+        """Return whether the motor holds and the brake has let go."""
+        return self._brake.free(now)
+
+    def inspect(self) -> None:
+        """Open the driver, with the brake engaged, and check the switches; nothing moves.
+
+        Raises:
+            YamError: the driver does not answer, or both switches read as triggered.
+        """
+        self._io = load_driver(self._hardware).open_driver(self._hardware)
+        try:
+            until_s = self._clock.now() + CONFIRM_S
+            while self.sample.brake_on is not True:
+                if self._clock.now() > until_s:
+                    what = f"{self.name}: rail: switches and brake ({self._config.io}) do not answer"
+                    raise MotorError(f"{what}; check cable and power")
+                self._clock.sleep(0.005)
+                self.sample = self._io.read()
+            if self.sample.upper and self.sample.lower:
+                raise MotorError(
+                    f"{self.name}: rail: both switches read as triggered: their cable is off (an open wire reads so)"
+                )
+        except BaseException:
+            self.close()
+            raise
+        self._calibration = load(self.name, self._config.calibration_path, self._config.stroke_m)
+        self.scale = None if self._calibration is None else self._calibration.scale(self.q)
+
+    def adopt(self, record: np.ndarray) -> None:
+        """Take over from a loop that has died: engage the brake and stop. record: its last state."""
+        try:
+            self._io = load_driver(self._hardware).open_driver(self._hardware)
+        except YamError as error:
+            logger.critical("%s: the motor goes on holding: %s", self.name, error)
+        if record["rail_homed"]:
+            self.scale = RailScale(float(record["rail_m_per_rad"]), float(record["rail_zero_rad"]))
+            self._calibration = RailCalibration(
+                self._config.stroke_m, self._config.stroke_m / self.scale.metres_per_rad
+            )
+        self._slipped = record["trouble"] == Trouble.RAIL_BRAKE.encode()
+        self._motion.restart(self.q, float(self._motors.dq[RAIL]))
+
+    def close(self) -> None:
+        """Close the driver. Idempotent."""
+        io, self._io = self._io, LostIo()
+        io.close()
+        if self._writer is not None:
+            self._writer.join()
+
+    def describe(self, record: np.ndarray) -> None:
+        """Write the rail's part of a base's state."""
+        scale = self.scale or RailScale(math.nan, math.nan)
+        record["rail_homed"], record["rail_homing"] = self.scale is not None, self.homing
+        record["rail_m_per_rad"], record["rail_zero_rad"] = scale
+        record["rail_upper"], record["rail_lower"] = self.sample.upper, self.sample.lower
+        record["rail_brake_on"] = self.sample.brake_on is not False
+
+    def measure(self, now: float) -> Finding | None:
+        """Read the driver; engage the brake at once if the motor does not answer. Return what is wrong."""
+        self.sample = self._io.read()
+        self._brake.look(self.sample, now)
+        self._suspect = not self._enabled or bool(self._chain.missed[RAIL] >= _MISSED)
+        if self._suspect:
+            self._brake.set(self._io, True, now)
+        failure, self._failure = self._failure, None
+        if self._place is not None and abs(self.q - self._place) > self._slip_rad and not self._slipped:
+            self._slipped = True
+            self._motion.restart(self._place)
+            failure = (
+                Trouble.RAIL_BRAKE,
+                f"{self.name}: rail: its brake does not hold; the motor does, support the load",
+            )
+        lag_rad = self._motion.position - self.q if self._brake.free(now) else 0.0
+        height_m = None if self.scale is None else self.height_m
+        return failure or self._monitor.check(now, self.sample, self._brake, height_m, lag_rad)
+
+    def set_target(self, target: RailTarget, given_s: float) -> None:
+        """Accept a target, given at `given_s`, unless the rail homes or has not been homed."""
+        if self._homing is None and self.scale is not None:
+            self._target, self.target_s = target, given_s
+
+    def stop(self) -> None:
+        """Give up target and homing: brake and stay."""
+        self.target_s, self._homing = -math.inf, None
+
+    def start_homing(self, now: float) -> None:
+        """Begin to home. Raises LifeCycleError: the brake has not been released."""
+        if not self._brake.free(now):
+            raise LifeCycleError(f"{self.name}: rail: cannot home while its brake is engaged")
+        self.stop()
+        self._homing = self._home()
+
+    def _home(self) -> Generator[float, None, None]:
+        self.scale = None
+        upper_rad = yield from seek(self, self._clock.now, 1.0)
+        lower_rad = yield from seek(self, self._clock.now, -1.0)
+        found = RailCalibration(self._config.stroke_m, upper_rad - lower_rad)
+        check_travel(self.name, found, self._calibration)
+        self._calibration, self.scale = found, RailScale(found.metres_per_rad, lower_rad)
+        while self.height_m < SOFT_END_M:
+            yield 0.25 * HOMING_RAD_S
+        self._store(None)
+        logger.info("%s: rail homed: %.5f m/rad", self.name, self.scale.metres_per_rad)
+
+    def advance(self, now: float, dt: float, mode: Mode) -> float:
+        """Plan one tick of `dt` seconds in this mode of the base, and set brake and motor.
+
+        Returns:
+            The share of its speed with which the base may drive at this height.
+        """
+        if mode not in _MOVES:
+            self.stop()
+        self._brake.set(self._io, self._wants_brake(mode), now)
+        if self._brake.holds(now) and not self._slipped:
+            self._place = self.q if self._place is None else self._place
+            self._motion.restart(self.q)
+        elif self._brake.free(now) and mode in _MOVES:
+            self._move(now, dt)
+        else:
+            self._motion.brake(STOP_RAD_S2, dt)
+        if not self._brake.engaged:
+            self._place = None
+        correction = _K * (self._motion.position - self.q)
+        limit = _CORRECTION_RAD_S
+        self._motors.asked[RAIL] = self._motion.velocity + min(max(correction, -limit), limit)
+        return self._config.driving_share(self.height_m)
+
+    def _wants_brake(self, mode: Mode) -> bool:
+        if self._suspect or self._leaving or self._slipped:
+            return True
+        if mode in (Mode.BRING_UP, Mode.HOLD, Mode.TRACK):
+            if self._brake.engaged:
+                self._motion.restart(self.q)  # the motor holds where the carriage is
+                self._store(None)  # it may move from now on
+            return False
+        stops = mode in (Mode.STOPPED, Mode.LAND)  # the motor stops first; a fault has no time for that
+        return self._brake.engaged or not stops or self.at_rest
+
+    def _move(self, now: float, dt: float) -> None:
+        motion, scale = self._motion, self.scale
+        if self._homing is not None:
+            motion.run(self._advance_homing(), (-_FAR_RAD, _FAR_RAD), _HOMING_RAD_S2, dt)
+        elif scale is None or now - self.target_s > self._hardware.config.command_timeout_s:
+            motion.brake(self._config.acceleration_limit / scale.metres_per_rad if scale else _HOMING_RAD_S2, dt)
+        else:
+            ends = scale.angle(SOFT_END_M), scale.angle(self._config.stroke_m - SOFT_END_M)
+            acceleration = self._config.acceleration_limit / scale.metres_per_rad
+            speed = min(self._config.velocity_limit / scale.metres_per_rad, SPEED_RAD_S)
+            if self._target.height:
+                motion.reach(min(max(scale.angle(self._target.value), ends[0]), ends[1]), speed, acceleration, dt)
+            else:
+                asked = self._target.value / scale.metres_per_rad
+                motion.run(min(max(asked, -speed), speed), ends, acceleration, dt)
+        if (self.sample.upper and motion.velocity > 0.0) or (self.sample.lower and motion.velocity < 0.0):
+            motion.restart(self.q)  # as the vendor's driver: a switch stops the motor at once
+
+    def _advance_homing(self) -> float:
+        assert self._homing is not None
+        try:
+            return next(self._homing)
+        except StopIteration:
+            pass
+        except MotorError as error:
+            self._failure = Trouble.RAIL_HOMING, str(error)
+        self._homing = None
+        return 0.0
+
+    def let_go(self) -> Generator[None, None, Finding | None]:
+        """Engage the brake, cut the motor's torque, and watch, one step per tick. Return why it holds instead."""
+        self._leaving = not self._slipped
+        self.stop()
+        while not (self._brake.holds(now := self._clock.now()) or self._brake.unconfirmed(now)):
+            self._brake.set(self._io, True, now)
+            yield
+        until_s = now + _WATCH_S
+        while self._leaving and self._brake.holds(now) and not self._slipped:
+            if now > until_s:
+                self._store(self.q)
+                return None
+            if self._enabled:
+                self._motors.instead = {RAIL: SpecialCommand.DISABLE}
+            yield
+            now = self._clock.now()
+        self._leaving = False
+        while self._slipped and not self._enabled:
+            self._motors.instead = {RAIL: SpecialCommand.ENABLE}
+            yield
+        why = "its brake does not hold" if self._slipped else "its brake is not confirmed to be engaged"
+        what = f"{self.name}: rail: {why}, so the motor holds the carriage, and torque is not cut; support the load"
+        return (Trouble.RAIL_BRAKE, what) if self._enabled else None
+
+    def rearm(self) -> None:
+        """Hold with the motor and release the brake again, after a fault."""
+        self._slipped, self._leaving, self._place = False, False, None
+        self._motion.restart(self.q)
+
+    def _store(self, q: float | None) -> None:
+        """Write the file in a thread, since a disk may take longer than a tick."""
+        path, found = self._config.calibration_path, self._calibration
+        if path is not None and found is not None:
+            place = q if self.scale else None
+            row = self.name, path, found, place, 0.0 if place is None else self.height_m
+            self._writer = threading.Thread(target=store, args=row, name="yam-rail-store")
+            self._writer.start()
