@@ -25,6 +25,11 @@ class BaseOptions:
     observe_wheels: bool = option(
         "also observe the casters, rear_left_steer.pos …, rad, and the wheels, rear_left_drive.vel …, rad/s", False
     )
+    replay_poses: bool = option(
+        "lerobot-replay keeps to the recorded poses: it corrects the recorded velocities by the odometry. The data set "
+        "has to be recorded with observe_odometry",
+        False,
+    )
 
     def base_keys(self) -> list[str]:
         """Return the keys of the base's part of an action."""

@@ -12,6 +12,7 @@ from lerobot_robot_yam.config_yam_mobile import YamBaseRobotConfig, YamMobileCon
 from lerobot_robot_yam.face.devices.base_part import BasePart, completed
 from lerobot_robot_yam.face.devices.device_session import DeviceSession
 from lerobot_robot_yam.face.devices.recorded_robot import RecordedRobot
+from lerobot_robot_yam.face.devices.replayed_path import replayed_path
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.session.target_limits import validate_action
 from lerobot_robot_yam.system.clock import Clock
@@ -57,6 +58,7 @@ class YamBaseRobot(RecordedRobot):
             YamError: the base cannot be driven.
             Exception: a camera cannot be opened; the type depends on the camera.
         """
+        self._base.begin(replayed_path() if self.config.replay_poses else None)
         with self._open():
             self._session.energise()
         logger.info("%s connected", self)
@@ -150,6 +152,12 @@ class YamMobile(FollowerBase):
         """Types or shapes by key: what actions have, then optional values of the arms and of the base, then images."""
         keys = [*self.action_features, *self._extra_keys, *self._base.extra_keys]
         return {**dict.fromkeys(keys, float), **self._image_features()}
+
+    @check_if_already_connected
+    def connect(self, calibrate: bool = True) -> None:
+        """Open the cameras, energise base and arms, and go to the leaders' pose; see `YamFollower.connect`."""
+        self._base.begin(replayed_path() if self.config.replay_poses else None)
+        super().connect(calibrate)
 
     def _of_arms(self, action: Mapping[str, Any]) -> dict[str, Any]:
         return {key: action[key] for key in self._space.keys if key in action}

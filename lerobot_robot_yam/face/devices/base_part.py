@@ -17,7 +17,7 @@ Two habits of LeRobot suit arms, not bases:
 
 import logging
 from collections.abc import Collection, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from lerobot_robot_yam.face.devices.device_session import DeviceSession
 from lerobot_robot_yam.face.lerobot_command.running_command import policy_pauses
 from lerobot_robot_yam.mobile.base_profile import CASTERS
 from lerobot_robot_yam.session.base_client import BaseClient
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.face.devices.replayed_path import ReplayedPath
 
 logger = logging.getLogger(__name__)
 
@@ -69,11 +72,16 @@ class BasePart:
         self._session, self._name = session, name
         self.keys, self.extra_keys = list(keys), list(extra_keys)
         self._rests = False
+        self._path: ReplayedPath | None = None
 
     @property
     def client(self) -> BaseClient:
         """Client of the base. Raises LifeCycleError: the device is not connected."""
         return self._session.base(self._name)
+
+    def begin(self, path: "ReplayedPath | None") -> None:
+        """Begin a session. path: recorded poses that the actions to come belong to."""
+        self._path, self._rests = path, False
 
     def target(self, action: Mapping[str, Any]) -> np.ndarray:
         """Return the twist (3,), m/s, m/s, rad/s, that an action asks for.
@@ -97,6 +105,8 @@ class BasePart:
         rested, self._rests = self._rests, rests or policy_pauses()
         if self._rests and not rested:
             logger.info("%s: stands while LeRobot pauses", self._name)
+        if self._path is not None:
+            twist = self._path.correct(twist, self.client.observe().pose)
         sent = self.client.write_velocity(np.zeros(3) if self._rests else twist)
         return _named(VELOCITY_KEYS, sent * _UNITS)
 

@@ -34,6 +34,7 @@ _STRATEGIES = f"{_PACKAGE / 'rollout' / 'strategies'}/"
 _SCRIPTS = {
     str(_PACKAGE / "scripts" / f"lerobot_{name}.py"): f"lerobot-{name}" for name in ("record", "rollout", "eval")
 }
+_REPLAY = str(_PACKAGE / "scripts" / "lerobot_replay.py")
 
 
 class Meaning(StrEnum):
@@ -222,6 +223,14 @@ def _strategy(strategy: Any, ctx: Any, phase: Phase, turn: float, left_s: float)
     elif kind == "highlight":
         keys |= {Meaning.SAVE: strategy._save_requested.set, Meaning.UPLOAD: strategy._push_requested.set}
     return Situation(command, phase, keys, dataset, turn)
+
+
+def replayed_dataset() -> Any:
+    """Return the data set of the `lerobot-replay` on the call stack, or None."""
+    for caller in callers():
+        if caller.f_code.co_filename == _REPLAY and "dataset" in caller.f_locals:
+            return caller.f_locals["dataset"]
+    return None
 
 
 def policy_pauses() -> bool:
