@@ -19,13 +19,12 @@ from scripts.soak.injected_faults import LEFT, MATRIX
 STEER, DRIVE = "front_left_steer", "rear_right_drive"
 DRIVEN_M_S, REST_M_S = 0.4, 0.01
 NOT_OF_A_BASE = {
-    "warm", "hot",  # a base has no thermal monitor of its own: its motors switch themselves off
     "wrong-id",  # after the start it is a silent motor
     "turn",  # the wheels turn without end: a miscounted turn of one is no fault
 }  # fmt: skip
 ROWS = {name: row for name, row in MATRIX.items() if row.channel == LEFT and name not in NOT_OF_A_BASE}
 QUICK = [("over-current", DRIVE, "track"), ("motor-silent", STEER, "land"), ("leap", STEER, "track"),
-         ("foreign-driver", None, "hold"), ("link-down", None, "track")]  # fmt: skip
+         ("foreign-driver", None, "hold"), ("link-down", None, "track"), ("hot", DRIVE, "track")]  # fmt: skip
 
 
 def every_case():

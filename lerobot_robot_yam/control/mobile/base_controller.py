@@ -13,6 +13,7 @@ import can
 import numpy as np
 
 from lerobot_robot_yam.control.arm_status import ArmStatus
+from lerobot_robot_yam.control.mobile.base_heat import BaseHeat
 from lerobot_robot_yam.control.mobile.base_motors import CASTER_MOTORS, STEER, BaseMotors
 from lerobot_robot_yam.control.mobile.base_rearm import BaseRearm
 from lerobot_robot_yam.control.mobile.rail_controller import RailController
@@ -58,7 +59,7 @@ class BaseController:
         self.complaints = self.motors.complaints
         self.motion = BaseMotion(hardware.profile, hardware.limits)
         self.rail = None if hardware.config.rail is None else RailController(hardware, self.motors)
-        self._steering = SteeringMonitor(hardware)
+        self._steering, self._heat = SteeringMonitor(hardware), BaseHeat(self.name, self.chain)
         self._target, self._target_s = REST, -math.inf
         self._measured_s = math.nan  # time of the samples that the odometry took last
         self._rests_s = math.inf  # time since which a landing base is at rest
@@ -78,6 +79,7 @@ class BaseController:
     def inspect(self) -> None:
         """Check that everything is there and as configured; see `BaseMotors.inspect`."""
         self.motors.inspect()
+        self._heat.inspect()
         if self.rail is not None:
             self.rail.inspect()
 
@@ -141,16 +143,14 @@ class BaseController:
             self._let_go()
             return
         self._measure_way()
-        finding = self.motors.watch.check(now)
-        if finding.trouble is not None:
-            self._suffer(finding.trouble, finding.message)
-            return
-        if rail is not None:
-            self._suffer(*rail)
+        channel = self.motors.watch.check(now)
+        if channel.trouble is not None:
+            self._suffer(channel.trouble, channel.message)
             return
         stalled = self._steering.check(now, self.motors.asked[STEER], self.motors.dq[STEER])
-        if stalled:
-            self._suffer(Trouble.STEERING_STALLED, f"{self.name}: {stalled}")
+        finding = rail or self._heat.check(now) or stalled
+        if finding is not None:
+            self._suffer(*finding)
 
     def _measure_way(self) -> None:
         """Integrate the odometry over the time between the samples, not over the nominal period."""
@@ -214,7 +214,7 @@ class BaseController:
         if dt <= 0.0:
             return
         share = 1.0 if self.rail is None else self.rail.advance(now, dt, mode)
-        rates = self.motion.advance(self._target, self.motors.q[STEER], dt, share, hard)
+        rates = self.motion.advance(self._target, self.motors.q[STEER], dt, share * self._heat.share, hard)
         if self.motion.slowed < 1.0:
             self.status.limited |= Limited.SPEED
         self.motors.asked[CASTER_MOTORS] = rates
