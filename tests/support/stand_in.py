@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from lerobot_robot_yam.mobile.base_motion import BaseLimits, BaseMotion, Target
 from lerobot_robot_yam.rig.operator.hands import Sight, sight_of
 from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.simulation.device import RigDevice
@@ -20,6 +21,7 @@ from tests.support.transfers import Transfers
 
 TICK_STEPS = 4
 LAG_TICKS = 8  # of LeRobot at 30 Hz between leader and follower
+WHEEL_KD = 20.0
 GRIP_TORQUE_NM = 1.0  # what the force limiter lets through
 
 
@@ -55,6 +57,12 @@ class StandIn:
             model.actuator(f"{channel}/{gripper.motor.name}").forcerange = (-GRIP_TORQUE_NM, GRIP_TORQUE_NM)
             self._setpoint[side] = self._q(channel)
             self._speed[side] = arm.speed_limit_rad_s
+        self._motion = BaseMotion(self.world.base, BaseLimits())
+        self._velocity = np.zeros(3)
+        base = scene.base and scene.base.channel
+        self._wheels = [f"{base}/{motor.name}" for motor in self.world.base.motors()] if base else []
+        for wheel in self._wheels:
+            self._gains(wheel, 0.0, WHEEL_KD)
         self.max_hand_nm = 0.0
         self.before_tick: Callable[[], None] | None = None
 
@@ -81,6 +89,9 @@ class StandIn:
 
     def pull(self, side: str, times_s: np.ndarray, q_rad: np.ndarray, trigger: np.ndarray) -> None:
         self._paths[side] = (self.now(), times_s, q_rad, trigger)
+
+    def drive(self, velocity: np.ndarray) -> None:
+        self._velocity = velocity
 
     def let_go(self) -> None:
         self._paths.clear()
@@ -118,8 +129,18 @@ class StandIn:
             closed, opened = calibration.nominal_stops_rad
             # Actuator length counts from the closed stop.
             data.actuator(f"{follower}/{motor.name}").ctrl = motor.kp * self._opening[side] * (opened - closed)
+        if self._wheels:
+            self._turn_wheels(dt)
         self.world.step(TICK_STEPS)
         self.events += self.judge.update() + self.transfers.update(self.world.sim_s)
+
+    def _turn_wheels(self, dt: float) -> None:
+        joints = [self.world.data.joint(wheel) for wheel in self._wheels]
+        steer = np.array([joint.qpos[0] for joint in joints[::2]])
+        self._motion.measure(steer, np.array([joint.qvel[0] for joint in joints]), dt)
+        rates = self._motion.advance(Target(self._velocity), steer, dt)
+        for wheel, rate in zip(self._wheels, rates, strict=True):
+            self.world.data.actuator(wheel).ctrl = WHEEL_KD * rate
 
     def _lead(self, side: str) -> tuple[np.ndarray, float]:
         """Where the leader is, and its trigger."""

@@ -25,6 +25,9 @@ class Demonstrator:
 
     rig: rig whose things are already laid out. task: name of a task of the scene. sides: sides that have a follower.
 
+    Attributes:
+        velocity: what is asked of the base, (3,), m/s, m/s, rad/s, in its frame; changes with each call of `targets`.
+
     Raises:
         ConfigError: the task has no script, or the scene lacks something that the script needs.
     """
@@ -36,6 +39,7 @@ class Demonstrator:
         start = {side: np.append(seen.follower_rad[side], seen.opening[side]) for side in self._sides}
         # side → path of joints and opening, with times on the rig's clock
         self._pulls = {side: Path(np.zeros(1), values[None]) for side, values in start.items()}
+        self.velocity = np.zeros(3)
         self._wake_s = rig.now()
         self._script_turn, self._our_turn = threading.Semaphore(0), threading.Semaphore(0)
         self._error: Exception | None = None
@@ -97,6 +101,9 @@ class Demonstrator:
         """Move a side's target along joints (k, n) at times from now (k,), with trigger (k,), 0 … 1."""
         path = np.column_stack([q_rad, 1.0 - np.asarray(trigger, float)])
         self._pulls[side] = Path(self._rig.now() + np.asarray(times_s, float), path)
+
+    def drive(self, velocity: np.ndarray) -> None:
+        self.velocity = velocity
 
     def let_go(self) -> None:
         """Do nothing; the targets remain."""

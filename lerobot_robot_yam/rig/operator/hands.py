@@ -26,6 +26,13 @@ class Pose:
         """Transform a point (3,) from the thing's frame to the world frame."""
         return self.position_m + self.rotation @ local_m
 
+    def seen_from(self, frame: "Pose") -> "Pose":
+        """Return this pose in a frame that is given in the world."""
+        back, quat = np.empty(4), np.empty(4)
+        mujoco.mju_negQuat(back, frame.quat_wxyz)
+        mujoco.mju_mulQuat(quat, back, self.quat_wxyz)
+        return Pose(frame.rotation.T @ (self.position_m - frame.position_m), quat)
+
     @property
     def yaw_rad(self) -> float:
         """Direction of the thing's x axis, seen from above, rad."""
@@ -45,7 +52,8 @@ class Sight:
     """State of the rig at one instant.
 
     Attributes:
-        things: prop or piece of furniture → pose.
+        things: prop or piece of furniture → pose in the world, or in the frame of the base's mount if there is a base.
+        base: x, y, m, and heading, rad, of the base in the world, (3,); None without a base.
         joints: jointed furniture → position, m or rad.
         leader_rad, follower_rad: side → joints (n,); without leaders both hold the follower's joints.
         opening: side → opening of the follower's gripper, 0 … 1.
@@ -53,6 +61,7 @@ class Sight:
     """
 
     things: Mapping[str, Pose]
+    base: np.ndarray | None
     joints: Mapping[str, float]
     leader_rad: Mapping[str, np.ndarray]
     follower_rad: Mapping[str, np.ndarray]
@@ -63,21 +72,30 @@ class Sight:
 def sight_of(state: Mapping[str, Any], sides: Iterable[str]) -> Sight:
     """Build the sight from a state as returned by `RigOperations.state`. sides: sides that have a follower."""
     arms, sides = state["arms"], tuple(sides)
-    things = {**state["furniture"], **state["props"]}
+    things = {name: _pose(thing) for name, thing in {**state["furniture"], **state["props"]}.items()}
+    base = state.get("base")
+    if base is not None:
+        mount = _pose(base["mount"])
+        things = {name: pose.seen_from(mount) for name, pose in things.items()}
     followers = {side: arms[f"follower_{side}"] for side in sides}
     leaders = {side: arms.get(f"leader_{side}", followers[side]) for side in sides}
     return Sight(
-        things={name: Pose(np.array(thing["pos"]), np.array(thing["quat"])) for name, thing in things.items()},
+        things=things,
+        base=None if base is None else np.array(base["pose"]),
         joints=dict(state["joints"]),
         leader_rad={side: np.array(arm["q"]) for side, arm in leaders.items()},
         follower_rad={side: np.array(arm["q"]) for side, arm in followers.items()},
         opening={side: float(arm["opening"]) for side, arm in followers.items()},
-        willing=all(_willing(arm) for arm in (*leaders.values(), *followers.values())),
+        willing=all(_willing(part) for part in (*leaders.values(), *followers.values(), *([base] if base else []))),
     )
 
 
-def _willing(arm: Mapping[str, Any]) -> bool:
-    return not arm["resists"] and all(motor["enabled"] for motor in arm["motors"].values())
+def _pose(row: Mapping[str, Any]) -> Pose:
+    return Pose(np.array(row["pos"]), np.array(row["quat"]))
+
+
+def _willing(part: Mapping[str, Any]) -> bool:
+    return not part.get("resists") and all(motor["enabled"] for motor in part["motors"].values())
 
 
 class Hands(Protocol):
@@ -91,6 +109,9 @@ class Hands(Protocol):
 
     def pull(self, side: str, times_s: np.ndarray, q_rad: np.ndarray, trigger: np.ndarray) -> None:
         """Pull a side's leader along joints (k, n) at times from now (k,), with trigger (k,), 0 … 1 (squeezed)."""
+
+    def drive(self, velocity: np.ndarray) -> None:
+        """Ask for a velocity of the base (3,), m/s, m/s, rad/s, in its frame; must be repeated."""
 
     def let_go(self) -> None: ...
 

@@ -53,6 +53,9 @@ class RigHands:
     def pull(self, side: str, times_s: np.ndarray, q_rad: np.ndarray, trigger: np.ndarray) -> None:
         self._rig.hand(f"leader_{side}", times_s.tolist(), q_rad.tolist(), trigger.tolist())
 
+    def drive(self, velocity: np.ndarray) -> None:
+        self._rig.ask_drive(velocity.tolist())
+
     def let_go(self) -> None:
         for side in self._sides:
             self._rig.release(f"leader_{side}")

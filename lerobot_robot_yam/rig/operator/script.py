@@ -35,6 +35,7 @@ class Setup:
         planners: side → planner of the side's follower.
         homes_m: side → waiting position of the side's tool, (3,).
         places_m: name → point, (3,).
+        stands: name → pose of the base in the world, (3,), m and rad.
         seed: seed of the operator's random choices.
     """
 
@@ -43,6 +44,7 @@ class Setup:
     planners: Mapping[str, ArmPlanner]
     homes_m: Mapping[str, np.ndarray]
     places_m: Mapping[str, np.ndarray]
+    stands: Mapping[str, np.ndarray]
     seed: int
 
     @property
@@ -91,6 +93,7 @@ def make_setup(scene: Mapping[str, Any], task: str) -> Setup:
         planners=planners,
         homes_m={side: np.array(scene["homes"][side]) for side in planners},
         places_m={name: np.array(point) for name, point in scene["places"].items()},
+        stands={name: np.array(pose) for name, pose in scene["stands"].items()},
         seed=scene["seed"],
     )
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.operator.hands import Hands, Pose, Sight, pause, see
+from lerobot_robot_yam.rig.operator.mobile_tables import MobileTables
 from lerobot_robot_yam.rig.operator.pick_and_place import PickAndPlace
 from lerobot_robot_yam.rig.operator.script import PUT_DOWN_M, Script, Setup, lifted, make_setup
 from lerobot_robot_yam.rig.operator.worker import Worker
@@ -218,6 +219,7 @@ CATALOG: dict[str, type[Script]] = {
     "handover": Handover,
     "drawer": Drawer,
     "insertion": Insertion,
+    "mobile_tables": MobileTables,
     "pick_and_place": PickAndPlace,
 }
 """Script class for each name in `tasks.SCRIPTS`, and for `tasks.PICK_AND_PLACE`."""

@@ -154,7 +154,8 @@ class Scene:
     """A complete scene.
 
     places: name → point (x, y, z), m, used by the operator's tasks. homes: side → waiting position (x, y, z), m, of
-    the side's tool.
+    the side's tool. Both are in the frame of the mount if the arms ride on a base. stands: name → pose (x, y, heading),
+    m and rad, in the world, where the operator stops the base.
     """
 
     name: str
@@ -165,6 +166,7 @@ class Scene:
     cameras: tuple[Camera, ...] = ()
     places: dict[str, np.ndarray] = array_field(3, default=None)
     homes: dict[str, np.ndarray] = array_field(3, default=None)
+    stands: dict[str, np.ndarray] = array_field(3, default=None)
     tasks: tuple[Task, ...] = ()
     options: Options = Options()
 

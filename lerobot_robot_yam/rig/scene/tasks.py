@@ -20,7 +20,7 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.scene.props import Thing
 from lerobot_robot_yam.system.strict_yaml import array_field
 
-SCRIPTS = ("lift_and_place", "handover", "drawer", "insertion")
+SCRIPTS = ("lift_and_place", "handover", "drawer", "insertion", "mobile_tables")
 """Names of the operator's scripts, see `operator.task_scripts`."""
 
 

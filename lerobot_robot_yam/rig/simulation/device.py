@@ -1,6 +1,7 @@
 """The rig without sockets: world, channels with motors and handles, hands, pushes, judge and event log."""
 
 import itertools
+import math
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -62,6 +63,7 @@ class RigDevice:
         each_step: callbacks after each physics step; if there are any, the physics is simulated step by step.
         each_advance: callbacks after each `advance` that has simulated at least one step.
         loaded: files that `RigOperations.load` has run.
+        asked_drive: simulated time, s, and velocity (3,) at which the operator last asked to drive the base.
     """
 
     def __init__(self, scene: Scene, clock: Clock = SYSTEM):
@@ -96,6 +98,7 @@ class RigDevice:
         self.each_step: list[Callable[[], None]] = []
         self.each_advance: list[Callable[[], None]] = []
         self.loaded: set[str] = set()
+        self.asked_drive: tuple[float, list[float]] = (-math.inf, [0.0] * 3)
         self._next_slow_s = 0.0
 
     def _hand(self, row: ArmPlacement, handle: SimHandle | None) -> Hand:

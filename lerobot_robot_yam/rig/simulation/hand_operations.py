@@ -8,9 +8,10 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.rig.simulation.grips import Softness
-from lerobot_robot_yam.rig.simulation.operation import Operations, number, operation
+from lerobot_robot_yam.rig.simulation.operation import Operations, number, operation, vector
 
 _PATH_POINTS = 30
+_DRIVE_S = 0.3  # time for which a hand's wish to drive is valid, s: a hand that is gone drives nothing
 _PRESS_S = (0.005, 60.0)  # minimum and maximum press, s; the rig checks for the end every 5 ms
 
 
@@ -95,6 +96,20 @@ class HandOperations(Operations):
         """Lift an arm to `home` (by default all joints at zero), and release it there."""
         home = [0.0] * len(self.joints(channel)["q"]) if home is None else home
         self.lift(channel, home, seconds, **{"then_release": True, **options})
+
+    @operation
+    def ask_drive(self, velocity: Sequence[float]) -> None:
+        """Ask for a velocity of the base (3,), m/s, m/s, rad/s, in its own frame, as a hand on a gamepad does.
+
+        It is valid for 0.3 s, and moves nothing by itself: a teleoperator reads it by `asked_drive`.
+        """
+        self.device.asked_drive = self.device.world.sim_s, vector(velocity, 3).tolist()
+
+    @operation
+    def asked_drive(self) -> dict[str, Any]:
+        """Read what a hand asks the base to do, under the key velocity: (3,), m/s, m/s, rad/s; zeros if nothing."""
+        at_s, velocity = self.device.asked_drive
+        return {"velocity": velocity if self.device.world.sim_s - at_s <= _DRIVE_S else [0.0] * 3}
 
     @operation
     def joints(self, channel: str) -> dict[str, Any]:

@@ -39,7 +39,7 @@ class RigOperations(HandOperations, FaultOperations):
         """Describe the scene with the fields of scene files.
 
         Returns:
-            name, seed, arms with their placement, places, homes, props, furniture, tasks; names of the cameras.
+            name, seed, arms with their placement, places, homes, stands, props, furniture, tasks; names of the cameras.
         """
         scene = self.device.scene
         return {
@@ -48,6 +48,7 @@ class RigOperations(HandOperations, FaultOperations):
             "arms": [{key: getattr(row, key) for key in _PLACEMENT} for row in scene.arms],
             "places": dict(scene.places or {}),
             "homes": dict(scene.homes or {}),
+            "stands": dict(scene.stands or {}),
             "props": [asdict(thing) for thing in scene.props],
             "furniture": [asdict(thing) for thing in scene.furniture],
             "tasks": [asdict(task) for task in scene.tasks],
@@ -63,8 +64,8 @@ class RigOperations(HandOperations, FaultOperations):
             resists (whether the hand released an arm that worked against it), clients,
             motors[name]: {id, enabled, fault, torque_nm, motor_rad, flash_writes},
             second_motors (fault "second_arm") likewise, tcp_site and grasp_site: {pos (3,), mat (9,)};
-            base, if there is one: pose (x, y, m, and heading, rad), motors[name]: {enabled, fault}, and with a rail
-            rail: height, m, upper and lower (what the switches read), brake_on (its output);
+            base, if there is one: pose (x, y, m, and heading, rad), mount {pos, quat}, motors[name]: {enabled, fault},
+            and with a rail rail: height, m, upper and lower (what the switches read), brake_on (its output);
             props[name] and furniture[name]: {pos, quat};
             joints[name], of furniture: m or rad; with `bodies`, bodies[name]: position (3,).
         """
@@ -96,7 +97,9 @@ class RigOperations(HandOperations, FaultOperations):
         if board is not None:
             upper, lower = board.switches()
             rail = {"rail": {"height": board.height_m, "upper": upper, "lower": lower, "brake_on": board.brake_on}}
-        return {"pose": self.device.world.base_pose(), "motors": motors, **rail}
+        mount = self.device.world.data.body(f"{name}/mount")
+        where = {"pose": self.device.world.base_pose(), "mount": {"pos": mount.xpos, "quat": mount.xquat}}
+        return {**where, "motors": motors, **rail}
 
     def _arm(self, name: str, brief: bool) -> dict[str, Any]:
         world, channel, hand = self.device.world, self.device.channels[name], self.device.hands[name]

@@ -126,6 +126,8 @@ def _without(task, change):
         (_without("handover", lambda scene: scene["arms"].pop()), "needs two arms"),
         (_without("insertion", lambda scene: scene["tasks"][0]["success"].pop()), "region in the frame of the block"),
         (_without("drawer", lambda scene: scene["tasks"][0].update(name="ajar")), "'drawer'; it has: ajar"),
+        (_without("mobile_tables", lambda scene: scene["stands"].pop("between")), "the stands .*between"),
+        (_without("mobile_tables", lambda scene: scene["places"].clear()), "the place put_down"),
     ],
 )
 def test_a_scene_that_lacks_something_is_refused_by_name(scenes, change, text):

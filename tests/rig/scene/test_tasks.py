@@ -108,7 +108,8 @@ def test_each_packaged_task_has_a_scene(name):
     scene = load_scene(name, {"operator": name})
     (task,) = scene.tasks
     assert task.name == task.does == name and task.description.endswith(".")
-    assert {"top", "wrist_left", "wrist_right"} <= {camera.name for camera in scene.cameras}
+    whole = "top" if scene.base is None else "base"
+    assert {whole, "wrist_left", "wrist_right"} <= {camera.name for camera in scene.cameras}
     assert set(scene.homes) == {"left", "right"}
 
 
