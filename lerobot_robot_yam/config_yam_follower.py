@@ -5,10 +5,9 @@ yam_remote, bi_yam_remote        one arm, two arms connected to another computer
 yam_rig                          arms described in a rig file (`--robot.type=yam_rig --robot.file=rig.yaml`)
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 from lerobot.cameras.configs import CameraConfig
 from lerobot.robots.config import RobotConfig
@@ -18,11 +17,8 @@ from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.remote_device import RemoteOptions
 from lerobot_robot_yam.face.registration import register_as
-from lerobot_robot_yam.mobile.base_config import BaseConfig
+from lerobot_robot_yam.robot_options import FollowerOptions
 from lerobot_robot_yam.system.rig_file import RIG_TYPE
-
-if TYPE_CHECKING:
-    from lerobot_robot_yam.session.arm_session import Isolation
 
 _CAMERAS = (
     "LeRobot cameras of any type (opencv, yam_realsense, yam_sim, …); those of one arm get left_ or right_ in front"
@@ -30,19 +26,10 @@ _CAMERAS = (
 
 
 @dataclass(kw_only=True)
-class RobotOptions:
-    """Options of every robot."""
+class CameraOptions:
+    """Cameras of a robot."""
 
     cameras: dict[str, CameraConfig] = option(_CAMERAS, factory=dict)
-    isolation: Literal["process", "thread", "lockstep"] = option(
-        "process runs the control loop in another process; thread is for debugging; lockstep is set by the "
-        "environment yam",
-        "process",
-    )
-
-    def runs(self) -> "Isolation":
-        """Return how the control loop is isolated, see `ArmSession`."""
-        return self.isolation
 
     def all_cameras(self) -> dict[str, CameraConfig]:
         """Return the configs of all cameras by the names of their images in observations.
@@ -58,56 +45,6 @@ class RobotOptions:
         for name, camera in self.all_cameras().items():
             names += [name] * getattr(camera, "use_rgb", True) + [f"{name}_depth"] * getattr(camera, "use_depth", False)
         return names
-
-
-@dataclass(kw_only=True)
-class FollowerOptions(RobotOptions, ABC):
-    """Options of the robot as a whole: with one arm or two, connected to this computer or to another one."""
-
-    observe_velocity: bool = option("also observe joint_1.vel …, rad/s, and the gripper in strokes per second", False)
-    observe_torque: bool = option(
-        "also observe joint_1.torque …, Nm at the motor's output; LeRobot cannot roll out a policy that wants it", False
-    )
-    observe_temperature: bool = option(
-        "also observe joint_1.temp_mos and joint_1.temp_rotor …, °C; LeRobot cannot roll out a policy that wants them",
-        False,
-    )
-    use_degrees: bool = option(
-        "joints in degrees (and degrees per second) in observations and actions; grippers stay 0 … 1, options "
-        "keep their units",
-        False,
-    )
-    action_space: Literal["joint", "ee"] = option(
-        "joint: actions and observed positions are joint_1.pos …; ee: they are the tool's pose ee_x.pos …, m and "
-        "rad (docs/end-effector.md)",
-        "joint",
-    )
-
-    @abstractmethod
-    def arms(self) -> Mapping[str, ArmConfig]:
-        """Return the configs of the arms by feature prefix, in canonical order."""
-
-    def base(self) -> BaseConfig | None:
-        """Return the config of the base on which the arms ride, if any. Raises ConfigError: a value is impossible."""
-        return None
-
-    def action_keys(self) -> list[str]:
-        """Return the action keys, in canonical order. Raises ConfigError: an arm or gripper is unknown."""
-        from lerobot_robot_yam.face.devices import feature_names  # late import of profiles, for a fast start
-
-        return feature_names.action_keys(self.arms(), self.action_space)
-
-    def state_keys(self) -> list[str]:
-        """Return the keys of all numbers in an observation: the action keys, then the optional keys."""
-        from lerobot_robot_yam.face.devices.feature_names import motors_of
-
-        return self.action_keys() + self.optional_keys(motors_of(self.arms()))
-
-    def optional_keys(self, motors: Sequence[str]) -> list[str]:
-        """Return the keys of the optional numbers that are enabled, for motors in canonical order."""
-        kinds = ["vel"] * self.observe_velocity + ["torque"] * self.observe_torque
-        kinds += ["temp_mos", "temp_rotor"] * self.observe_temperature
-        return [f"{motor}.{kind}" for kind in kinds for motor in motors]
 
 
 def refuse_follower(device: str, config: Any) -> None:
@@ -138,7 +75,7 @@ class FollowerArmConfig(ArmConfig):
 
 @register_as(RobotConfig, "yam_follower", spare="i2rt_yam_follower")
 @dataclass(kw_only=True)
-class YamFollowerConfig(RobotConfig, FollowerOptions, ArmConfig):
+class YamFollowerConfig(RobotConfig, CameraOptions, FollowerOptions, ArmConfig):
     """One follower arm: LeRobot's fields, `FollowerOptions`, and every field of `ArmConfig` (channel, gripper, …)."""
 
     def __post_init__(self) -> None:
@@ -155,7 +92,7 @@ class I2rtYamFollowerConfig(YamFollowerConfig):
 
 @register_as(RobotConfig, "bi_yam_follower", spare="bi_i2rt_yam_follower")
 @dataclass(kw_only=True)
-class BiYamFollowerConfig(RobotConfig, FollowerOptions):
+class BiYamFollowerConfig(RobotConfig, CameraOptions, FollowerOptions):
     """Two follower arms. Camera names in an arm's own config get the prefix `left_` or `right_`, others do not."""
 
     left_arm_config: FollowerArmConfig
@@ -185,7 +122,7 @@ class BiI2rtYamFollowerConfig(BiYamFollowerConfig):
     """`BiYamFollowerConfig` with a type name that no other plugin uses."""
 
 
-class _RemoteFollowers(RemoteOptions, FollowerOptions):
+class _RemoteFollowers(RemoteOptions, CameraOptions, FollowerOptions):
     """Options of followers whose arms are described by the host."""
 
     def arms(self) -> Mapping[str, ArmConfig]:

@@ -10,43 +10,16 @@ from dataclasses import dataclass
 from lerobot.robots.config import RobotConfig
 
 from lerobot_robot_yam.arm.config_checks import check_switches
-from lerobot_robot_yam.arm.option import option
-from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, RobotOptions, refuse_follower
+from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, CameraOptions, refuse_follower
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.registration import register_as
 from lerobot_robot_yam.mobile.base_config import BaseConfig
-
-
-@dataclass(kw_only=True)
-class BaseOptions:
-    """Options of a robot with a base, as a whole, besides those of the base itself."""
-
-    observe_odometry: bool = option("also observe x.pos, y.pos, m, and theta.pos, degrees, from the wheels", False)
-    observe_wheels: bool = option(
-        "also observe the casters, rear_left_steer.pos …, rad, and the wheels, rear_left_drive.vel …, rad/s", False
-    )
-    replay_poses: bool = option(
-        "lerobot-replay keeps to the recorded poses: it corrects the recorded velocities by the odometry. The data set "
-        "has to be recorded with observe_odometry",
-        False,
-    )
-
-    def base_keys(self) -> list[str]:
-        """Return the keys of the base's part of an action."""
-        from lerobot_robot_yam.face.devices.base_part import VELOCITY_KEYS  # late import, for a fast start
-
-        return list(VELOCITY_KEYS)
-
-    def base_extra_keys(self) -> list[str]:
-        """Return the keys of the optional numbers of the base that are enabled."""
-        from lerobot_robot_yam.face.devices.base_part import optional_keys
-
-        return optional_keys(self.observe_odometry, self.observe_wheels)
+from lerobot_robot_yam.robot_options import BaseOptions, RobotOptions
 
 
 @register_as(RobotConfig, "yam_base")
 @dataclass(kw_only=True)
-class YamBaseRobotConfig(RobotConfig, RobotOptions, BaseOptions, BaseConfig):
+class YamBaseRobotConfig(RobotConfig, CameraOptions, RobotOptions, BaseOptions, BaseConfig):
     """A mobile base alone: LeRobot's fields, `RobotOptions`, `BaseOptions`, and every field of `BaseConfig`."""
 
     def __post_init__(self) -> None:

@@ -12,7 +12,6 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 from lerobot_robot_yam.config_yam_follower import (
     BiYamFollowerConfig,
     BiYamRemoteConfig,
-    FollowerOptions,
     YamFollowerConfig,
     YamRemoteConfig,
 )
@@ -25,6 +24,7 @@ from lerobot_robot_yam.face.devices.remote_device import RemoteDevice
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.face.recorder.rehearsal import rehearse
 from lerobot_robot_yam.face.rl_stack import MotorBus
+from lerobot_robot_yam.robot_options import FollowerOptions
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.clock import Clock
 
@@ -56,7 +56,7 @@ class FollowerBase(ArmDevice, RecordedRobot):
         base = options.base()
         self._arms = self._make_arms("follower", arms, self._use_degrees, options.runs(), base=base)
         self._speak(options.action_space, [(side.hardware.arm, side.hardware.gripper) for side in self._arms.sides])
-        self._make_cameras(options.all_cameras(), [*arms.values(), *([] if base is None else [base])])
+        self._make_cameras(config.all_cameras(), [*arms.values(), *([] if base is None else [base])])
         self._last_action: dict[str, Any] = {}
         self._coupled_s = -math.inf  # time of the last action from a leader
         self._extra_keys = options.optional_keys(self._arms.motors)

@@ -13,6 +13,7 @@ from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
 from lerobot_robot_yam.face.operator_keys.handle_buttons import button_meanings
 
 if TYPE_CHECKING:
+    from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
     from lerobot_robot_yam.session.arm_session import Isolation
 
 
@@ -160,38 +161,44 @@ def meanings_of(options: LeaderOptions) -> dict[str, Meaning]:
 
 def refuse_leader(device: str, config: Any) -> None:
     """Raise RefusedConfigError if a teleoperator cannot be built from `config`."""
-    # loads profiles: late import, to keep LeRobot's start quick
-    from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
     from lerobot_robot_yam.face.lerobot_command.command_checks import channels_of
     from lerobot_robot_yam.face.lerobot_command.config_refusal import refuse
 
     def check(resolved: Mapping[str, Any]) -> None:
-        try:
-            meanings_of(config)
-        except ConfigError as error:
-            raise ConfigError(f"{device}: {error}") from error
-        for arm, options in zip(resolved.values(), config.arms().values(), strict=True):
-            try:
-                load_gripper(options.ee_gripper)
-                joints = load_arm(options.follower_arm or options.arm).joint_count
-            except ConfigError as error:
-                raise ConfigError(f"{arm.name}: {error}") from error
-            if arm.joints not in (0, joints):
-                raise ConfigError(
-                    f"{arm.name}: follower_arm {options.follower_arm!r} has {joints} joints, not {arm.joints}"
-                )
-        leads = {arm.name: lead for arm in resolved.values() if (lead := lead_of(arm.config)) is not None}
-        check_leads(list(leads.values()))
+        check_leaders(device, config, resolved)
         robot = list(channels_of("robot").values())
         for arm in resolved.values():
-            if (lead := leads.get(arm.name)) is None:
-                continue
-            lead.check_joints(arm.name, arm.joints)
-            lead.check_handle(arm.name, arm.gripper.handle_encoder)
-            if robot and lead.follower not in robot:
+            lead = lead_of(arm.config)
+            if robot and lead is not None and lead.follower not in robot:
                 raise ConfigError(
                     f"{arm.name}: its follower {lead.follower} is no arm of this command's robot, which has "
                     f"{', '.join(robot)}; set follower to one of these"
                 )
 
     refuse(device, config, "leader", check)
+
+
+def check_leaders(device: str, config: LeaderOptions, resolved: Mapping[str, "ResolvedArm"]) -> None:
+    """Check leaders and what they say of their followers. resolved: prefix → arm. Raises ConfigError: a mistake."""
+    # loads profiles: late import, to keep LeRobot's start quick
+    from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
+
+    try:
+        meanings_of(config)
+    except ConfigError as error:
+        raise ConfigError(f"{device}: {error}") from error
+    for arm, options in zip(resolved.values(), config.arms().values(), strict=True):
+        try:
+            load_gripper(options.ee_gripper)
+            joints = load_arm(options.follower_arm or options.arm).joint_count
+        except ConfigError as error:
+            raise ConfigError(f"{arm.name}: {error}") from error
+        if arm.joints not in (0, joints):
+            raise ConfigError(
+                f"{arm.name}: follower_arm {options.follower_arm!r} has {joints} joints, not {arm.joints}"
+            )
+    leads = {arm: lead for arm in resolved.values() if (lead := lead_of(arm.config)) is not None}
+    check_leads(list(leads.values()))
+    for arm, lead in leads.items():
+        lead.check_joints(arm.name, arm.joints)
+        lead.check_handle(arm.name, arm.gripper.handle_encoder)

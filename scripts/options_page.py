@@ -11,13 +11,13 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.option import options_of
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_env import YamEnvConfig
-from lerobot_robot_yam.config_yam_follower import FollowerOptions, YamRigConfig
-from lerobot_robot_yam.config_yam_mobile import BaseOptions
+from lerobot_robot_yam.config_yam_follower import CameraOptions, YamRigConfig
 from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig
 from lerobot_robot_yam.face.devices.remote_device import RemoteOptions
 from lerobot_robot_yam.face.driving.drive_options import DriveOptions
 from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.mobile.rail_config import RailConfig
+from lerobot_robot_yam.robot_options import BaseOptions, FollowerOptions
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
 from lerobot_teleoperator_yam.config_yam_gamepad import PadOptions, YamBaseKeysConfig
 from lerobot_teleoperator_yam.config_yam_hand_guide import (
@@ -49,6 +49,7 @@ _SECTIONS = [
         WorkspaceConfig,
     ),
     ("A robot", "Options of `yam_follower` and `bi_yam_follower` as a whole.", FollowerOptions),
+    ("The cameras of a robot", "Of any robot.", CameraOptions),
     (
         "A mobile base",
         "Write `--robot.velocity_limit=…` with `yam_base`, `--robot.base_config.velocity_limit=…` with `yam_mobile`.\n"

@@ -9,6 +9,8 @@ from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 
 Part = ResolvedArm | ResolvedBase
+BASE = "base_"
+"""Prefix of the base among the parts of a robot."""
 
 
 def resolve(config: ArmConfig | BaseConfig) -> Part:
@@ -23,4 +25,9 @@ def plain(part: Part) -> tuple[str, dict[str, Any]]:
 
 def part_of(kind: str, fields: dict[str, Any]) -> Part:
     """Resolve what `plain` has returned. Raises ConfigError: a file has changed since."""
-    return resolve(BaseConfig(**fields) if kind == "base" else LeadArmConfig(**fields))
+    return resolve(config_of(kind, fields))
+
+
+def config_of(kind: str, fields: dict[str, Any]) -> ArmConfig | BaseConfig:
+    """Make a part's configuration from its kind, as of `plain`, and its fields. Raises ConfigError: see `resolve`."""
+    return BaseConfig(**fields) if kind == "base" else LeadArmConfig(**fields)

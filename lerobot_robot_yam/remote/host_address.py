@@ -77,9 +77,11 @@ class HostAddress:
         return channel_key(INTERFACE, self.channel(channel), None)
 
     def options(self, there: Mapping[str, Any]) -> dict[str, Any]:
-        """Translate arm options from the host: channels get this computer's names, file options become None."""
+        """Translate a part's options from the host: channels get this computer's names, file options become None."""
         here = {**there, "interface": INTERFACE, "channel": self.channel(there["channel"]), "can_options": {}}
         here |= dict.fromkeys(name for name in _OF_THE_HOST if name in there)
+        if there.get("rail") is not None:
+            here["rail"] = {**there["rail"], "calibration_path": None}
         if there.get("follower") is not None:
             here["follower"] = self.channel(there["follower"])
         return here

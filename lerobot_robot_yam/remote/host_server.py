@@ -56,8 +56,8 @@ class StateStream:
 
     def __init__(self, groups: Sequence[HostedGroup], stops: MirroredStops, publish: Callable[[States], None]):
         self._stops, self._publish = stops, publish
-        self._arms = [arm for group in groups for arm in group.arms]
-        self._leads = [group.arms[-1] for group in groups]
+        self._parts = [part for group in groups for part in group.parts]
+        self._leads = [group.parts[-1] for group in groups]
         self._run = secrets.randbits(62) + 1
         self._sent, self._sent_s = 0, 0.0  # state number before the last message, and time of that message
         self._ended = threading.Event()
@@ -77,15 +77,15 @@ class StateStream:
         while not self._ended.is_set():
             try:
                 self._await_tick()
-                arms = [(arm.number, record) for arm in self._arms if (record := arm.record()) is not None]
-                self._publish(States(self._run, *self._stops.stopped, arms))
+                parts = [(part.number, record) for part in self._parts if (record := part.record()) is not None]
+                self._publish(States(self._run, *self._stops.stopped, parts))
             except Exception:
                 logger.exception("states were not sent")
                 self._ended.wait(_QUIET_S)
 
     def _await_tick(self) -> None:
         """Wait for the next tick of the first running group."""
-        client = next((client for arm in self._leads if (client := arm.client) is not None), None)
+        client = next((client for part in self._leads if (client := part.client) is not None), None)
         if client is None:
             self._ended.wait(_QUIET_S)
             return
@@ -108,8 +108,10 @@ class HostServer:
     def __init__(self, sockets: HostSockets, groups: Sequence[HostedGroup], land_after_s: float, run_tool: RunTool):
         self._sockets, self._groups, self._land_after_s, self._run_tool = sockets, groups, land_after_s, run_tool
         for group in groups:
-            group.leaders = frozenset(arm.key for other in groups for arm in other.arms if other is not group)
-        self._group_of = {arm.number: group for group in groups for arm in group.arms}
+            others = frozenset(part.key for other in groups for part in other.parts if other is not group)
+            for part in group.parts:
+                part.leaders = others
+        self._group_of = {part.number: group for group in groups for part in group.parts}
         self._stops = MirroredStops("workstation", machine_name())
         self._stream = StateStream(groups, self._stops, sockets.publish)
         # numbers of handled estop requests; clients count from random numbers
@@ -142,9 +144,9 @@ class HostServer:
         try:
             message = decode(data)
             if isinstance(message, Command):
-                if message.arm not in self._group_of:
-                    raise LinkError(f"there is no arm {message.arm}")
-                self._group_of[message.arm].take(message)
+                if message.part not in self._group_of:
+                    raise LinkError(f"there is no arm or base {message.part}")
+                self._group_of[message.part].take(message)
             elif isinstance(message, Beat):
                 held = [group.heard(message.session) for group in self._groups]
                 self._stops.hear(message.machine, client, message.stopped, received_s)

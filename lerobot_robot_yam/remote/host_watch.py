@@ -5,6 +5,7 @@ channel free. While this computer drives the arm, the watched copy is hidden.
 """
 
 import contextlib
+import dataclasses
 import logging
 import threading
 from collections.abc import Iterator
@@ -12,10 +13,13 @@ from typing import Any
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ChannelInUseError, YamError
+from lerobot_robot_yam.mobile.base_config import BaseConfig
+from lerobot_robot_yam.mobile.robot_parts import BASE
 from lerobot_robot_yam.remote.host_question import Host, hello
 from lerobot_robot_yam.remote.hosted_device import keys_of
 from lerobot_robot_yam.remote.link import Link
-from lerobot_robot_yam.remote.mirrored_arm import MirroredArm
+from lerobot_robot_yam.remote.mirrored_part import MirroredPart
+from lerobot_robot_yam.state.base_records import BASE_STATE_DTYPE
 from lerobot_robot_yam.state.records import STATE_DTYPE, lock_path, state_path
 from lerobot_robot_yam.system.clock import SYSTEM
 from lerobot_robot_yam.system.runtime_files import FileLock
@@ -23,7 +27,6 @@ from lerobot_robot_yam.system.shared_block import SharedBlock
 
 logger = logging.getLogger(__name__)
 
-_FIELDS = set(ArmConfig.__dataclass_fields__)
 _LOOK_S = 0.2  # interval between checks of which arms this computer drives, s
 _AGAIN_S = 5.0  # pause before a retry after an error, s
 
@@ -65,12 +68,13 @@ def watched(host: Host) -> Iterator[None]:
 def _show(host: Host, groups: dict[str, Any], ended: threading.Event) -> None:
     """Show the arms that no other program on this computer drives or watches, until `ended` is set."""
     keys = keys_of(host, groups)
-    configs = {}
-    for arm in (arm for group in groups.values() for arm in group["arms"].values()):
-        options = host.address.options(arm["options"])
-        config = ArmConfig(**{name: value for name, value in options.items() if name in _FIELDS})
-        configs[arm["number"]] = (keys[arm["key"]], config)
-    shown: dict[int, MirroredArm] = {}
+    configs: dict[int, tuple[str, ArmConfig | BaseConfig]] = {}
+    for prefix, part in (row for group in groups.values() for row in group["parts"].items()):
+        options, kind = host.address.options(part["options"]), BaseConfig if prefix == BASE else ArmConfig
+        fields = {field.name for field in dataclasses.fields(kind)}
+        config = kind(**{name: value for name, value in options.items() if name in fields})
+        configs[part["number"]] = (keys[part["key"]], config)
+    shown: dict[int, MirroredPart] = {}
     look_s = 0.0
     with contextlib.closing(Link(host, shown)) as link:
         try:
@@ -85,7 +89,9 @@ def _show(host: Host, groups: dict[str, Any], ended: threading.Event) -> None:
                 mirrored.close()
 
 
-def _look(shown: dict[int, MirroredArm], number: int, key: str, config: ArmConfig, keys: dict[str, str]) -> None:
+def _look(
+    shown: dict[int, MirroredPart], number: int, key: str, config: ArmConfig | BaseConfig, keys: dict[str, str]
+) -> None:
     """Show an arm, or hide it while this computer drives it."""
     if state_path(key).exists():  # not tested by the lock: that could disturb a program that is acquiring the lock
         if number in shown:
@@ -94,5 +100,6 @@ def _look(shown: dict[int, MirroredArm], number: int, key: str, config: ArmConfi
         lock = FileLock(lock_path(watched_key(key)), f"the view of {config.channel}")
         with contextlib.suppress(ChannelInUseError):
             lock.acquire()
-            states = SharedBlock(None, STATE_DTYPE, create=True)
-            shown[number] = MirroredArm(watched_key(key), config, lock, states, None, keys)
+            dtype = BASE_STATE_DTYPE if isinstance(config, BaseConfig) else STATE_DTYPE
+            states = SharedBlock(None, dtype, create=True)
+            shown[number] = MirroredPart(watched_key(key), config, lock, states, None, keys)

@@ -8,13 +8,24 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.mobile.robot_parts import Part
 from lerobot_robot_yam.remote.host_question import Host, hello
 from lerobot_robot_yam.session.arm_session import MakeRunner, clear_away
 from lerobot_robot_yam.session.runners import ProcessRunner
 
 logger = logging.getLogger(__name__)
+
+# LeRobot's type of a device at its own computer → type at another computer
+_TYPES = {
+    "yam_follower": "yam_remote",
+    "bi_yam_follower": "bi_yam_remote",
+    "yam_base": "yam_base_remote",
+    "yam_mobile": "yam_mobile_remote",
+    "yam_leader": "yam_remote_leader",
+    "bi_yam_leader": "bi_yam_remote_leader",
+}
 
 
 class HostedDevice:
@@ -23,14 +34,15 @@ class HostedDevice:
     Attributes:
         host: the host.
         group: "robot" or "teleop".
-        options: prefix → arm options, as for LeRobot's local device, with this computer's names of the channels.
-        numbers: number of each of these arms on the host.
-        all_keys: for every arm of the host: channel key on the host → channel key on this computer.
+        options: prefix → options of an arm or of the base, as for LeRobot's local device, with this computer's names
+            of the channels.
+        numbers: number of each of these parts on the host.
+        all_keys: for every part of the host: channel key on the host → channel key on this computer.
         calibrated: whether the host knows the stops of all grippers.
 
     Raises:
         LinkError: the host does not reply.
-        ConfigError: the host has no such group, or the group has a different number of arms.
+        ConfigError: the host has no such group, or the group has other parts.
     """
 
     def __init__(self, host: Host, group: str, prefixes: tuple[str, ...]):
@@ -38,15 +50,12 @@ class HostedDevice:
         address, groups = host.address, hello(host)["groups"]
         if group not in groups:
             raise ConfigError(f"the rig of {address} has no {group}; it has {', '.join(groups) or 'no arms'}")
-        arms: dict[str, Any] = groups[group]["arms"]
-        if tuple(arms) != prefixes:
-            kind = "bi_yam_remote" if len(arms) == 2 else "yam_remote"
-            raise ConfigError(
-                f"the {group} of {address} has {len(arms)} arm{'s' * (len(arms) != 1)}; its type here is "
-                f"{kind if group == 'robot' else f'{kind}_leader'}"
-            )
-        self.options = {prefix: address.options(arm["options"]) for prefix, arm in arms.items()}
-        self.numbers = [int(arm["number"]) for arm in arms.values()]
+        parts: dict[str, Any] = groups[group]["parts"]
+        if tuple(parts) != prefixes:
+            there = groups[group]["device"]
+            raise ConfigError(f"the {group} of {address} is a {there}; its type here is {_TYPES.get(there, there)}")
+        self.options = {prefix: address.options(part["options"]) for prefix, part in parts.items()}
+        self.numbers = [int(part["number"]) for part in parts.values()]
         self.all_keys = keys_of(host, groups)
         self.calibrated = bool(groups[group]["calibrated"])
 
@@ -57,8 +66,8 @@ class HostedDevice:
 
 def keys_of(host: Host, groups: dict[str, Any]) -> dict[str, str]:
     """Map channel keys on the host to channel keys on this computer, for all arms in the host's reply to a hello."""
-    every = [arm for group in groups.values() for arm in group["arms"].values()]
-    return {arm["key"]: host.address.key(arm["options"]["channel"]) for arm in every}
+    every = [part for group in groups.values() for part in group["parts"].values()]
+    return {part["key"]: host.address.key(part["options"]["channel"]) for part in every}
 
 
 class RemoteRunner(ProcessRunner):
@@ -66,15 +75,16 @@ class RemoteRunner(ProcessRunner):
 
     Args:
         device: the group, as the host describes it.
-        arms, keys: the group's arms and channel keys, with this computer's names.
+        parts, keys: the group's parts and channel keys, with this computer's names.
     """
 
     _program = "lerobot_robot_yam.remote.link_process"
 
-    def __init__(self, device: HostedDevice, arms: list[ResolvedArm], keys: list[str]):
-        super().__init__(arms, keys)
+    def __init__(self, device: HostedDevice, parts: list[Part], keys: list[str]):
+        super().__init__(parts, keys)
         self._device = device
-        self._search = all(arm.config.gripper_search for arm in arms)
+        configs = [part.config for part in parts]
+        self._search = all(config.gripper_search for config in configs if isinstance(config, ArmConfig))
 
     def _job(self) -> dict[str, Any]:
         device = self._device

@@ -1,14 +1,15 @@
-"""Group of arms on the host: the robot's followers or the teleoperator's leaders, driven by one client at a time."""
+"""Group of parts on the host: the robot's followers and base, or the leaders, driven by one client at a time."""
 
 import logging
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import Enum
 from typing import Any
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ChannelInUseError, LifeCycleError, LinkError, YamError
-from lerobot_robot_yam.remote.hosted_arm import HostedArm
+from lerobot_robot_yam.mobile.base_config import BaseConfig
+from lerobot_robot_yam.remote.hosted_part import HostedArm, HostedBase
 from lerobot_robot_yam.remote.link_messages import Command
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.session.lease import Lease
@@ -26,22 +27,21 @@ class Phase(Enum):
 
 
 class HostedGroup:
-    """Group of arms that start and land together.
+    """Group of arms, and a base, that start and land together.
 
     Args:
         role: "robot" or "teleop".
         device: LeRobot type name of the local device.
-        arms: prefix → config of the arm, in canonical order.
-        options: prefix → arm options for clients, which build LeRobot's device from these options.
-        first: number of this group's first arm among all arms of the host.
+        configs: prefix → config of the arm, in canonical order; a base has the prefix `robot_parts.BASE`.
+        options: prefix → options for clients, which build LeRobot's device from these options.
+        first: number of this group's first part among all parts of the host.
         isolation: where the control loop runs, see `ArmSession`.
 
     Attributes:
         phase: current phase.
         lease: right to drive the group, held by a client's session number.
         newest: number of the newest command from the client that holds the lease.
-        leaders: channel keys of the arms that followers of this group may follow; set by the server.
-        channels: CAN channel of the group → command-line options that name the channel.
+        channels: CAN channel of an arm of the group → command-line options that name the channel.
         dropped: number of dropped commands: refused, too old, out of order, or not from the holder of the lease.
     """
 
@@ -49,20 +49,22 @@ class HostedGroup:
         self,
         role: str,
         device: str,
-        arms: Mapping[str, ArmConfig],
+        configs: Mapping[str, ArmConfig | BaseConfig],
         options: Mapping[str, Mapping[str, Any]],
         first: int,
         isolation: Isolation = "process",
     ):
         self.role, self.device, self.options = role, device, options
-        self._session = ArmSession(list(arms.values()), isolation)
-        self.arms = [
-            HostedArm(first + number, self._session, config.name) for number, config in enumerate(arms.values())
+        self._session = ArmSession(list(configs.values()), isolation)
+        self.parts: Sequence[HostedArm | HostedBase] = [
+            (HostedBase if isinstance(config, BaseConfig) else HostedArm)(first + number, self._session, config.name)
+            for number, config in enumerate(configs.values())
         ]
-        self.prefixes = list(arms)
-        self.channels = {config.channel: config.on_command_line for config in arms.values()}
+        self.prefixes = list(configs)
+        self.channels = {
+            config.channel: config.on_command_line for config in configs.values() if isinstance(config, ArmConfig)
+        }
         self.phase, self.lease, self.newest = Phase.FREE, Lease(f"the host's {role}"), 0
-        self.leaders: frozenset[str] = frozenset()
         self.dropped = 0
         self._lock = threading.Lock()  # guards phase, lease, _over and _last
         self._over = 0  # last session that called `stop`
@@ -75,13 +77,13 @@ class HostedGroup:
         """Return the description of the group for a hello."""
         return {
             "device": self.device,
-            "arms": {
-                prefix: {"number": arm.number, "key": arm.key, "options": dict(self.options[prefix])}
-                for prefix, arm in zip(self.prefixes, self.arms, strict=True)
+            "parts": {
+                prefix: {"number": part.number, "key": part.key, "options": dict(self.options[prefix])}
+                for prefix, part in zip(self.prefixes, self.parts, strict=True)
             },
             "phase": self.phase.value,
             "holder": self.lease.who,
-            "calibrated": all(arm.calibrated for arm in self.arms),
+            "calibrated": all(part.calibrated for part in self.parts),
             "dropped": self.dropped,
         }
 
@@ -108,8 +110,8 @@ class HostedGroup:
                 self.lease.take(session, who)
                 self.phase, self.newest = Phase.STARTING, 0
                 self._unwanted.clear()
-                for arm in self.arms:
-                    arm.begin()
+                for part in self.parts:
+                    part.begin()
                 name, work = f"yam-{self.role}", (session, search)
                 self._worker = threading.Thread(target=self._run, args=work, name=name, daemon=False)
                 self._worker.start()
@@ -171,7 +173,7 @@ class HostedGroup:
         return self.lease.renew(session)
 
     def take(self, command: Command) -> None:
-        """Forward a client's command to its arm. Raises LinkError: the command is old, or not from the holder."""
+        """Forward a client's command to its part. Raises LinkError: the command is old, or not from the holder."""
         if self.phase is not Phase.RUNNING or self.lease.holder != command.session:
             self.dropped += 1
             raise LinkError(f"a command for the {self.role} is not of the client that has it")
@@ -180,8 +182,8 @@ class HostedGroup:
             raise LinkError(f"a command for the {self.role} has come before")
         self.newest = command.number
         self.lease.renew(command.session)
-        arm = next(arm for arm in self.arms if arm.number == command.arm)
-        if not arm.take(command.record, self.leaders):
+        part = next(part for part in self.parts if part.number == command.part)
+        if not part.take(command.record):
             self.dropped += 1
 
     @property
@@ -192,7 +194,7 @@ class HostedGroup:
     @property
     def led_by_hand(self) -> bool:
         """Whether a person seems to hold one of these leaders."""
-        return any(arm.in_a_hand for arm in self.arms)
+        return any(part.in_a_hand for part in self.parts)
 
     def close(self) -> None:
         """Land the arms and wait until they have landed."""

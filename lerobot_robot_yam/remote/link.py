@@ -13,7 +13,7 @@ from lerobot_robot_yam.remote.host_address import machine_name, who
 from lerobot_robot_yam.remote.host_question import Host, ask_over
 from lerobot_robot_yam.remote.link_messages import Answer, Beat, Command, Echo, States
 from lerobot_robot_yam.remote.link_sockets import ClientSockets
-from lerobot_robot_yam.remote.mirrored_arm import MirroredArm
+from lerobot_robot_yam.remote.mirrored_part import MirroredPart
 from lerobot_robot_yam.remote.mirrored_stops import MirroredStops
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.system.clock import SYSTEM
@@ -91,7 +91,7 @@ class Link:
         nudged: file descriptor that becomes readable when a command was written; None without commands.
     """
 
-    def __init__(self, host: Host, arms: Mapping[int, MirroredArm], drives: bool = False, nudged: int | None = None):
+    def __init__(self, host: Host, arms: Mapping[int, MirroredPart], drives: bool = False, nudged: int | None = None):
         self._host, self._arms, self._nudged = host, arms, nudged
         self._sockets = ClientSockets(host.address, host.client_key(), also=nudged)
         self._session = secrets.randbits(62) + 1 if drives else 0
@@ -206,7 +206,7 @@ class Link:
             self._run = states.run
             self._clock.clear()
         if self._clock.known and now - self._heard_s < _LOST_S and not self._let_go:
-            for number, record in states.arms:
+            for number, record in states.parts:
                 if (arm := self._arms.get(number)) is not None:
                     arm.write(record, self._clock.offset_s)
         stopped = states.stopped and states.stopped_by != self._machine

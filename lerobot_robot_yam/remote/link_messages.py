@@ -12,13 +12,17 @@ import msgspec
 from msgspec import Meta
 
 from lerobot_robot_yam.errors import LinkError
+from lerobot_robot_yam.state.base_records import BASE_COMMAND_DTYPE, BASE_STATE_DTYPE
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, STATE_DTYPE
 
 MOST_BYTES = 1 << 16  # maximum size of a message to the host, and of `States`, bytes
 # maximum size of any other message to a client, bytes: a reply to hello has the options of four arms
 MOST_ANSWER_BYTES = 1 << 20
-_MAGIC, _VERSION = b"YR", 2
-_LAYOUT = zlib.crc32(repr((STATE_DTYPE.descr, COMMAND_DTYPE.descr)).encode())  # checksum of the layout of the records
+_MAGIC, _VERSION = b"YR", 3
+_STATES, _COMMANDS = (STATE_DTYPE, BASE_STATE_DTYPE), (COMMAND_DTYPE, BASE_COMMAND_DTYPE)
+# checksum of the layout of the records
+_LAYOUT = zlib.crc32(repr([dtype.descr for dtype in (*_STATES, *_COMMANDS)]).encode())
+_STATE_BYTES, _COMMAND_BYTES = ([dtype.itemsize for dtype in dtypes] for dtypes in (_STATES, _COMMANDS))
 HEAD = struct.pack("<2sHI", _MAGIC, _VERSION, _LAYOUT)
 
 Number = Annotated[int, Meta(ge=0)]
@@ -39,7 +43,7 @@ class Question(_Message):
 
     number: Number
     op: Literal["hello", "start", "stop", "tool", "estop"]
-    group: str = ""  # start, stop: group of arms
+    group: str = ""  # start, stop: group of parts
     session: Number = 0  # start, stop: session of the client
     search: bool = True  # start: whether to search for the grippers' stops
     who: str = ""  # start, estop: user, computer and process of the client
@@ -60,12 +64,12 @@ class Answer(_Message):
 
 
 class Command(_Message):
-    """Command record from a client for one arm."""
+    """Command record from a client for one part, an arm or a base."""
 
     session: Number
     number: Number  # grows with each command of the session
-    arm: Number  # number of the arm in the host's reply to hello
-    record: Annotated[bytes, Meta(min_length=COMMAND_DTYPE.itemsize, max_length=COMMAND_DTYPE.itemsize)]  # host's clock
+    part: Number  # number of the part in the host's reply to hello
+    record: Annotated[bytes, Meta(min_length=min(_COMMAND_BYTES), max_length=max(_COMMAND_BYTES))]  # host's clock
 
 
 class Beat(_Message):
@@ -87,12 +91,12 @@ class Echo(_Message):
 
 
 class States(_Message):
-    """Newest states of all running arms."""
+    """Newest states of all running parts."""
 
     run: Number  # random id of this run of the host's program
     stopped: bool  # whether the emergency stop is latched on the host
     stopped_by: Machine  # machine that latched the stop: the host or a client
-    arms: list[tuple[Number, Annotated[bytes, Meta(max_length=STATE_DTYPE.itemsize)]]]  # (number, state), host's clock
+    parts: list[tuple[Number, Annotated[bytes, Meta(max_length=max(_STATE_BYTES))]]]  # (number, state), host's clock
 
 
 Message = Question | Answer | Command | Beat | Echo | States

@@ -10,13 +10,14 @@ import logging
 import sys
 from typing import Any
 
-from lerobot_robot_yam.arm.config import LeadArmConfig
 from lerobot_robot_yam.control.process.caller import Caller
+from lerobot_robot_yam.mobile.robot_parts import part_of
 from lerobot_robot_yam.remote.host_address import HostAddress
 from lerobot_robot_yam.remote.host_question import Host
 from lerobot_robot_yam.remote.link import Link
-from lerobot_robot_yam.remote.mirrored_arm import MirroredArm
-from lerobot_robot_yam.state.records import BlockPair, Descriptors, lock_path
+from lerobot_robot_yam.remote.mirrored_part import MirroredPart
+from lerobot_robot_yam.state.base_records import map_blocks
+from lerobot_robot_yam.state.records import Descriptors, lock_path
 from lerobot_robot_yam.system.log_thread import log_from_a_thread
 from lerobot_robot_yam.system.realtime import raise_threads, request_realtime
 from lerobot_robot_yam.system.runtime_files import FileLock
@@ -49,15 +50,16 @@ def main() -> int:
 
 def _link(job: dict[str, Any], ends: contextlib.ExitStack) -> Link:
     """Create the link that a job describes; `ends` closes the link."""
-    arms = {}
+    parts = {}
     rows = zip(job["parts"], job["numbers"], job["keys"], job["blocks"], strict=True)
-    for (_, fields), number, key, descriptors in rows:
-        config, pair = LeadArmConfig(**fields), BlockPair.of(Descriptors(*descriptors))
-        lock = FileLock(lock_path(key), f"the link to {config.channel}")
+    for plain, number, key, descriptors in rows:
+        part = part_of(*plain)
+        lock = FileLock(lock_path(key), f"the link to {part.config.channel}")
         lock.acquire()
-        arms[number] = MirroredArm(key, config, lock, pair.states, pair.commands, job["all_keys"])
-        ends.callback(arms[number].close)
-    link = Link(Host(HostAddress.of(job["host"]), job["key"]), arms, drives=True, nudged=job["lifeline"])
+        pair = map_blocks(part, Descriptors(*descriptors))
+        parts[number] = MirroredPart(key, part.config, lock, *pair, job["all_keys"])
+        ends.callback(parts[number].close)
+    link = Link(Host(HostAddress.of(job["host"]), job["key"]), parts, drives=True, nudged=job["lifeline"])
     ends.callback(link.close)
     return link
 

@@ -13,6 +13,7 @@ from lerobot_robot_yam.mobile.base_motion import Frame
 from lerobot_robot_yam.mobile.rail_config import RailConfig
 from lerobot_robot_yam.mobile.rail_profile import SOFT_END_M, RailState
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
+from lerobot_robot_yam.session.caller_blocks import await_record
 from lerobot_robot_yam.state.base_records import BASE_COMMAND_DTYPE, BASE_STATE_DTYPE, BaseRequest, BaseState
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Descriptors
@@ -45,7 +46,7 @@ class BaseClient:
         self._record["target_stamp_s"] = self._record["rail_stamp_s"] = self._record["request_stamp_s"] = -np.inf
         self._lock, self._pid = threading.Lock(), os.getpid()
         self._limited = False
-        self._commands.write(self._record)
+        self._write()
 
     @property
     def _block(self) -> SharedBlock:
@@ -72,6 +73,15 @@ class BaseClient:
             raise LifeCycleError(f"{self.config.name}: not connected")
         return BaseState(record)
 
+    def payload(self) -> bytes | None:
+        """Return the newest state record as bytes, for forwarding; None before the first record."""
+        return self._block.read_bytes()
+
+    def await_next(self, after: int) -> int:
+        """Wait for the state after number `after`; return the number of the newest state, see `await_record`."""
+        period_s = 1.0 / self.config.rate_hz if self._clock is SYSTEM else 0.0
+        return await_record(self._block, after, period_s, self._clock)
+
     def mode(self) -> Mode:
         """Read the last published mode, however old."""
         return self.published().mode
@@ -94,8 +104,12 @@ class BaseClient:
             raise StaleStateError(f"{where}: newest state is {age_s:.2f} s old; the loop or a motor is silent")
         return state
 
-    def write_velocity(self, velocity: Sequence[float] | np.ndarray, frame: Frame = Frame.LOCAL) -> np.ndarray:
+    def write_velocity(
+        self, velocity: Sequence[float] | np.ndarray, frame: Frame = Frame.LOCAL, given_s: float | None = None
+    ) -> np.ndarray:
         """Write a target twist (3,), m/s, m/s, rad/s. Repeat it at 10 Hz or faster, or the base brakes.
+
+        given_s: time of a target that another computer sent, in this clock's time, s; None: now.
 
         Returns:
             The twist after the limits, with its direction; zero while the base takes no targets (emergency stop).
@@ -115,10 +129,12 @@ class BaseClient:
             logger.warning("%s: the velocity is limited to %s", name, self.hardware.limits.velocity)
         self._limited = limited
         sent = asked / share if limited else asked
-        self._write_target(sent, frame, pose=False)
+        self._write_target(sent, frame, False, given_s)
         return sent
 
-    def write_pose(self, pose: Sequence[float] | np.ndarray, frame: Frame = Frame.GLOBAL) -> np.ndarray:
+    def write_pose(
+        self, pose: Sequence[float] | np.ndarray, frame: Frame = Frame.GLOBAL, given_s: float | None = None
+    ) -> np.ndarray:
         """Write a target pose (3,), m, m, rad; see `write_velocity`.
 
         frame: GLOBAL, of the odometry; or LOCAL, relative to the present pose: write such a target once, and then
@@ -136,11 +152,13 @@ class BaseClient:
             target = here + np.array([c * target[0] - s * target[1], s * target[0] + c * target[1], target[2]])
         if not self._takes_targets():
             return here
-        self._write_target(target, Frame.GLOBAL, pose=True)
+        self._write_target(target, Frame.GLOBAL, True, given_s)
         return target
 
-    def write_rail_velocity(self, velocity: float) -> float:
+    def write_rail_velocity(self, velocity: float, given_s: float | None = None) -> float:
         """Write a target velocity of the rail, m/s, positive up. Repeat it at 10 Hz or faster, or the rail brakes.
+
+        given_s: see `write_velocity`.
 
         Returns:
             The velocity after the limit; 0 while the base takes no targets (emergency stop).
@@ -155,10 +173,10 @@ class BaseClient:
         if not self._takes_rail_targets():
             return 0.0
         sent = min(max(asked, -config.velocity_limit), config.velocity_limit)
-        self._write_rail(sent, height=False)
+        self._write_rail(sent, False, given_s)
         return sent
 
-    def write_rail_height(self, height: float) -> float:
+    def write_rail_height(self, height: float, given_s: float | None = None) -> float:
         """Write a target height of the rail, m above the lower switch; see `write_rail_velocity`.
 
         Returns:
@@ -168,7 +186,7 @@ class BaseClient:
         if not self._takes_rail_targets():
             return self.rail_state().height_m
         sent = min(max(asked, SOFT_END_M), config.stroke_m - SOFT_END_M)
-        self._write_rail(sent, height=True)
+        self._write_rail(sent, True, given_s)
         return sent
 
     def rail_state(self) -> RailState:
@@ -211,10 +229,11 @@ class BaseClient:
             raise LifeCycleError(f"{self.config.name}: rail: {what}")
         return self._takes_targets()
 
-    def _write_rail(self, value: float, height: bool) -> None:
+    def _write_rail(self, value: float, height: bool, given_s: float | None) -> None:
         with self._lock:
             record = self._record
-            record["rail_value"], record["rail_height"], record["rail_stamp_s"] = value, height, self._clock.now()
+            record["rail_value"], record["rail_height"] = value, height
+            record["rail_stamp_s"] = self._clock.now() if given_s is None else given_s
             record["rail_sequence"] += 1
             self._write()
 
@@ -227,11 +246,11 @@ class BaseClient:
             raise LifeCycleError(f"{self.config.name}: takes no targets in mode {state.mode.name.lower()}")
         return True
 
-    def _write_target(self, values: np.ndarray, frame: Frame, pose: bool) -> None:
+    def _write_target(self, values: np.ndarray, frame: Frame, pose: bool, given_s: float | None) -> None:
         with self._lock:
             record = self._record
             record["values"], record["frame"], record["pose"] = values, frame, pose
-            record["target_stamp_s"] = self._clock.now()
+            record["target_stamp_s"] = self._clock.now() if given_s is None else given_s
             record["target_sequence"] += 1
             self._write()
 
@@ -250,13 +269,7 @@ class BaseClient:
             LifeCycleError: the loop has refused the request; the message says why.
             StaleStateError: the loop does not answer.
         """
-        with self._lock:
-            record = self._record
-            record["request"], record["request_stamp_s"] = request, self._clock.now()
-            record["request_sequence"] += 1
-            record["target_stamp_s"] = record["rail_stamp_s"] = -np.inf
-            number = int(record["request_sequence"])
-            self._write()
+        number = self.ask(request)
         deadline = self._clock.now() + REQUEST_TIMEOUT_S
         while (state := self.published()).answered != number:
             if state.mode is Mode.OFF:
@@ -268,6 +281,19 @@ class BaseClient:
             self._clock.sleep(_POLL_S)
         if state.refusal is not None:
             raise LifeCycleError(state.refusal)
+
+    def ask(self, request: BaseRequest, number: int | None = None) -> int:
+        """Write a request without waiting, and drop targets that the loop has not read yet. Return its number.
+
+        number: number of the request, greater than that of the previous request; None: the next number.
+        """
+        with self._lock:
+            record = self._record
+            record["request"], record["request_stamp_s"] = request, self._clock.now()
+            record["request_sequence"] = number or record["request_sequence"] + 1
+            record["target_stamp_s"] = record["rail_stamp_s"] = -np.inf
+            self._write()
+            return int(record["request_sequence"])
 
     def hold(self) -> None:
         """Brake and stay."""

@@ -84,22 +84,13 @@ class StateReader:
         Raises:
             LifeCycleError: the arm is not connected.
         """
-        block = self.block
-        if self._period_s and block.sequence() == after:
-            self._clock.sleep(max(0.0, self._due_s(block) + _AFTER_S - self._clock.now()))
-            self._await_tick(block, after, math.inf)
-        return block.sequence()
+        return await_record(self.block, after, self._period_s, self._clock)
 
     def _await_tick(self, block: SharedBlock, sequence: int, within_s: float) -> None:
         """Wait for the record after `sequence` if it is due within `within_s`; give up if the record is late."""
-        due = self._due_s(block)
-        if due - within_s < self._clock.now():
-            while block.sequence() == sequence and self._clock.now() < due + _LATE_S:
-                self._clock.sleep(_POLL_S)
-
-    def _due_s(self, block: SharedBlock) -> float:
-        """Return the time on the clock at which the loop should publish the next state, s."""
-        return block.peek(*PUBLISHED) + self._period_s
+        due_s = block.peek(*PUBLISHED) + self._period_s
+        if due_s - within_s < self._clock.now():
+            _await_until(block, sequence, due_s, self._clock)
 
     def newest(self) -> ArmState:
         """Return the newest state, without waiting. Raises YamError: see `ArmClient.observe`."""
@@ -140,6 +131,26 @@ class StateReader:
         """Raise MotorError if the state belongs to a failed arm; the message gives the cause."""
         if state.mode in _FAILED and state.message:
             raise MotorError(f"{self._config.name} ({self._config.channel}): {state.message}")
+
+
+def await_record(block: SharedBlock, after: int, period_s: float, clock: Clock) -> int:
+    """Wait for the state record after number `after`, unless the loop is late. Return the number of the newest record.
+
+    Args:
+        block: states of an arm or of a base.
+        period_s: period of the control loop, s; 0: unknown, then this function does not wait.
+    """
+    if period_s and block.sequence() == after:
+        due_s = block.peek(*PUBLISHED) + period_s
+        clock.sleep(max(0.0, due_s + _AFTER_S - clock.now()))
+        _await_until(block, after, due_s, clock)
+    return block.sequence()
+
+
+def _await_until(block: SharedBlock, sequence: int, due_s: float, clock: Clock) -> None:
+    """Wait for the record after `sequence`, which is due at `due_s`; give up if it is late."""
+    while block.sequence() == sequence and clock.now() < due_s + _LATE_S:
+        clock.sleep(_POLL_S)
 
 
 class CommandWriter:

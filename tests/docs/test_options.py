@@ -10,11 +10,12 @@ from lerobot.scripts.lerobot_record import RecordConfig
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.option import options_of
-from lerobot_robot_yam.config_yam_follower import FollowerOptions
+from lerobot_robot_yam.config_yam_follower import CameraOptions
+from lerobot_robot_yam.robot_options import FollowerOptions
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions
 from tests.support.paths import ROOT, SCRIPTS
 
-KINDS = (ArmConfig, WorkspaceConfig, FollowerOptions, LeaderArmConfig, LeaderOptions)
+KINDS = (ArmConfig, WorkspaceConfig, FollowerOptions, CameraOptions, LeaderArmConfig, LeaderOptions)
 
 
 def test_the_page_is_what_the_options_say(monkeypatch):
@@ -33,7 +34,7 @@ def test_every_option_has_a_text(kind):
 @pytest.mark.parametrize(
     ("types", "kinds"),
     [
-        (["--robot.type=yam_follower"], (ArmConfig, WorkspaceConfig, FollowerOptions)),
+        (["--robot.type=yam_follower"], (ArmConfig, WorkspaceConfig, FollowerOptions, CameraOptions)),
         (["--teleop.type=yam_leader"], (LeaderArmConfig, LeaderOptions)),
     ],
 )

@@ -120,5 +120,5 @@ def test_who_does_not_answer_is_named():
 def test_a_group_that_is_not_there_is_refused(served):
     with pytest.raises(ConfigError, match="has no teleop; it has robot"):
         HostedDevice(Host(served.address), "teleop", ("",))
-    with pytest.raises(ConfigError, match="has 1 arm; its type here is yam_remote"):
+    with pytest.raises(ConfigError, match="is a yam_follower; its type here is yam_remote"):
         HostedDevice(Host(served.address), "robot", ("left_", "right_"))

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from lerobot_robot_yam.errors import LinkError
 from lerobot_robot_yam.remote import link_messages as wire
+from lerobot_robot_yam.state.base_records import BASE_COMMAND_DTYPE, BASE_STATE_DTYPE
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, STATE_DTYPE
 from tests.support.cases import for_all
 
@@ -18,6 +19,7 @@ MESSAGES = [
     wire.Question(3, "start", group="robot", session=2**62, who="a"),
     wire.Answer(3, {"landed": True, "arms": [1.5, None]}),
     wire.Command(2**63, 7, 3, np.zeros((), COMMAND_DTYPE).tobytes()),
+    wire.Command(2**63, 7, 3, np.zeros((), BASE_COMMAND_DTYPE).tobytes()),
     BEAT,
     ECHO,
     wire.States(2**62, True, "6", [(0, b"quiet"), (1, np.zeros((), STATE_DTYPE).tobytes())]),
@@ -47,7 +49,7 @@ def test_another_version_is_named():
         wire.Question(3, "pickle"),
         wire.Question(3, "start", session="1"),
         wire.Command(1, 1, 1, b"short"),
-        wire.States(1, False, "", [(0, bytes(STATE_DTYPE.itemsize + 1))]),
+        wire.States(1, False, "", [(0, bytes(max(STATE_DTYPE.itemsize, BASE_STATE_DTYPE.itemsize) + 1))]),
     ],
     ids=repr,
 )

@@ -13,6 +13,8 @@ import yaml
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import LinkError
+from lerobot_robot_yam.mobile.base_config import BaseConfig
+from lerobot_robot_yam.mobile.robot_parts import BASE
 from lerobot_robot_yam.remote.host_address import HostAddress
 from lerobot_robot_yam.remote.host_question import Host, hello
 from lerobot_robot_yam.remote.host_server import HostServer
@@ -22,8 +24,9 @@ from lerobot_robot_yam.remote.link_sockets import HostSockets
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 from tests.support.paths import ROOT
-from tests.support.rigged import STOPS, isolation_of, sim_config
+from tests.support.rigged import STOPS, base_on, isolation_of, sim_config
 
+BASE_CHANNEL = "base"
 FOLLOWERS, LEADERS = ("follower_left", "follower_right"), ("leader_left", "leader_right")
 _START_S = 60.0
 
@@ -115,25 +118,25 @@ class ServedArms:
 
     Args:
         rig: it.
-        channels: of its arms; followers are the robot, leaders the teleoperator.
+        channels: of its arms; followers are the robot, leaders the teleoperator; "base" is the robot's base.
         keys, land_after_s: see `HostServer`.
+        rail: of the base.
         fields: of each arm's config, see `sim_config`.
     """
 
-    def __init__(self, rig, *channels, keys=None, land_after_s=30.0, **fields):
-        configs = {
-            role: [sim_config(rig, channel, **fields) for channel in channels if channel.startswith(prefix)]
-            for role, prefix in (("robot", "follower"), ("teleop", "leader"))
-        }
-        self.groups, first = [], 0
-        for role, arms in configs.items():
-            prefixes = [""] if len(arms) == 1 else ["left_", "right_"]
-            by_prefix = dict(zip(prefixes, arms, strict=False))
-            if by_prefix:
-                options = {prefix: dataclasses.asdict(arm) for prefix, arm in by_prefix.items()}
-                group = HostedGroup(role, f"yam_{role}", by_prefix, options, first, isolation_of(rig))
-                self.groups.append(group)
-                first += len(arms)
+    def __init__(self, rig, *channels, keys=None, land_after_s=30.0, rail=None, **fields):
+        self.groups = []
+        for role, kind in (("robot", "follower"), ("teleop", "leader")):
+            arms = [sim_config(rig, channel, **fields) for channel in channels if channel.startswith(kind)]
+            parts = dict(zip([""] if len(arms) == 1 else ["left_", "right_"], arms, strict=False))
+            device = f"{'bi_' * (len(arms) == 2)}yam_{kind}"
+            if role == "robot" and BASE_CHANNEL in channels:
+                parts[BASE] = base_on(rig, rail=rail)
+                device = "yam_mobile" if arms else "yam_base"
+            if parts:
+                options = {prefix: dataclasses.asdict(part) for prefix, part in parts.items()}
+                first = sum(len(group.parts) for group in self.groups)
+                self.groups.append(HostedGroup(role, device, parts, options, first, isolation_of(rig)))
         self.address = HostAddress("127.0.0.1", free_port())
         self.server = HostServer(HostSockets(self.address, keys), self.groups, land_after_s, lambda *_: None)
         self._end = threading.Event()
@@ -148,13 +151,17 @@ class ServedArms:
         self._thread.join()
 
     def session(self, group="robot", key=None, address=None):
-        """A session of that group over a link, not yet started; its arms have their names of the host."""
-        count = next(len(found.arms) for found in self.groups if found.role == group)
-        prefixes = ("",) if count == 1 else ("left_", "right_")
+        """A session of that group over a link, not yet started; its parts have their names of the host."""
+        prefixes = next(tuple(found.prefixes) for found in self.groups if found.role == group)
         return self.session_at(address or self.address, prefixes, group, key)
 
     @staticmethod
     def session_at(address, prefixes, group="robot", key=None):
         """The same of any host."""
         device = HostedDevice(Host(address, key), group, prefixes)
-        return ArmSession([ArmConfig(**options) for options in device.options.values()], device.runner())
+        return ArmSession(configs_of(device), device.runner())
+
+
+def configs_of(device):
+    """Configurations of a hosted device's parts, as LeRobot's device of this computer makes them."""
+    return [(BaseConfig if prefix == BASE else ArmConfig)(**options) for prefix, options in device.options.items()]

@@ -3,8 +3,9 @@
 from functools import partial
 
 from lerobot_robot_yam.remote.link import Link
-from lerobot_robot_yam.remote.mirrored_arm import MirroredArm
-from lerobot_robot_yam.state.records import BlockPair, lock_path
+from lerobot_robot_yam.remote.mirrored_part import MirroredPart
+from lerobot_robot_yam.state.base_records import map_blocks
+from lerobot_robot_yam.state.records import lock_path
 from lerobot_robot_yam.system.clock import SYSTEM
 from lerobot_robot_yam.system.runtime_files import FileLock
 
@@ -46,7 +47,7 @@ class LinkInStep:
             return
         self._turn_until(lambda: self._group.newest == self._written)
         self._world.sleep(seconds)
-        self._turn_until(lambda: self._ticks() == [arm.client.published().tick for arm in self._group.arms])
+        self._turn_until(lambda: self._ticks() == [arm.client.published().tick for arm in self._group.parts])
 
     def _ticks(self):
         return [int(pair.states.read()["tick"]) for pair in self._pairs]
@@ -64,9 +65,10 @@ class LinkInStep:
 
     def start(self, blocks):
         device = self._device
-        self._pairs = [BlockPair.of(descriptors.copies()) for descriptors in blocks]
+        pairs = zip(self._arms, blocks, strict=True)
+        self._pairs = [map_blocks(part, descriptors.copies()) for part, descriptors in pairs]
         arms = {
-            number: MirroredArm(key, arm.config, FileLock(lock_path(key), "a test"), *pair, device.all_keys)
+            number: MirroredPart(key, arm.config, FileLock(lock_path(key), "a test"), *pair, device.all_keys)
             for number, key, arm, pair in zip(device.numbers, self._keys, self._arms, self._pairs, strict=True)
         }
         self._link = Link(device.host, arms, drives=True)

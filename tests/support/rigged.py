@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.session.arm_session import ArmSession
@@ -71,6 +72,12 @@ def sim_config(rig, channel, **fields):
     else:
         fields = {"gripper_stops_rad": STOPS} | fields
     return ArmConfig(name=channel, channel=channel, can_options={"rig": rig.name}, **fields)
+
+
+def base_on(rig, **fields):
+    """The configuration of the base of a rig."""
+    interface = "yam_lockstep" if isinstance(rig, LockstepRig) else "yam_sim"
+    return BaseConfig(channel="base", interface=interface, can_options={"rig": rig.name}, **fields)
 
 
 def isolation_of(rig):

@@ -116,42 +116,20 @@ def _noted(address: "HostAddress", keys: Path | None) -> Iterator[None]:
 
 
 def _say_ready(address: "HostAddress", groups: "Sequence[HostedGroup]", keyed: bool) -> None:
-    served = "; ".join(f"{group.role}: {', '.join(arm.key for arm in group.arms)}" for group in groups)
+    served = "; ".join(f"{group.role}: {', '.join(part.key for part in group.parts)}" for group in groups)
     who = "paired computers" if keyed else "programs of this computer, WITHOUT KEYS"
     tell(f"yam-host serves {served}\nlistening on {address} for {who}; nothing is energised yet. Ctrl-C lands and ends")
 
 
 def groups_of(path: Path) -> "list[HostedGroup]":
-    """Read a rig's file in a subprocess: LeRobot's parser loads torch, whose 700 MB would otherwise stay in memory.
-
-    Raises:
-        ConfigError: the file does not exist, or no session would start with its arms.
-    """
-    from lerobot_robot_yam.system.paths import user_path
-
-    path = user_path(path)
-    if not path.is_file():
-        raise ConfigError(f"there is no {path}, the rig's file; yam-setup writes it")
-    reader = [sys.executable, "-P", "-m", "lerobot_robot_yam.commands.servers.rig_reader", str(path)]
-    said = subprocess.run(reader, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True).stdout
-    if not said:
-        raise ConfigError(f"{path} cannot be read; see above")
-    found = json.loads(said)
-    if "error" in found:
-        raise ConfigError(found["error"])
-    return make_groups(found["groups"])
-
-
-def make_groups(found: Sequence[Mapping[str, Any]]) -> "list[HostedGroup]":
-    """Create the groups from the result of `rig_reader.groups_in`."""
-    from lerobot_robot_yam.arm.config import LeadArmConfig
+    """Read a rig's file, and create the groups. Raises ConfigError: see `read_rig`."""
+    from lerobot_robot_yam.commands.servers.rig_reader import read_rig
     from lerobot_robot_yam.remote.hosted_group import HostedGroup
 
     groups: list[HostedGroup] = []
-    for group in found:
-        arms = {prefix: LeadArmConfig(**fields) for prefix, fields in group["arms"].items()}
-        first = sum(len(other.arms) for other in groups)
-        groups.append(HostedGroup(group["role"], group["device"], arms, group["options"], first))
+    for device in read_rig(path):
+        first = sum(len(group.parts) for group in groups)
+        groups.append(HostedGroup(device.role, device.type, device.configs, device.options, first))
     return groups
 
 
@@ -184,8 +162,8 @@ def _status(args: argparse.Namespace) -> int:
     told = hello(Host(HostAddress.of(str(at["address"])), at["key"]))
     say(f"{told['computer']} serves, lerobot_robot_yam {told['package']}")
     for role, group in told["groups"].items():
-        arms = ", ".join(arm["key"] for arm in group["arms"].values())
-        say(f"{role} ({arms}): {group['phase']}{' for ' * bool(group['holder'])}{group['holder']}")
+        keys = ", ".join(part["key"] for part in group["parts"].values())
+        say(f"{role} ({keys}): {group['phase']}{' for ' * bool(group['holder'])}{group['holder']}")
     say(f"emergency stop: {told['stop'] or 'not latched'}")
     return 0
 

@@ -1,77 +1,156 @@
-"""Reader of rig files for yam-host, based on LeRobot's parser.
-
-`python -m lerobot_robot_yam.commands.servers.rig_reader RIG` prints one JSON line: the groups of arms, or an error.
-"""
+"""Reader of rig files for yam-host. It decodes them as LeRobot's parser does, but loads no LeRobot and no torch."""
 
 import dataclasses
-import json
-import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from lerobot.robots.config import RobotConfig
-from lerobot.teleoperators.config import TeleoperatorConfig
+import draccus
+from draccus.utils import DraccusException
 
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.config import ArmConfig, check_together
+from lerobot_robot_yam.arm.config_checks import check_switches
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.doctor.kit.targets import calibration_root
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.lerobot_command.config_refusal import arm_config, rig_device
+from lerobot_robot_yam.face.lerobot_command.config_refusal import arm_config
+from lerobot_robot_yam.mobile.base_config import BaseConfig
+from lerobot_robot_yam.mobile.robot_parts import BASE
+from lerobot_robot_yam.robot_options import BaseOptions, FollowerOptions, RobotOptions
+from lerobot_robot_yam.system.paths import user_path
+from lerobot_robot_yam.system.rig_file import RIG_TYPE, device_of
 from lerobot_robot_yam.system.strict_yaml import read_yaml
-from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
+from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions, check_leaders
 
-# Section of the file -> base class of its configs, LeRobot's folder of calibration files, role of its arms.
-_SECTIONS: dict[str, tuple[Any, str, str]] = {
-    "robot": (RobotConfig, "robots", "follower"),
-    "teleop": (TeleoperatorConfig, "teleoperators", "leader"),
+
+class Device(NamedTuple):
+    """Robot or teleoperator in a rig's file.
+
+    Attributes:
+        role: "robot" or "teleop".
+        type: LeRobot's type name.
+        configs: prefix -> config of an arm or of the base.
+        options: prefix -> options of that arm or base, from which LeRobot's device is built.
+    """
+
+    role: str
+    type: str
+    configs: dict[str, ArmConfig | BaseConfig]
+    options: dict[str, dict[str, Any]]
+
+
+@dataclass(kw_only=True)
+class _DeviceOptions:
+    """Options that LeRobot itself has for each device."""
+
+    id: str | None = None
+    calibration_dir: Path | None = None
+
+
+@dataclass(kw_only=True)
+class _FollowerArm(ArmConfig):
+    """One follower arm."""
+
+    def __post_init__(self) -> None:
+        """Postpone the checks until the arm's side is known."""
+
+
+@dataclass(kw_only=True)
+class _BaseRobotOptions(RobotOptions, BaseOptions):
+    """Options of `yam_base`."""
+
+
+@dataclass(kw_only=True)
+class _MobileOptions(FollowerOptions, BaseOptions):
+    """Options of `yam_mobile`."""
+
+
+_TWO_FOLLOWERS: dict[str, Any] = {"left_": _FollowerArm, "right_": _FollowerArm}
+_ROBOTS: dict[str, Any] = {
+    "yam_follower": (FollowerOptions, {"": _FollowerArm}),
+    "bi_yam_follower": (FollowerOptions, _TWO_FOLLOWERS),
+    "yam_base": (_BaseRobotOptions, {BASE: BaseConfig}),
+    "yam_mobile": (_MobileOptions, {**_TWO_FOLLOWERS, BASE: BaseConfig}),
 }
+_TELEOPERATORS: dict[str, Any] = {
+    "yam_leader": (LeaderOptions, {"": LeaderArmConfig}),
+    "bi_yam_leader": (LeaderOptions, {"left_": LeaderArmConfig, "right_": LeaderArmConfig}),
+}
+# Section of the file -> LeRobot's folder of calibration files, role of the section's arms,
+# LeRobot's type -> (options of the device as a whole, prefix -> options of its arms and base).
+_SECTIONS = {"robot": ("robots", "follower", _ROBOTS), "teleop": ("teleoperators", "leader", _TELEOPERATORS)}
 
 
-def groups_in(path: Path) -> list[dict[str, Any]]:
-    """Return for each group: role, device, arms (prefix -> config) and options (prefix -> LeRobot's options).
+def read_rig(path: Path) -> list[Device]:
+    """Return the robot and the teleoperator of a rig's file.
 
     Raises:
-        ConfigError: the file has no arms, or no session would start with one of its arms.
+        ConfigError: the file does not exist or has no arms, or no session would start with them.
     """
-    document, groups = read_yaml(path), []
-    for section, (registry, folder, role) in _SECTIONS.items():
-        if not isinstance(document.get(section), Mapping):
-            continue
-        device = rig_device(registry, section, {"file": str(path), "cameras": False})
-        if not hasattr(device, "arms") or "passive" in device.type or "hand" in device.type:
-            raise ConfigError(f"{path}, {section}: yam-host serves followers and leaders, no {device.type}")
-        kind = device.type.replace("i2rt_", "")
-        directory = Path(device.calibration_dir or calibration_root() / folder / kind) / "yam"
-        arms, options = {}, {}
-        for prefix, arm in device.arms().items():
-            config = arm_config(arm, f"{prefix}{role}")
-            ident = f"{prefix}{device.id}" if device.id else arm.channel
-            config.calibration_path = config.calibration_path or str(directory / f"{ident}_gripper.json")
-            arms[prefix], options[prefix] = dataclasses.asdict(config), {**_options(arm), "name": config.name}
-        groups.append({"role": section, "device": kind, "arms": arms, "options": options})
-    if not groups:
+    path = user_path(path)
+    if not path.is_file():
+        raise ConfigError(f"there is no {path}, the rig's file; yam-setup writes it")
+    document = read_yaml(path)
+    devices = [_device(path, section) for section in _SECTIONS if isinstance(document.get(section), Mapping)]
+    if not devices:
         raise ConfigError(f"{path} has no arms, neither robot nor teleop; yam-setup writes such a file")
-    return groups
+    return devices
 
 
-def _options(arm: Any) -> dict[str, Any]:
-    """Return the options of an arm's LeRobot device, without the options that LeRobot itself defines."""
-    kind: Any = LeaderArmConfig if isinstance(arm, LeaderArmConfig) else ArmConfig
-    plain = {field.name: getattr(arm, field.name) for field in dataclasses.fields(kind)}
-    return {
-        name: dataclasses.asdict(value) if dataclasses.is_dataclass(value) and not isinstance(value, type) else value
-        for name, value in plain.items()
-    }
-
-
-def main() -> None:
-    """Print the groups of the file in argv, or the error, as one JSON line."""
+def _device(path: Path, section: str) -> Device:
+    given = device_of(section, {"type": RIG_TYPE, "file": str(path), "cameras": False})
+    folder, role, types = _SECTIONS[section]
+    kind = str(given.pop("type", "")).replace("i2rt_", "")
+    if kind not in types:
+        raise ConfigError(f"{path}, {section}: yam-host serves {', '.join(types)}, no {kind or 'device without type'}")
+    whole, kinds = types[kind]
     try:
-        told: dict[str, Any] = {"groups": groups_in(Path(sys.argv[1]))}
-    except ConfigError as error:
-        told = {"error": str(error)}
-    sys.stdout.write(json.dumps(told) + "\n")
+        device = draccus.decode(_class_of(kind, whole, kinds), given)
+        parts: dict[str, Any] = {prefix: _part(device, prefix) for prefix in kinds}
+        check_switches(kind, device)
+        configs = {prefix: _config(part, f"{prefix}{role}") for prefix, part in parts.items()}
+        check_together(list(configs.values()))
+        resolved = {prefix: ResolvedArm(row) for prefix, row in configs.items() if isinstance(row, ArmConfig)}
+        if role == "leader":
+            check_leaders(kind, device, resolved)
+    except (ConfigError, DraccusException) as error:
+        raise ConfigError(f"{path}, {section}: {error}") from error
+    directory = Path(device.calibration_dir or calibration_root() / folder / kind) / "yam"
+    for prefix, arm in resolved.items():
+        ident = f"{prefix}{device.id}" if device.id else arm.config.channel
+        arm.config.calibration_path = arm.config.calibration_path or str(directory / f"{ident}_gripper.json")
+    options = {prefix: {**_options(part), "name": configs[prefix].name} for prefix, part in parts.items()}
+    return Device(section, kind, configs, options)
 
 
-if __name__ == "__main__":
-    main()
+def _class_of(kind: str, whole: Any, parts: Mapping[str, Any]) -> Any:
+    """Make the dataclass with the options of a device that LeRobot's class of this type has, without cameras."""
+    methods = {"__post_init__": lambda self: None, "arms": lambda self: {p: _part(self, p) for p in parts}}
+    more: dict[str, Any] = {"namespace": methods, "kw_only": True}
+    if len(parts) == 1:
+        return dataclasses.make_dataclass(kind, (), bases=(_DeviceOptions, whole, *parts.values()), **more)
+    fields = [(_field(prefix), part) for prefix, part in parts.items()]
+    return dataclasses.make_dataclass(kind, fields, bases=(_DeviceOptions, whole), **more)
+
+
+def _field(prefix: str) -> str:
+    return "base_config" if prefix == BASE else f"{prefix}arm_config"
+
+
+def _part(device: Any, prefix: str) -> Any:
+    """Return the options of an arm or of the base."""
+    return getattr(device, _field(prefix), device)
+
+
+def _config(part: Any, name: str) -> ArmConfig | BaseConfig:
+    if isinstance(part, ArmConfig):
+        return arm_config(part, name)
+    return BaseConfig(**{field.name: getattr(part, field.name) for field in dataclasses.fields(BaseConfig)})
+
+
+def _options(part: Any) -> dict[str, Any]:
+    """Return the options of an arm or base as plain values, without those of the device as a whole."""
+    kind: Any = next(kind for kind in (LeaderArmConfig, ArmConfig, BaseConfig) if isinstance(part, kind))
+    names = {field.name for field in dataclasses.fields(kind)}
+    return {name: value for name, value in dataclasses.asdict(part).items() if name in names}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.remote.mirrored_arm import MirroredArm
+from lerobot_robot_yam.remote.mirrored_part import MirroredPart
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock
@@ -31,7 +31,7 @@ def test_a_state_is_never_from_the_future(wrong_s):
     """Not even while the offset of the clocks is wrong, after a sleep of this computer."""
     block = SharedBlock(None, STATE_DTYPE, create=True)
     config, lock = ArmConfig(name="arm", channel="can0"), FileLock(lock_path("test-mirror"), "a test")
-    with contextlib.closing(MirroredArm("test-mirror", config, lock, block, None, {})) as arm:
+    with contextlib.closing(MirroredPart("test-mirror", config, lock, block, None, {})) as arm:
         begin = time.monotonic()
         arm.write(host_state(begin - 0.02 + AHEAD_S + wrong_s).rstrip(b"\0"), AHEAD_S)
         state, now = ArmState(block.read_bytes()), time.monotonic()
