@@ -43,6 +43,20 @@ class ChannelConfig(Protocol):
     can_options: dict[str, Any]
     rate_hz: float
 
+    @property
+    def on_command_line(self) -> str: ...
+
+
+def channel_options(config: ChannelConfig) -> str:
+    """Return the command line options that name a channel."""
+    words = ["--channel", config.channel]
+    rig = config.can_options.get("rig")
+    if config.interface == VIRTUAL and rig and rig_name(rig)[1] is None:  # auto rigs end with their process
+        words += ["--rig", rig]
+    elif config.interface != SOCKETCAN:
+        words += ["--interface", config.interface]
+    return shlex.join(words)
+
 
 @dataclass(kw_only=True)
 class ArmConfig:
@@ -161,13 +175,7 @@ class ArmConfig:
     @property
     def on_command_line(self) -> str:
         """Command line options with which `yam-identify` and `yam-zero` find the arm's channel."""
-        words = ["--channel", self.channel]
-        rig = self.can_options.get("rig")
-        if self.interface == VIRTUAL and rig and rig_name(rig)[1] is None:  # auto rigs end with their process
-            words += ["--rig", rig]
-        elif self.interface != SOCKETCAN:
-            words += ["--interface", self.interface]
-        return shlex.join(words)
+        return channel_options(self)
 
 
 @dataclass(kw_only=True)

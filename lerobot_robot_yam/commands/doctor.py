@@ -3,6 +3,7 @@
 yam-doctor                                             all CAN interfaces, cameras, this computer
 yam-doctor --config_path=configs/real/record.yaml      the arms and cameras of a LeRobot run config
 yam-doctor --channel can_follower_l:yam:linear_4310 --channel can_leader_l:yam:yam_teaching_handle
+yam-doctor --channel can_base:base                     a mobile base
 yam-doctor --interface yam_sim --rig NAME --channel follower_left      a virtual rig
 yam-doctor --host 192.168.1.20                         the arms of another computer, and that computer (yam-host)
 
@@ -28,8 +29,9 @@ from lerobot_robot_yam.doctor.check_channel import examine_channel
 from lerobot_robot_yam.doctor.check_host import check_host
 from lerobot_robot_yam.doctor.check_link import IP_COMMAND, TC_COMMAND, Link, check_links, parse_links, tool_output
 from lerobot_robot_yam.doctor.kit.findings import Report, Section, as_json, as_text, empty_report, exit_status
-from lerobot_robot_yam.doctor.kit.targets import Plan, Target, calibration_root, from_config, from_option
+from lerobot_robot_yam.doctor.kit.targets import Examined, Plan, Target, calibration_root, from_config, from_option
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.mobile.base_config import BASE
 from lerobot_robot_yam.system.sysfs import SYSFS, read_adapters
 
 _SAMPLES = 200
@@ -37,7 +39,8 @@ _SAMPLES = 200
 
 def examine(plan: Plan, samples: int = _SAMPLES, sysfs: Path = SYSFS) -> Report:
     """Check everything in the plan; if the plan has no target, check all CAN interfaces of this computer."""
-    targets, report = list(plan.targets), empty_report()
+    report = empty_report()
+    targets: list[Examined] = list(plan.targets)
     links: dict[str, Link] | None = None
     if plan.real:
         wanted = [target.channel for target in targets if target.real]
@@ -52,7 +55,8 @@ def examine(plan: Plan, samples: int = _SAMPLES, sysfs: Path = SYSFS) -> Report:
         link = links.get(target.channel) if links is not None and target.real else None
         if link is not None or links is None or not target.real:  # otherwise the interface does not exist
             examine_channel(target, link, samples, report, lambda text: tell(f"yam-doctor: {text} …"))
-    check_calibrations(targets, calibration_root(), report["gripper_calibration"])
+    arms = [target for target in targets if isinstance(target, Target)]
+    check_calibrations(arms, calibration_root(), report["gripper_calibration"])
     check_host(sysfs, report["host"])
     return report
 
@@ -94,7 +98,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="append",
         default=[],
         metavar="NAME[:ARM[:GRIPPER]]",
-        help=f"an arm, repeatable. ARM: {', '.join(ARMS)} (default yam); GRIPPER: {', '.join(GRIPPERS)} "
+        help=f"an arm, or NAME:{BASE}, a mobile base; repeatable. ARM: {', '.join(ARMS)} (default yam); "
+        f"GRIPPER: {', '.join(GRIPPERS)} "
         "(default linear_4310; a leader's must be named)",
     )
     parser.add_argument("--interface", help=f"python-can interface (default {SOCKETCAN}, with --rig {VIRTUAL})")

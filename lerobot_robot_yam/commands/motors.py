@@ -1,4 +1,4 @@
-"""Show and set up the motors of an arm: ids, registers, time-out, dumps. Only `console` energises anything.
+"""Show and set up the motors of an arm or a base: ids, registers, time-out, dumps. Only `console` energises anything.
 
 yam-motors scan --channel can_follower_l                             who answers: type, firmware, limits, faults, heat
 yam-motors read --channel can_follower_l --motor joint_3 TIMEOUT     registers by name; all of them without a name
@@ -11,6 +11,7 @@ yam-motors diff --channel can_follower_l left.yaml                   exit status
 yam-motors restore --channel can_follower_l left.yaml                writes back what differs, and stores it
 yam-motors console --channel can_follower_l --motor joint_6          ENERGISES this motor: it follows the arrow keys
 yam-motors monitor --channel can_follower_l                          beside a session: latency and lost answers
+yam-motors scan --channel can_base --arm base                        the motors of a mobile base
 """
 
 import argparse
@@ -18,7 +19,7 @@ import json
 import sys
 from collections.abc import Callable, Sequence
 
-from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, arm_config, own_bus
+from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, own_bus, part_config
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command, seconds
 from lerobot_robot_yam.commands.lib.dialogue import need_terminal, say, table, tell
 from lerobot_robot_yam.commands.lib.motor.motor_bench import MotorBench, nothing_answers
@@ -49,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     def action(name: str, work: _Work, text: str, motors: bool = True, asks: bool = False) -> argparse.ArgumentParser:
         sub = actions.add_parser(name, help=text, description=text)
-        add_arm_arguments(sub)
+        add_arm_arguments(sub, base=True)
         sub.set_defaults(work=work, yes=True)
         if motors:
             text = "names or CAN ids, with commas (default: all that answer)"
@@ -83,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     keys.add_argument("--range", type=float, default=0.5, help="how far from where it is, rad (default 0.5)")
     keys.set_defaults(yes=False)
     beside = actions.add_parser("monitor", help="beside a session: latency and lost answers; listens only")
-    add_arm_arguments(beside)
+    add_arm_arguments(beside, base=True)
     beside.add_argument("--seconds", type=seconds, default=10.0, help="how long to listen (default 10)")
     beside.add_argument("--json", action="store_true", help="print it as JSON")
     for sub in (dump, diff, restore):
@@ -95,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(args: argparse.Namespace) -> int:
     if args.action == "monitor":
         return monitor_session(args)
-    config = arm_config(args)
+    config = part_config(args)
     if args.action != "timeout" or args.seconds is not None:
         need_terminal(args.yes)
     with own_bus(config) as bus:

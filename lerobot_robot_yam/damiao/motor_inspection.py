@@ -143,7 +143,7 @@ def _check_presence(chain: MotorChain) -> None:
             check = "motor power and the emergency stop, the CAN cable and its terminator, and the bit-rate "
             check += "(classic CAN, 1 Mbit/s)"
         else:  # some motors reply, so the channel works
-            check = "its cable and plugs, switch the arm's power off and on, and see whether it has another id: "
+            check = "its cable and plugs, switch the power off and on, and see whether it has another id: "
             check += "yam-doctor says more"
         raise MotorError(
             f"{chain.channel}: no answer from {len(missing)} of {len(chain)} motors: {names}. Check {check}"

@@ -5,12 +5,12 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
-import can
-
-from lerobot_robot_yam.arm.config import passive_of
+from lerobot_robot_yam.arm.config import ArmConfig, passive_of
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
+from lerobot_robot_yam.control.preflight.role import FIRST_IDS, are_wheels
 from lerobot_robot_yam.damiao.motor_inspection import listen
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
+from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.round_trip import SLOW_S
 from lerobot_robot_yam.doctor.check_encoders import handle_firmware, inspect_handle, inspect_passive
 from lerobot_robot_yam.doctor.check_link import Link
@@ -18,8 +18,9 @@ from lerobot_robot_yam.doctor.check_motors import inspect_motors
 from lerobot_robot_yam.doctor.check_session import driver_of, watch_session
 from lerobot_robot_yam.doctor.kit.findings import Report, Section
 from lerobot_robot_yam.doctor.kit.questions import Questions
-from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
+from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, BaseTarget, Examined
 from lerobot_robot_yam.errors import ChannelInUseError, YamError
+from lerobot_robot_yam.mobile.base_config import BASE, BaseConfig
 from lerobot_robot_yam.state.records import lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock
 
@@ -38,12 +39,13 @@ _QUICKER = (
 
 
 def examine_channel(
-    target: Target, link: Link | None, samples: int, report: Report, say: Callable[[str], None]
+    target: Examined, link: Link | None, samples: int, report: Report, say: Callable[[str], None]
 ) -> None:
+    """Check one channel. `say` gets a line about the progress."""
     config = target.config
-    row = {"channel": target.channel, "arm": config.arm, "gripper": config.gripper, "examined": "asked"}
+    row = {"channel": target.channel, **_parts(target), "examined": "asked"}
     report["channels"].rows.append(row)
-    if config.identity_path is not None and not Path(config.identity_path).exists():
+    if isinstance(config, ArmConfig) and config.identity_path is not None and not Path(config.identity_path).exists():
         what = f"there is no arm binding {config.identity_path} (`identity_path`): no session will start"
         remedy = f"yam-identify {config.on_command_line} --bind {config.identity_path}"
         report["channels"].problem(target.channel, what, remedy)
@@ -60,8 +62,9 @@ def examine_channel(
         return
     try:
         with open_bus(config) as bus:
-            asked = _ask(bus, target, samples, report, say)
-            row["arm"], row["gripper"] = asked.config.arm, asked.config.gripper
+            say(f"{target.channel}: listening")
+            listen(bus, _LISTEN_S, range(1, 16), target.channel)
+            row |= _parts(_ask(Questions(bus, target.channel), target, samples, report, say))
     except ChannelInUseError as error:
         row["examined"] = "not asked: a foreign driver is heard"
         report["channels"].problem(target.channel, str(error), "stop the program that drives this bus")
@@ -74,12 +77,19 @@ def examine_channel(
         lock.release()
 
 
-def _ask(bus: can.BusABC, target: Target, samples: int, report: Report, say: Callable[[str], None]) -> Target:
+def _parts(target: Examined) -> dict[str, str | None]:
+    if isinstance(target, BaseTarget):
+        return {"arm": BASE, "gripper": None}
+    return {"arm": target.config.arm, "gripper": target.config.gripper}
+
+
+def _ask(questions: Questions, target: Examined, samples: int, report: Report, say: Callable[[str], None]) -> Examined:
     """Query all devices on the channel; return the target, with the detected gripper if none was declared."""
     channel = target.channel
-    say(f"{channel}: listening")
-    listen(bus, _LISTEN_S, range(1, 16), channel)
-    questions = Questions(bus, channel)
+    if isinstance(target, BaseTarget):
+        if not _is_other(questions, target, report["channels"]):
+            _ask_motors(questions, target, False, samples, report, say)
+        return target
     if (passive := passive_of(target.config)) is not None:
         say(f"{channel}: listening to encoders")
         inspect_passive(questions, target, passive, report["passive_leaders"])
@@ -88,8 +98,13 @@ def _ask(bus: can.BusABC, target: Target, samples: int, report: Report, say: Cal
     if firmware is not None and not target.declared:
         target = dataclasses.replace(target, config=dataclasses.replace(target.config, gripper=LEADER_GRIPPER))
     hardware = target.hardware
-    say(f"{channel}: asking {len(hardware.motors)} motors")
-    present = inspect_motors(questions, target, firmware is not None, report["motors"])
+    if hardware.joints and _is_other(questions, target, report["channels"]):
+        config = target.config
+        if target.declared:
+            return target
+        place = {name: getattr(config, name) for name in ("name", "channel", "interface", "can_options")}
+        return _ask(questions, BaseTarget(BaseConfig(**place)), samples, report, say)
+    present = _ask_motors(questions, target, firmware is not None, samples, report, say)
     if hardware.gripper.handle_encoder or firmware is not None:
         inspect_handle(questions, target, firmware, report["handles"])
     if firmware is not None and hardware.gripper.motor is None and not hardware.gripper.handle_encoder:
@@ -98,14 +113,40 @@ def _ask(bus: can.BusABC, target: Target, samples: int, report: Report, say: Cal
     if not target.declared and present:
         what = f"its arm was not named; taken for arm {target.config.arm} with {target.config.gripper}"
         report["channels"].note(channel, what, f"name it: --channel {channel}:ARM:GRIPPER, or --config_path FILE")
-    if samples and present:
-        say(f"{channel}: {samples} questions to each of {len(present)} motors")
-        measure_latency(questions, target, present, samples, report["latency"])
     return target
 
 
+def _is_other(questions: Questions, target: Examined, section: Section) -> bool:
+    """Return whether the channel carries the other kind, arm or base; add a problem if the target was declared."""
+    wheels = are_wheels([questions.register(can_id, Register.GR) for can_id in FIRST_IDS])
+    if wheels is None or wheels == isinstance(target, BaseTarget):
+        return False
+    what, name = ("a mobile base", BASE) if wheels else ("an arm", "ARM:GRIPPER")
+    remedy = f"name it: --channel {target.channel}:{name}; in a config, look for swapped channels"
+    if target.declared:
+        section.problem(target.channel, f"it carries {what}", remedy)
+    return True
+
+
+def _ask_motors(
+    questions: Questions,
+    target: Examined,
+    handle: bool,
+    samples: int,
+    report: Report,
+    say: Callable[[str], None],
+) -> list[MotorSpec]:
+    """Query all motors and measure their latency; return those that reply."""
+    say(f"{target.channel}: asking {len(target.hardware.motors)} motors")
+    present = inspect_motors(questions, target, handle, report["motors"])
+    if samples and present:
+        say(f"{target.channel}: {samples} questions to each of {len(present)} motors")
+        measure_latency(questions, target, present, samples, report["latency"])
+    return present
+
+
 def measure_latency(
-    questions: Questions, target: Target, motors: Sequence[MotorSpec], samples: int, section: Section
+    questions: Questions, target: Examined, motors: Sequence[MotorSpec], samples: int, section: Section
 ) -> None:
     """Measure the reply latency of each motor with `samples` requests, motors in turn; add rows and findings."""
     answers: dict[int, list[float | None]] = {spec.can_id: [] for spec in motors}  # CAN id -> latencies, ms; None: lost
@@ -123,7 +164,7 @@ def measure_latency(
         _report_latency(target, spec, times_ms[spec.can_id], len(answers[spec.can_id]), section)
 
 
-def _report_latency(target: Target, spec: MotorSpec, times_ms: Sequence[float], asked: int, section: Section) -> None:
+def _report_latency(target: Examined, spec: MotorSpec, times_ms: Sequence[float], asked: int, section: Section) -> None:
     counts, p99, lost = histogram(times_ms), percentile(times_ms, 0.99), asked - len(times_ms)
     section.rows.append(
         {

@@ -10,12 +10,13 @@ from lerobot_robot_yam.damiao.registers import Register, agrees
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES, TIMEOUT_COUNT_S, Fault, fault_text
 from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.questions import Answer, Questions
-from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
+from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Examined, Target
+from lerobot_robot_yam.mobile.base_config import BASE
 
 _ROUNDS = 3
 _TIMEOUT_S, _SETTLE_S = 0.25, 0.03
 # Hint after a change of the timeout. The maker requires a power cycle; others have seen a value apply at once.
-_POWER_CYCLE = " (then switch the arm's power off and on: until then the motor may go by the old value)"
+_POWER_CYCLE = " (then switch the power off and on: until then the motor may go by the old value)"
 _WARM_C = 15.0  # distance to a motor's temperature limit within which the motor counts as warm, °C
 _SUPPLY_MARGIN = 1.05  # ratio of supply voltage and limit below which the supply counts as near the limit
 _SILENT_MAX = 3  # consecutive unanswered reads after which a motor's remaining registers are skipped
@@ -49,7 +50,7 @@ _FAULT_REMEDIES: dict[int, str] = {
 }
 
 
-def inspect_motors(questions: Questions, target: Target, handle_answers: bool, section: Section) -> list[MotorSpec]:
+def inspect_motors(questions: Questions, target: Examined, handle_answers: bool, section: Section) -> list[MotorSpec]:
     """Query all motors of a channel and check their replies; return the profile's motors that reply."""
     specs = target.hardware.motors
     answers = _roll_call(questions, [spec.can_id for spec in specs])
@@ -79,11 +80,11 @@ def inspect_motors(questions: Questions, target: Target, handle_answers: bool, s
     return present
 
 
-def _where(target: Target, spec: MotorSpec) -> str:
+def _where(target: Examined, spec: MotorSpec) -> str:
     return f"{target.channel} motor {spec.name} (id {spec.can_id})"
 
 
-def _identity(target: Target, spec: MotorSpec) -> dict[str, Any]:
+def _identity(target: Examined, spec: MotorSpec) -> dict[str, Any]:
     return {"channel": target.channel, "id": spec.can_id, "name": spec.name, "type": spec.type}
 
 
@@ -99,16 +100,20 @@ def _roll_call(questions: Questions, expected: Sequence[int]) -> dict[int, tuple
 
 
 def _check_missing(
-    target: Target, specs: Sequence[MotorSpec], missing: Sequence[MotorSpec], handle: bool, section: Section
+    target: Examined,
+    specs: Sequence[MotorSpec],
+    missing: Sequence[MotorSpec],
+    handle: bool,
+    section: Section,
 ) -> None:
     if len(missing) == len(specs):
         what = f"none of the {len(specs)} motors answers" + (", though the teaching handle does" if handle else "")
-        remedy = "switch the arm's power on and release its emergency stop; if it is on, check the CAN cable"
+        remedy = f"switch the {target.noun}'s power on and release its emergency stop; if it is on, check the CAN cable"
         section.problem(target.channel, what, remedy)
         return
     names = {spec.can_id: spec.name for spec in specs}
-    motor = target.hardware.gripper.motor
-    if handle and missing and motor is not None and missing[-1].can_id == motor.can_id:
+    motor = target.hardware.gripper.motor if isinstance(target, Target) else None
+    if isinstance(target, Target) and handle and missing and motor is not None and missing[-1].can_id == motor.can_id:
         what = "a teaching handle answers instead of the gripper's motor: this is a leader"
         remedy = f"name it --channel {target.channel}:{target.config.arm}:{LEADER_GRIPPER}, or swap the cables back"
         section.problem(_where(target, missing[-1]), what, remedy)
@@ -119,11 +124,11 @@ def _check_missing(
         before = names.get(spec.can_id - 1)
         cable = f"the cable between {before} and {spec.name}" if before else f"the cable to {spec.name}"
         nor = f", nor from {', '.join(other.name for other in behind)} behind it" if behind else ""
-        remedy = f"reseat {cable}, then switch the arm's power off and on"
+        remedy = f"reseat {cable}, then switch the {target.noun}'s power off and on"
         section.problem(_where(target, spec), f"no answer to {_ROUNDS} questions{nor}", remedy)
 
 
-def _read(questions: Questions, target: Target, spec: MotorSpec, answer: Answer) -> dict[str, Any]:
+def _read(questions: Questions, target: Examined, spec: MotorSpec, answer: Answer) -> dict[str, Any]:
     feedback = decode_feedback(spec.type, answer.data)
     row: dict[str, Any] = {
         **_identity(target, spec),
@@ -146,9 +151,9 @@ def _check_state(where: str, row: Mapping[str, Any], section: Section) -> None:
     fault, mos, rotor = row["fault"], row["temp_mos_c"], row["temp_rotor_c"]
     if fault == Fault.NORMAL:
         what = "is energised although no session drives it"
-        section.problem(where, what, "hold the arm by hand, then switch its power off and on")
+        section.problem(where, what, "hold it by hand, then switch its power off and on")
     elif fault != Fault.DISABLED:
-        remedy = _FAULT_REMEDIES.get(fault, "switch the arm's power off and on")
+        remedy = _FAULT_REMEDIES.get(fault, "switch the power off and on")
         section.problem(where, f"reports {fault_text(fault)}; power stage {mos} °C, coil {rotor} °C", remedy)
     limit = row["temperature_limit_c"]
     if limit and max(mos, rotor) > limit - _WARM_C:
@@ -161,14 +166,17 @@ def _check_state(where: str, row: Mapping[str, Any], section: Section) -> None:
         section.warn(where, what, "check the supply and its cable" if low else "check the supply")
 
 
-def _check_registers(target: Target, spec: MotorSpec, answer: Answer, row: Mapping[str, Any], section: Section) -> None:
+def _check_registers(
+    target: Examined, spec: MotorSpec, answer: Answer, row: Mapping[str, Any], section: Section
+) -> None:
     where, expected = _where(target, spec), expected_registers(spec)
     ratio, wanted = row["gear_ratio"], expected.pop(Register.GR, None)
     if ratio and wanted is not None and not agrees(ratio, wanted):
         fitting = [name for name, other in MOTOR_TYPES.items() if other.gear_ratio and agrees(ratio, other.gear_ratio)]
         what = f"its gear ratio is {ratio:g} ({' or '.join(fitting) or 'no known type'}) instead of {wanted:g}"
-        what += f" ({spec.type}): another arm or gripper than the profile says"
-        section.problem(where, what, f"name the right one: --channel {target.channel}:ARM:GRIPPER")
+        what += f" ({spec.type}): another {'motor' if target.noun == BASE else 'arm or gripper'} than the profile says"
+        named = f"name the right one: --channel {target.channel}:ARM:GRIPPER"
+        section.problem(where, what, "exchange it for the maker's motor" if target.noun == BASE else named)
         expected = {register: value for register, value in expected.items() if register not in _RANGES}
     unknown = []
     for register, value in expected.items():
@@ -183,7 +191,7 @@ def _check_registers(target: Target, spec: MotorSpec, answer: Answer, row: Mappi
         section.warn(where, what, "run yam-doctor again; if it stays so, check the motor's cable")
 
 
-def _set_register(target: Target, motor_id: int, register: Register, value: float) -> str:
+def _set_register(target: Examined, motor_id: int, register: Register, value: float) -> str:
     """Return the command that sets and stores a motor's register. The doctor only prints this command."""
     where = target.config.on_command_line
     if register is Register.MST_ID:
@@ -193,7 +201,7 @@ def _set_register(target: Target, motor_id: int, register: Register, value: floa
     return f"yam-motors write {where} --motor {motor_id} {register.name}={value:.9g} --store"
 
 
-def _set_id(target: Target, motor_id: int, new: int | str) -> str:
+def _set_id(target: Examined, motor_id: int, new: int | str) -> str:
     """Return the command that gives a motor an id and the matching reply identifier."""
     return f"yam-motors set-id {target.config.on_command_line} {motor_id} {new}"
 
@@ -206,7 +214,7 @@ def _consequence(register: Register, found: float) -> str:
     return ": every value on the wire is scaled wrongly" if register in _RANGES else ""
 
 
-def _check_firmware(target: Target, present: Sequence[MotorSpec], section: Section) -> None:
+def _check_firmware(target: Examined, present: Sequence[MotorSpec], section: Section) -> None:
     """Add a note if motors of one type have different firmware."""
     rows = [row for row in section.rows if row["channel"] == target.channel and row.get("firmware") is not None]
     for kind in sorted({spec.type for spec in present}):

@@ -11,8 +11,9 @@ import numpy as np
 from lerobot_robot_yam.arm.config import passive_of
 from lerobot_robot_yam.damiao.tables import Fault, fault_text
 from lerobot_robot_yam.doctor.kit.findings import Section
-from lerobot_robot_yam.doctor.kit.targets import Target
+from lerobot_robot_yam.doctor.kit.targets import Examined, Target
 from lerobot_robot_yam.errors import StaleStateError
+from lerobot_robot_yam.state.base_records import BASE_STATE_DTYPE, BaseState
 from lerobot_robot_yam.state.modes import ENERGISED, Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, lock_path, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
@@ -24,7 +25,7 @@ _LATE_SHARE = 0.9  # share of the configured rate below which a loop counts as s
 _REARM = "remove the cause, then re-arm the session or connect again"
 
 
-def driver_of(target: Target) -> str:
+def driver_of(target: Examined) -> str:
     """Return the holder of the channel's lock, such as "process 1234 (python -m …)"."""
     try:
         pid = lock_path(target.key).read_text().strip()
@@ -39,11 +40,12 @@ def driver_of(target: Target) -> str:
     return f"process {pid} ({program.strip()[:60]})"
 
 
-def watch_session(target: Target, driver: str, section: Section) -> None:
+def watch_session(target: Examined, driver: str, section: Section) -> None:
     """Add rows and findings about the session that drives the channel."""
     channel = target.channel
     try:
-        block = SharedBlock(state_path(target.key), STATE_DTYPE, create=False)
+        dtype = STATE_DTYPE if isinstance(target, Target) else BASE_STATE_DTYPE
+        block = SharedBlock(state_path(target.key), dtype, create=False)
     except (FileNotFoundError, StaleStateError) as error:
         section.rows.append({"channel": channel, "driver": driver, "mode": None})
         if isinstance(error, StaleStateError):
@@ -67,9 +69,10 @@ def watch_session(target: Target, driver: str, section: Section) -> None:
     _report(target, driver, first, record, time.monotonic(), section)
 
 
-def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, now: float, section: Section) -> None:
-    hardware, channel = target.hardware, target.channel
-    state = ArmState(record.tobytes())
+def _report(target: Examined, driver: str, first: np.ndarray, record: np.ndarray, now: float, section: Section) -> None:
+    channel = target.channel
+    arm = target if isinstance(target, Target) else None
+    state = BaseState(record) if arm is None else ArmState(record.tobytes())
     age = now - float(record["stamp_s"])
     ticks, elapsed = int(record["tick"]) - int(first["tick"]), float(record["stamp_s"]) - float(first["stamp_s"])
     rate = ticks / elapsed if elapsed > 0 else 0.0
@@ -81,7 +84,7 @@ def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, 
         "age_ms": round(age * 1e3, 1),
         "message": state.message,
     }
-    lost_before = first["lost"][hardware.slots].tolist()
+    lost_before = first["lost"][_slots(target)].tolist()
     for row, before in zip(_motor_rows(target, record, now), lost_before, strict=True):
         if passive_of(target.config) is not None:  # joints have encoders, but no motors
             row["state"] = row["fault"] = None
@@ -93,24 +96,28 @@ def _report(target: Target, driver: str, first: np.ndarray, record: np.ndarray, 
     section.note(channel, what, "end that session to have registers and latencies read")
     if state.mode is not Mode.OFF and age > target.config.max_state_age_s:
         what = f"its control loop has published nothing for {age:.2f} s"
-        section.problem(channel, what, f"hold the arm by hand, then end {driver}")
+        section.problem(channel, what, f"hold the {target.noun} by hand, then end {driver}")
     elif state.mode in (Mode.FAULT, Mode.STOPPED):
         what = f"is in {state.mode.name.lower()}: {state.message or 'no reason given'}"
         stopped = "look at the arms, then: yam-estop release"
         section.problem(channel, what, stopped if state.mode is Mode.STOPPED else _REARM)
-    elif state.mode is not Mode.OFF and target.calibration and 0 < rate < target.config.rate_hz * _LATE_SHARE:
+    elif (
+        state.mode is not Mode.OFF
+        and (arm is None or arm.calibration)
+        and 0 < rate < target.config.rate_hz * _LATE_SHARE
+    ):
         what = f"its control loop makes {rate:.0f} instead of {target.config.rate_hz:g} ticks a second"
         section.warn(channel, what, "stop what keeps the CPUs busy (top), or lower rate_hz")
-    if hardware.gripper.handle_encoder and state.mode in ENERGISED and state.trigger is None:
+    silent = isinstance(state, ArmState) and state.trigger is None
+    if arm is not None and arm.hardware.gripper.handle_encoder and state.mode in ENERGISED and silent:
         what = "the teaching handle is silent"
         section.problem(f"{channel} teaching handle", what, "check the handle's cable")
 
 
-def _motor_rows(target: Target, record: np.ndarray, now: float) -> list[dict[str, Any]]:
+def _motor_rows(target: Examined, record: np.ndarray, now: float) -> list[dict[str, Any]]:
     """Return a row per motor of the profile; without a config, the session may drive fewer motors."""
-    hardware = target.hardware
     fields = ("motor_stamp_s", "fault", "lost", "temp_mos_c", "temp_rotor_c")
-    columns = (hardware.motors, *(record[field][hardware.slots].tolist() for field in fields))
+    columns = (target.hardware.motors, *(record[field][_slots(target)].tolist() for field in fields))
     return [
         {
             "name": spec.name,
@@ -124,6 +131,11 @@ def _motor_rows(target: Target, record: np.ndarray, now: float) -> list[dict[str
         }
         for spec, stamp, fault, lost, mos, rotor in zip(*columns, strict=True)
     ]
+
+
+def _slots(target: Examined) -> Any:
+    """Return the index of the motors in the fields of a record."""
+    return target.hardware.slots if isinstance(target, Target) else slice(target.hardware.n)
 
 
 def _check_encoder(channel: str, row: dict[str, Any], section: Section) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from lerobot_robot_yam.arm.config import channel_options
 from lerobot_robot_yam.arm.option import from_plain, option, real
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.mobile.base_limits import BaseLimits
@@ -16,6 +17,7 @@ from lerobot_robot_yam.mobile.base_profile import (
 )
 from lerobot_robot_yam.mobile.rail_config import RailConfig
 
+BASE = "base"  # word that names a base where commands take the profile of an arm
 _RATE_HZ = (100.0, 350.0)  # the stand-by would treat a slower loop as dead; the wire carries no faster one
 
 
@@ -56,6 +58,11 @@ class BaseConfig:
         _within(f"{self.name}: track_factor", self.track_factor, 0.5, 2.0)
         self.limits()
         self.profile()
+
+    @property
+    def on_command_line(self) -> str:
+        """Command line options with which `yam-motors` and `yam-zero` find the base."""
+        return f"{channel_options(self)} --arm {BASE}"
 
     def limits(self) -> BaseLimits:
         """Return the limits. Raises ConfigError: a limit is not above 0, or above its cap."""

@@ -14,6 +14,7 @@ from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
+from tests.support import base_rig
 from tests.support.crooked_arm import arguments, config, events, scene, sent
 from tests.support.motor_commands import cycle, read, refused, run, value, writes
 
@@ -239,3 +240,24 @@ def test_a_motor_with_a_fault_or_a_wrong_answer_is_not_set_up(arm, capsys):
     arm.fault("only", "joint_4", "wrong_id", 0x25)
     said = refused(arm, capsys, "set-id", 4, 9, "--yes")
     assert "joint_4 (id 4) answers as 0x25, but its MST_ID is 0x14; nothing was changed" in said
+
+
+def test_the_motors_of_a_base(capsys):
+    with contextlib.closing(LockstepRig("mobile")) as rig:
+        assert main(["scan", "--json", *base_rig.arguments(rig)]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert [row["name"] for row in found["motors"].values()] == list(base_rig.motors(rig)) and not found["notes"]
+        assert main(["read", "CTRL_MODE", "--json", "--motor", "rear_left_drive", *base_rig.arguments(rig)]) == 0
+        assert json.loads(capsys.readouterr().out)["motors"] == {"2": {"CTRL_MODE": 3}}
+        assert main(["write", "OT_VALUE=90", "--store", "--motor", "4", "--yes", *base_rig.arguments(rig)]) == 0
+        assert base_rig.motors(rig)["front_left_drive"]["flash_writes"] == 1
+
+
+@pytest.mark.parametrize("arm", [["--arm", "base"], []], ids=["base", "unnamed"])
+def test_no_console_for_the_motors_of_a_base(type_in, capsys, arm):
+    """It would put them into another mode."""
+    type_in(b"enable\n")
+    with contextlib.closing(LockstepRig("mobile")) as rig:
+        assert main(["console", "--motor", "3", *base_rig.arguments(rig, arm=arm)]) == 1
+        assert "is a base's motor: it obeys velocities only" in capsys.readouterr().err
+        assert not any(motor["enabled"] for motor in base_rig.motors(rig).values())

@@ -24,6 +24,7 @@ from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import ConfigError, MotorError
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.session.yam_arm import YamArm
+from tests.support import base_rig
 from tests.support.crooked_arm import OFFSETS, arguments, config, events, motor_rad, scene, sent
 
 
@@ -154,7 +155,7 @@ def test_a_moving_joint_refuses(crooked, capsys):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (["--joint", "joint_7", "--yes"], "no joint joint_7; arm 'yam' has joint_1, joint_2"),
+        (["--joint", "joint_7", "--yes"], "no joint joint_7; it has joint_1, joint_2"),
         (["--joint", "gripper", "--yes"], "no joint gripper"),
         (["--arm", "none", "--yes"], "a gripper has no zero to set"),
         (["--arm", "yam_max", "--yes"], "unknown arm 'yam_max'"),
@@ -303,3 +304,17 @@ def test_a_range_without_zero_is_refused(crooked, tmp_path):
     with open_bus(crooked) as bus:
         with pytest.raises(ConfigError, match="the range 0.50 … 3.00 of joint_2 does not hold 0"):
             Zeroing(config(crooked, arm=str(tmp_path / "odd.yaml")), bus, ["joint_2"])
+
+
+def test_of_a_base_the_steering_is_zeroed_and_the_wheels_are_not(tmp_path, capsys):
+    with contextlib.closing(LockstepRig(base_rig.scene(tmp_path, steer_zero_rad=[0.3, -0.2, 1.5, 0.0]))) as rig:
+        rig.trace_start("base")
+        assert main(base_rig.arguments(rig, "--joint", "front_left_drive", "--yes")) == 1
+        assert "no joint front_left_drive; it has rear_left_steer, front_left_steer" in capsys.readouterr().err
+        assert main(base_rig.arguments(rig, "--yes")) == 0
+        said = capsys.readouterr()
+        assert "front_right_steer by +1.50" in said.err and "its hub is 20 mm behind the steering axis" in said.err
+        assert sent(rig, "base") == [1, 3, 5, 7]
+        after = {name: motor["motor_rad"] for name, motor in base_rig.motors(rig).items()}
+        assert max(abs(after[name]) for name in base_rig.STEER) < 0.005
+        assert not events(rig, "motor_enabled")

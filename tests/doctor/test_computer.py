@@ -46,7 +46,7 @@ def test_a_computer_with_two_arms(rig, tmp_path, monkeypatch, capsys):
     (problem,) = found(report, "problem", "joint_1")
     assert problem["remedy"] == (
         f"yam-motors timeout --channel {FOLLOWER} --motor 1 0.4"
-        " (then switch the arm's power off and on: until then the motor may go by the old value)"
+        " (then switch the power off and on: until then the motor may go by the old value)"
     )
 
 

@@ -41,7 +41,7 @@ DEFECTS = {
     ),
     "time-out off": (
         lambda rig: rig.fault(FOLLOWER, "joint_1", "register", 0, register=int(Register.TIMEOUT)),
-        ("joint_1 (id 1)", "never switches itself off", "--motor 1 0.4 (then switch the arm's power off and on"),
+        ("joint_1 (id 1)", "never switches itself off", "--motor 1 0.4 (then switch the power off and on"),
     ),
     "wrong range": (
         lambda rig: rig.fault(FOLLOWER, "joint_5", "register", 12.566, register=int(Register.PMAX)),

@@ -7,7 +7,7 @@ from typing import Any
 
 import can
 
-from lerobot_robot_yam.arm.config import ARMS, GRIPPERS, SOCKETCAN, VIRTUAL, ArmConfig
+from lerobot_robot_yam.arm.config import ARMS, GRIPPERS, SOCKETCAN, VIRTUAL, ArmConfig, ChannelConfig
 from lerobot_robot_yam.arm.mounting import gripper_id
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.commands.lib.dialogue import tell
@@ -16,19 +16,25 @@ from lerobot_robot_yam.control.preflight.role import answering_gripper
 from lerobot_robot_yam.damiao.motor_inspection import LISTEN_S, listen
 from lerobot_robot_yam.damiao.motor_spec import MOTOR_IDS
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.mobile.base_config import BASE, BaseConfig
 from lerobot_robot_yam.state.records import channel_key, lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock, rig_name
 
 _PER_ARM = ("channel", "arm", "gripper", "name", "calibration")
 
 
-def add_arm_arguments(parser: argparse.ArgumentParser, several: bool = False, required: bool = True) -> None:
-    """Add the options that select an arm: channel, interface, hardware. `several`: one or two arms, see `each_arm`."""
+def add_arm_arguments(
+    parser: argparse.ArgumentParser, several: bool = False, required: bool = True, base: bool = False
+) -> None:
+    """Add the options that select an arm: channel, interface, hardware. `several`: one or two arms, see `each_arm`.
+
+    base: whether the command also works on a mobile base, see `part_config`.
+    """
     more: dict[str, Any] = {"nargs": "+"} if several else {}
     parser.add_argument("--channel", required=required, **more, help="CAN channel, such as can_follower_l")
     add_place_arguments(parser)
-    arm = ["yam"] if several else "yam"
-    parser.add_argument("--arm", default=arm, **more, help=f"profile of the arm (default yam; {', '.join(ARMS)})")
+    arm, arms = ["yam"] if several else "yam", ", ".join([*ARMS, *([f"{BASE} for a mobile base"] if base else [])])
+    parser.add_argument("--arm", default=arm, **more, help=f"profile of the arm (default yam; {arms})")
     grippers = ", ".join(GRIPPERS)
     parser.add_argument("--gripper", **more, help=f"profile of the gripper (default: what answers; {grippers})")
     parser.add_argument("--name", **more, help="what the arm is called (default: its channel)")
@@ -73,6 +79,13 @@ def arm_config(args: argparse.Namespace, **fields: Any) -> ArmConfig:
     return ArmConfig(name=args.name or args.channel, channel=args.channel, arm=args.arm, **place, **fields)
 
 
+def part_config(args: argparse.Namespace) -> ArmConfig | BaseConfig:
+    """Return the config of the arm or, with `--arm base`, of the mobile base that the arguments describe."""
+    if args.arm != BASE:
+        return arm_config(args)
+    return BaseConfig(name=args.name or args.channel, channel=args.channel, **place_of(args.interface, args.rig))
+
+
 def with_answering_gripper(args: argparse.Namespace, bus: can.BusABC, **fields: Any) -> ArmConfig:
     """Return the config like `arm_config`; without --gripper, detect the gripper on the open bus.
 
@@ -99,8 +112,8 @@ def with_likely_gripper(args: argparse.Namespace, **fields: Any) -> ArmConfig:
 
 
 @contextmanager
-def own_bus(config: ArmConfig) -> Iterator[can.BusABC]:
-    """Open the arm's channel for exclusive use.
+def own_bus(config: ChannelConfig) -> Iterator[can.BusABC]:
+    """Open a channel for exclusive use.
 
     Raises:
         ChannelInUseError: another process of this package holds the channel, or another program drives the motors.

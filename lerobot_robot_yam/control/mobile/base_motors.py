@@ -8,6 +8,7 @@ import numpy as np
 
 from lerobot_robot_yam.control.joints.enabling import enable
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
+from lerobot_robot_yam.control.preflight.role import carries_base
 from lerobot_robot_yam.control.safety.channel_monitor import BusLoss, ChannelMonitor
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
@@ -60,7 +61,13 @@ class BaseMotors:
         check_bandwidth(len(chain), False, config.rate_hz)
         if not config.skip_listen:
             listen(self._bus, LISTEN_S, [motor.can_id for motor in chain.motors], config.channel)
-        verify(chain)
+        try:
+            verify(chain)
+        except MotorError as error:
+            if carries_base(self._bus, config.channel) is not False:
+                raise
+            what = f"{config.name}: channel {config.channel} carries an arm: are cables or channels swapped?"
+            raise MotorError(what) from error
         self.read()
 
     def check_alone(self) -> None:

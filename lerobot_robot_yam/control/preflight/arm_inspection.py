@@ -8,7 +8,7 @@ from lerobot_robot_yam.arm.mounting import arm_ids, gripper_id
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.preflight.binding import check_identity
 from lerobot_robot_yam.control.preflight.fingerprint import read_fingerprint
-from lerobot_robot_yam.control.preflight.role import mistaken_role
+from lerobot_robot_yam.control.preflight.role import carries_base, mistaken_role
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.handle_check import prepare_handle
@@ -53,6 +53,9 @@ def inspect(hardware: ResolvedArm, chain: MotorChain, bus: can.BusABC) -> None:
         if handle:
             prepare_handle(bus, config.channel)
     except MotorError as error:
+        if hardware.joints and carries_base(bus, config.channel):
+            what = f"{config.name}: channel {config.channel} carries a mobile base: are cables or channels swapped?"
+            raise MotorError(what) from error
         swap = mistaken_role(*role)
         if swap is None:
             raise

@@ -1,7 +1,9 @@
-"""The role of an arm: a leader has a teaching handle, a follower has a gripper motor.
+"""The role of what a channel carries: a leader has a teaching handle, a follower a gripper motor, a base eight wheels.
 
 The role distinguishes swapped cables from dead motors, even without a binding. Nothing is energised.
 """
+
+from collections.abc import Sequence
 
 import can
 
@@ -10,7 +12,12 @@ from lerobot_robot_yam.arm.profile import GripperProfile
 from lerobot_robot_yam.arm.profile_files import load_gripper
 from lerobot_robot_yam.control.preflight.fingerprint import gear_ratio
 from lerobot_robot_yam.damiao.handle_check import handle_firmware
+from lerobot_robot_yam.damiao.registers import agrees
 from lerobot_robot_yam.damiao.tables import motor_type
+from lerobot_robot_yam.mobile.base_profile import BaseProfile
+
+FIRST_IDS = (1, 2, 3)
+"""CAN ids of the motors that tell an arm from a base: an arm's have gears of 40 or 48, a base's of 10."""
 
 
 def mistaken_role(bus: can.BusABC, channel: str, name: str, gripper: GripperProfile, gripper_id: int) -> str | None:
@@ -39,6 +46,20 @@ def mistaken_role(bus: can.BusABC, channel: str, name: str, gripper: GripperProf
             "has none: set `gripper`, or look whether the cables are swapped"
         )
     return None
+
+
+def carries_base(bus: can.BusABC, channel: str) -> bool | None:
+    """Return whether the channel carries a mobile base, see `are_wheels`. Raises BusError: the channel is lost."""
+    return are_wheels([gear_ratio(bus, channel, can_id) for can_id in FIRST_IDS])
+
+
+def are_wheels(gears: Sequence[float | None]) -> bool | None:
+    """Return whether motors 1 to 3 with these gear ratios are a base's; False: an arm's; None: none has told.
+
+    The gear ratio is read-only. It does not tell a steering motor from a drive motor: both have the same.
+    """
+    told = [gear for gear in gears if gear is not None]
+    return all(agrees(gear, motor_type(BaseProfile().steer_type).gear_ratio) for gear in told) if told else None
 
 
 def answering_gripper(bus: can.BusABC, channel: str, gripper_id: int) -> str:

@@ -1,19 +1,21 @@
-"""Arms that the doctor examines: named on the command line, read from a LeRobot run config, or all arms."""
+"""Arms and bases that the doctor examines: named on the command line, read from a LeRobot run config, or all arms."""
 
 import dataclasses
 import json
 import os
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig, LeadArmConfig, check_together
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, PassiveConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.mobile.base_config import BASE, BaseConfig
+from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.rig_file import device_of
@@ -28,26 +30,21 @@ _CALIBRATED_PASSIVE = ("kind", "joint_sign", "home_rad", "passive_calibration_pa
 _OF_GUIDES = {"arm": "yam", "gripper": "linear_4310", "action_space": "joint"}
 _REAL_CAMERAS = ("opencv", "intelrealsense", "yam_realsense")
 _PASSIVE, _GUIDE = "yam_passive_leader", "yam_hand_guide"
-# Section of a run config -> LeRobot's folder of calibration files, and our device types with one arm.
-_DEVICES = {"robot": ("robots", ("yam_follower",)), "teleop": ("teleoperators", ("yam_leader", _PASSIVE, _GUIDE))}
+_BASE, _MOBILE, _MOBILE_LEADER = "yam_base", "yam_mobile", "yam_mobile_leader"
+# Section of a run config -> LeRobot's folder of calibration files, and our device types with one arm or a base.
+_DEVICES = {
+    "robot": ("robots", ("yam_follower", _BASE, _MOBILE)),
+    "teleop": ("teleoperators", ("yam_leader", _PASSIVE, _GUIDE, _MOBILE_LEADER)),
+}
 _ARM_FIELDS = frozenset(field.name for field in dataclasses.fields(ArmConfig))
+_BASE_FIELDS = frozenset(field.name for field in dataclasses.fields(BaseConfig))
 
 
-@dataclass(frozen=True)
-class Target:
-    """Arm to examine.
+class _OnChannel:
+    """Part on a channel of its own. noun: what messages call it."""
 
-    Attributes:
-        config: config of the arm.
-        declared: whether arm and gripper were named; if not, the doctor infers both from the motors' replies.
-        calibration: file in which LeRobot's device stores the gripper's stops; None: unknown.
-        calibrate: command that finds the stops of the device's grippers; empty: unknown.
-    """
-
-    config: ArmConfig
-    declared: bool = True
-    calibration: Path | None = None
-    calibrate: str = ""
+    config: ArmConfig | BaseConfig
+    noun: ClassVar[str]
 
     @property
     def channel(self) -> str:
@@ -64,6 +61,38 @@ class Target:
         rig = self.config.can_options.get("rig") if self.config.interface == VIRTUAL else None
         return channel_key(self.config.interface, self.channel, rig)
 
+
+@dataclass(frozen=True)
+class BaseTarget(_OnChannel):
+    """Mobile base to examine. declared: true, since nothing about a base is inferred."""
+
+    config: BaseConfig
+    declared: ClassVar[bool] = True
+    noun: ClassVar[str] = "base"
+
+    @cached_property
+    def hardware(self) -> ResolvedBase:
+        """Motors and limits."""
+        return ResolvedBase(self.config)
+
+
+@dataclass(frozen=True)
+class Target(_OnChannel):
+    """Arm to examine.
+
+    Attributes:
+        config: config of the arm.
+        declared: whether arm and gripper were named; if not, the doctor infers both from the motors' replies.
+        calibration: file in which LeRobot's device stores the gripper's stops; None: unknown.
+        calibrate: command that finds the stops of the device's grippers; empty: unknown.
+    """
+
+    config: ArmConfig
+    declared: bool = True
+    calibration: Path | None = None
+    calibrate: str = ""
+    noun: ClassVar[str] = "arm"
+
     @cached_property
     def hardware(self) -> ResolvedArm:
         """Motors and limits from the profiles. Raises ConfigError: unknown arm or gripper."""
@@ -77,17 +106,25 @@ class Target:
         return dataclasses.replace(self.config, calibration_path=str(self.calibration))
 
 
+Examined = Target | BaseTarget
+
+
 @dataclass(frozen=True)
 class Plan:
-    """Arms to examine, and LeRobot's camera configs by name."""
+    """Arms and bases to examine, and LeRobot's camera configs by name."""
 
-    targets: tuple[Target, ...] = ()
+    targets: tuple[Examined, ...] = ()
     cameras: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def arms(self) -> tuple[Target, ...]:
+        """The arms among the targets."""
+        return tuple(target for target in self.targets if isinstance(target, Target))
 
     @property
     def followers(self) -> tuple[Target, ...]:
         """Arms without a teaching handle."""
-        return tuple(target for target in self.targets if target.config.gripper != LEADER_GRIPPER)
+        return tuple(target for target in self.arms if target.config.gripper != LEADER_GRIPPER)
 
     @property
     def real(self) -> bool:
@@ -100,11 +137,13 @@ class Plan:
         return any(camera.get("type") in _REAL_CAMERAS for camera in self.cameras.values())
 
 
-def from_option(text: str, interface: str, rig: str | None) -> Target:
-    """Parse `NAME[:ARM[:GRIPPER]]`. Raises ConfigError: the text is malformed, or names an unknown arm or gripper."""
+def from_option(text: str, interface: str, rig: str | None) -> Examined:
+    """Parse `NAME[:ARM[:GRIPPER]]` or `NAME:base`. Raises ConfigError: malformed, or an unknown arm or gripper."""
     channel, *profiles = text.split(":")
     if not channel or len(profiles) > 2:
-        raise ConfigError(f"channel {text!r}: write NAME, NAME:ARM or NAME:ARM:GRIPPER")
+        raise ConfigError(f"channel {text!r}: write NAME, NAME:ARM, NAME:ARM:GRIPPER or NAME:{BASE}")
+    if profiles == [BASE]:
+        return _base_target({"channel": channel, "interface": interface}, channel, rig)
     values = {key: value for key, value in zip(("arm", "gripper"), profiles, strict=False) if value}
     return _target({"channel": channel, "interface": interface, **values}, channel, rig)
 
@@ -123,7 +162,7 @@ def from_config(
         ConfigError: the file is unreadable, has none of our devices, or has options with which no session would start.
     """
     document = read_yaml(path)
-    targets: list[Target] = []
+    targets: list[Examined] = []
     cameras: dict[str, Mapping[str, Any]] = {}
     environment = document.get("env")  # environment of an evaluation
     robot: Mapping[str, Any] = {}
@@ -157,7 +196,9 @@ def from_config(
                 target = dataclasses.replace(target, calibration=file)
             targets.append(dataclasses.replace(target, calibrate=calibrate))
             cameras.update({f"{prefix}{name}": camera for name, camera in _cameras(arm).items() if prefix})
-        if arms:  # a hand guide has no arms
+        if (base := _base(device)) is not None:
+            targets.append(_base_target(base, BASE, rig))
+        if arms or base:  # a hand guide has none
             check_together([target.config for target in targets[first:]])
     if not targets:
         ours = ", ".join(kind for _, kinds in _DEVICES.values() for kind in kinds)
@@ -180,7 +221,9 @@ def _of_one_arm(device: Mapping[str, Any]) -> str:
 
 def _arms(device: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]:
     """Return prefix -> options of each arm."""
-    if not str(device["type"]).startswith("bi_"):
+    if device["type"] == _BASE or (device["type"] == _MOBILE_LEADER and "left_arm_config" not in device):
+        return {}
+    if not str(device["type"]).startswith("bi_") and device["type"] not in (_MOBILE, _MOBILE_LEADER):
         return {"": device}
     arms: dict[str, Mapping[str, Any]] = {}
     for prefix in ("left_", "right_"):
@@ -188,6 +231,12 @@ def _arms(device: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]
             raise ConfigError(f"{where}: {prefix}arm_config is missing")
         arms[prefix] = arm
     return arms
+
+
+def _base(device: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return the options of a robot's base, if it has one."""
+    base = device if device["type"] == _BASE else device.get("base_config")
+    return base if isinstance(base, Mapping) else None
 
 
 def _check_guide(guide: Mapping[str, Any], robot: Mapping[str, Any], where: str) -> None:
@@ -242,14 +291,26 @@ def _passive_target(arm: Mapping[str, Any], name: str, rig: str | None, calibrat
 
 
 def _target(values: Mapping[str, Any], name: str, rig: str | None) -> Target:
-    known = {key: value for key, value in values.items() if key in _ARM_FIELDS}
-    options = dict(known.pop("can_options", None) or {})
-    if known.get("interface") == VIRTUAL:
-        options.pop("operator", None)  # without the scripted operator, so that no leader moves during the check
-        options["rig"], _ = rig_name(rig or options.get("rig"))
     try:
-        target = Target(ArmConfig(**{"name": name, **known, "can_options": options}))
+        target = Target(ArmConfig(**_known(values, _ARM_FIELDS, name, rig)))
         _ = target.hardware  # raises for unknown profiles
     except TypeError as error:  # the channel is missing
         raise ConfigError(f"{name}: {error}") from error
     return target
+
+
+def _base_target(values: Mapping[str, Any], name: str, rig: str | None) -> BaseTarget:
+    try:
+        return BaseTarget(BaseConfig(**_known(values, _BASE_FIELDS, name, rig)))
+    except TypeError as error:
+        raise ConfigError(f"{name}: {error}") from error
+
+
+def _known(values: Mapping[str, Any], fields: Collection[str], name: str, rig: str | None) -> dict[str, Any]:
+    """Return the values of these fields, with the name of the virtual rig."""
+    known = {key: value for key, value in values.items() if key in fields}
+    options = dict(known.pop("can_options", None) or {})
+    if known.get("interface") == VIRTUAL:
+        options.pop("operator", None)  # without the scripted operator, so that no leader moves during the check
+        options["rig"], _ = rig_name(rig or options.get("rig"))
+    return {"name": name, **known, "can_options": options}

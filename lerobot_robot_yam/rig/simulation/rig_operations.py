@@ -64,8 +64,8 @@ class RigOperations(HandOperations, FaultOperations):
             resists (whether the hand released an arm that worked against it), clients,
             motors[name]: {id, enabled, fault, torque_nm, motor_rad, flash_writes},
             second_motors (fault "second_arm") likewise, tcp_site and grasp_site: {pos (3,), mat (9,)};
-            base, if there is one: pose (x, y, m, and heading, rad), mount {pos, quat}, motors[name]: {enabled, fault},
-            and with a rail rail: height, m, upper and lower (what the switches read), brake_on (its output);
+            base, if there is one: pose (x, y, m, and heading, rad), mount {pos, quat}, motors likewise, and with a rail
+            rail: height, m, upper and lower (what the switches read), brake_on (its output);
             props[name] and furniture[name]: {pos, quat};
             joints[name], of furniture: m or rad; with `bodies`, bodies[name]: position (3,).
         """
@@ -89,10 +89,7 @@ class RigOperations(HandOperations, FaultOperations):
         }
 
     def _base(self, name: str) -> dict[str, Any]:
-        motors = {
-            motor.name: {"enabled": motor.enabled, "fault": int(motor.fault)}
-            for motor in self.device.channels[name].motors
-        }
+        motors = {motor.name: _motor(motor) for motor in self.device.channels[name].motors}
         board, rail = self.device.board, {}
         if board is not None:
             upper, lower = board.switches()

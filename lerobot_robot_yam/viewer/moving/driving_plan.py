@@ -35,7 +35,7 @@ def plan_of_file(path: Path, rig: str | None) -> DrivingPlan:
         ConfigError: the file is unreadable, has no arm with motors, or its arms cannot be used in one session.
     """
     plan = from_config(path, rig)
-    driven = plan.followers or plan.targets
+    driven = plan.followers or plan.arms
     configs = [target.driven for target in driven if passive_of(target.config) is None]
     if not configs:
         raise ConfigError(f"{path} has no arm with motors")

@@ -1,4 +1,4 @@
-"""Motors of one arm for yam-motors: their names from the profile, their replies under each id, their settings."""
+"""Motors of one arm or base for yam-motors: names from the profile, replies under each id, settings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,6 +24,8 @@ from lerobot_robot_yam.damiao.settings.motor_memory import (
 from lerobot_robot_yam.damiao.settings.register_access import RegisterAccess, Reply
 from lerobot_robot_yam.damiao.tables import REGISTER_ID, TIMEOUT_COUNT_S, fault_text
 from lerobot_robot_yam.errors import ConfigError, MotorError
+from lerobot_robot_yam.mobile.base_config import BaseConfig
+from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 
 SAFE_COUNTS = 8000
 """Factory value of TIMEOUT, 0.4 s; sessions refuse an arm with any other value."""
@@ -47,14 +49,14 @@ class Found:
 
 
 class MotorBench:
-    """Motors of one arm on a bus that only this command uses.
+    """Motors of one arm or base on a bus that only this command uses.
 
     Args:
-        config: config of the arm.
+        config: config of the arm or base.
         bus: open bus, for exclusive use.
     """
 
-    def __init__(self, config: ArmConfig, bus: can.BusABC):
+    def __init__(self, config: ArmConfig | BaseConfig, bus: can.BusABC):
         self.config, self.channel, self.bus = config, config.channel, bus
         self.access = RegisterAccess(bus, config.channel)
         self.names = motor_names(config)
@@ -137,7 +139,8 @@ class MotorBench:
             if motor.contents.get(Register.TIMEOUT, SAFE_COUNTS) != SAFE_COUNTS:
                 lines.append(f"{name} has another time-out than sessions ask for: yam-motors timeout {where} 0.4")
         missing = [f"{name} (id {can_id})" for can_id, name in self.names.items() if can_id not in found]
-        if _GRIPPER not in map(self.name, found) and handle_firmware(self.bus, self.channel) is not None:
+        wants_gripper = _GRIPPER in self.names.values() and _GRIPPER not in map(self.name, found)
+        if wants_gripper and handle_firmware(self.bus, self.channel) is not None:
             missing.pop()
             lines.append(f"a teaching handle answers instead of a gripper's motor (yam-handle show {where})")
         if missing:
@@ -175,8 +178,10 @@ class MotorBench:
         return table(_HEAD, rows)
 
 
-def motor_names(config: ArmConfig) -> dict[int, str]:
-    """Return CAN id -> name of an arm's motors. Raises ConfigError: the arm's profile does not exist."""
+def motor_names(config: ArmConfig | BaseConfig) -> dict[int, str]:
+    """Return CAN id -> name of the motors. Raises ConfigError: the arm's profile does not exist."""
+    if isinstance(config, BaseConfig):
+        return {motor.can_id: motor.name for motor in ResolvedBase(config).motors}
     arm = load_arm(config.arm)
     return {motor.can_id: motor.name for motor in arm.motors} | {gripper_id(arm): _GRIPPER}
 

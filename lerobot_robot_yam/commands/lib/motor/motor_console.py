@@ -19,6 +19,7 @@ from lerobot_robot_yam.damiao.registers import Register
 from lerobot_robot_yam.damiao.settings.motor_memory import MotorState, read_state
 from lerobot_robot_yam.damiao.tables import TIMEOUT_COUNT_S, ControlMode, Fault, fault_text, motor_type
 from lerobot_robot_yam.errors import ConfigError, MotorError
+from lerobot_robot_yam.mobile.base_profile import BaseProfile
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.signals import undisturbed
 
@@ -112,6 +113,8 @@ def console(args: argparse.Namespace, bench: MotorBench) -> int:
     contents = bench.contents(can_id)
     _require_watchdog(bench, name, contents.get(Register.TIMEOUT))
     kind = bench.kind(contents)
+    if kind == BaseProfile().steer_type:
+        raise ConfigError(f"{bench.channel}: {name} is a base's motor: it obeys velocities only")
     most_nm = _TORQUE_SHARE * motor_type(kind).torque_max_nm  # raises for an unknown type
     _confirm(args, bench, name)
     refuse_stopped(name, EmergencyStop())  # checked again: confirming may have taken long

@@ -13,7 +13,7 @@ from itertools import pairwise
 import can
 import numpy as np
 
-from lerobot_robot_yam.commands.lib.arm_command import arm_config
+from lerobot_robot_yam.commands.lib.arm_command import part_config
 from lerobot_robot_yam.commands.lib.dialogue import say, table, tell
 from lerobot_robot_yam.commands.lib.motor.motor_bench import ANSWERS_BEYOND, motor_names
 from lerobot_robot_yam.control.preflight.open_bus import open_bus
@@ -34,7 +34,7 @@ _COMMANDED = {offset + can_id: can_id for can_id in MOTOR_IDS for offset in _OFF
 
 def monitor_session(args: argparse.Namespace) -> int:
     """Run `yam-motors monitor`: listen on a bus, and print latencies, periods and lost replies."""
-    config = arm_config(args)
+    config = part_config(args)
     names = motor_names(config)
     bus = open_bus(config)
     try:
