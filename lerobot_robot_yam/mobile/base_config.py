@@ -71,9 +71,7 @@ class BaseConfig:
 
     def profile(self) -> BaseProfile:
         """Return the vendor's base with this one's measured size. Raises ConfigError: a size is out of range."""
-        usual = BaseProfile()
-        h_x, h_y = (tuple(self.track_factor * h for h in row) for row in (usual.h_x_m, usual.h_y_m))
-        return BaseProfile(h_x_m=h_x, h_y_m=h_y, radius_m=real(self.wheel_radius_m))
+        return BaseProfile().resized(real(self.wheel_radius_m), real(self.track_factor))
 
 
 def _within(what: str, value: float, low: float, high: float) -> None:

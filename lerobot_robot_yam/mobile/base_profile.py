@@ -5,7 +5,7 @@ left, front right, rear right. Source of every number: I2RT driver v1.2.4.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
 from lerobot_robot_yam.damiao.tables import ControlMode
@@ -49,6 +49,11 @@ class BaseProfile:
             raise ConfigError(f"base: the wheels' radius is 0.01 to 0.5 m, not {self.radius_m}")
         if not (math.isfinite(self.b_x_m) and -0.5 <= self.b_x_m <= -0.001):
             raise ConfigError(f"base: b_x_m is -0.5 to -0.001 m (the wheel trails), not {self.b_x_m}")
+
+    def resized(self, radius_m: float, track_factor: float) -> "BaseProfile":
+        """Return this base with other wheels, and its casters at other distances from the centre."""
+        h_x, h_y = (tuple(track_factor * h for h in row) for row in (self.h_x_m, self.h_y_m))
+        return replace(self, h_x_m=h_x, h_y_m=h_y, radius_m=radius_m)
 
     @property
     def signs(self) -> tuple[int, ...]:

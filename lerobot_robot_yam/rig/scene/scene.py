@@ -15,6 +15,7 @@ import numpy as np
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.mobile.base_profile import BaseProfile
 from lerobot_robot_yam.rig.scene.deviation import Deviation
 from lerobot_robot_yam.rig.scene.props import Thing, check_things
 from lerobot_robot_yam.rig.scene.tasks import PICK_AND_PLACE, SCRIPTS, Task, check_tasks
@@ -87,6 +88,7 @@ class BasePlacement:
     Attributes:
         steer_zero_rad: steering motors' angles when the casters point forward, default 0.
         rail: the linear rail that carries the mount; without, the mount is fixed.
+        wheel_radius_m, track_factor: sizes that the driver does not know, see `BaseConfig`.
     """
 
     channel: str
@@ -94,6 +96,13 @@ class BasePlacement:
     yaw_rad: float = 0.0
     steer_zero_rad: np.ndarray = array_field(4, default=(0, 0, 0, 0))
     rail: RailPlacement | None = None
+    wheel_radius_m: float = BaseProfile().radius_m
+    track_factor: float = 1.0
+
+    @property
+    def profile(self) -> BaseProfile:
+        """The base as it is built."""
+        return BaseProfile().resized(self.wheel_radius_m, self.track_factor)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,6 @@ from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.arm.profile import GripperProfile, Load
 from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.mobile.base_profile import BaseProfile
 from lerobot_robot_yam.rig.scene.deviation import Deviation
 from lerobot_robot_yam.rig.scene.props import Part, Thing
 from lerobot_robot_yam.rig.scene.scene import ArmPlacement, Camera, Scene
@@ -52,7 +51,7 @@ def build_world(scene: Scene, visible: bool = True) -> mujoco.MjModel:
     spec.option.impratio = 10.0  # prevents held props from creeping out of the fingers
     add_scenery(spec)
     if scene.base is not None:
-        add_base(spec, scene.base, BaseProfile(), _FLOOR_Z_M, any(row.on_base for row in scene.arms))
+        add_base(spec, scene.base, scene.base.profile, _FLOOR_Z_M, any(row.on_base for row in scene.arms))
     for row in scene.arms:
         _attach_arm(spec, row, scene)
     add_things(spec, scene.things)
