@@ -53,6 +53,6 @@ def test_it_is_braked_and_off_when_its_loop_is_killed_in_motion(rig):
 
 
 def test_the_program_on_the_page(capfd):
-    exec(block("docs/mobile-base.md", "python", "YamBase("), {})
+    exec(block("docs/mobile-base.md", "python", "YamBase(channel="), {})
     x, _, theta = map(float, capfd.readouterr().out.strip("[]\n ").split())
     assert 0.1 < x < 0.6 and 0.2 < theta < 1.0
