@@ -30,10 +30,12 @@ class YamBaseRobotConfig(RobotConfig, CameraOptions, RobotOptions, BaseOptions, 
         try:
             RobotConfig.__post_init__(self)
             check_switches("yam_base", self)
-            base_config(self)
             check_cli("yam_base", self.base_keys(), False, self.image_names())
         except (ConfigError, ValueError, TypeError) as error:
             raise RefusedConfigError(str(error)) from error
+
+    def base(self) -> BaseConfig:
+        return base_config(self)
 
 
 @dataclass(kw_only=True)

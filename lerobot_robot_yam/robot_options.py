@@ -92,14 +92,26 @@ class BaseOptions:
         False,
     )
 
+    rail_action: Literal["vel", "pos"] = option(
+        "with a rail, what actions have: vel, its velocity height.vel, m/s; pos, its height height.pos, m", "vel"
+    )
+
+    def base(self) -> BaseConfig | None:
+        """Return the config of the base, if it is known. Raises ConfigError: a value is impossible."""
+        return None
+
     def base_keys(self) -> list[str]:
         """Return the keys of the base's part of an action."""
-        from lerobot_robot_yam.face.devices.base_part import VELOCITY_KEYS  # late import, for a fast start
+        from lerobot_robot_yam.face.devices.base_part import action_keys  # late import, for a fast start
 
-        return list(VELOCITY_KEYS)
+        return action_keys(self._rail_action())
 
     def base_extra_keys(self) -> list[str]:
-        """Return the keys of the optional numbers of the base that are enabled."""
-        from lerobot_robot_yam.face.devices.base_part import optional_keys
+        """Return the keys of the other numbers of the base that are observed."""
+        from lerobot_robot_yam.face.devices.base_part import extra_keys
 
-        return optional_keys(self.observe_odometry, self.observe_wheels)
+        return extra_keys(self._rail_action(), self.observe_odometry, self.observe_wheels)
+
+    def _rail_action(self) -> str | None:
+        base = self.base()
+        return None if base is None or base.rail is None else self.rail_action

@@ -24,6 +24,7 @@ from lerobot_robot_yam.face.devices.remote_device import RemoteDevice
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.face.recorder.rehearsal import rehearse
 from lerobot_robot_yam.face.rl_stack import MotorBus
+from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.robot_options import FollowerOptions
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.clock import Clock
@@ -53,7 +54,7 @@ class FollowerBase(ArmDevice, RecordedRobot):
         self._use_degrees = options.use_degrees and options.action_space == "joint"
         self.name = recorded_name(self.name, options.use_degrees, options.action_space)
         self.robot_type = self.name
-        base = options.base()
+        base = self._base_config()
         self._arms = self._make_arms("follower", arms, self._use_degrees, options.runs(), base=base)
         self._speak(options.action_space, [(side.hardware.arm, side.hardware.gripper) for side in self._arms.sides])
         self._make_cameras(config.all_cameras(), [*arms.values(), *([] if base is None else [base])])
@@ -92,11 +93,19 @@ class FollowerBase(ArmDevice, RecordedRobot):
             self._space.begin()
         logger.info("%s connected", self)
         try:
+            self._check_started(calibrate)
             self._catch_up()
             self._rehearse()
         except BaseException:
             self.disconnect()
             raise
+
+    def _base_config(self) -> BaseConfig | None:
+        """Return the config of the base on which the arms ride, if any."""
+        return None
+
+    def _check_started(self, calibrate: bool) -> None:
+        """Check what only energised parts can tell. calibrate: as for `connect`."""
 
     def _catch_up(self) -> None:
         """Move to the leaders' pose, if there are leaders. The first observation reports a failed arm."""

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
-from lerobot_robot_yam.config_yam_mobile import YamBaseRobotConfig, YamMobileConfig, base_config
-from lerobot_robot_yam.face.devices.base_part import BasePart, completed
+from lerobot_robot_yam.config_yam_mobile import YamBaseRobotConfig, YamMobileConfig
+from lerobot_robot_yam.face.devices.base_part import BasePart, completed, with_rail_file
 from lerobot_robot_yam.face.devices.device_session import DeviceSession
 from lerobot_robot_yam.face.devices.recorded_robot import RecordedRobot
 from lerobot_robot_yam.face.devices.replayed_path import replayed_path
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
+from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.session.target_limits import validate_action
 from lerobot_robot_yam.system.clock import Clock
 from lerobot_robot_yam.yam_follower import FollowerBase
@@ -34,14 +35,14 @@ class YamBaseRobot(RecordedRobot):
     def __init__(self, config: YamBaseRobotConfig):
         super().__init__(config)
         self.config = config
-        base = base_config(config)
+        base = with_rail_file(config.base(), self.calibration_dir, self.id)
         self._session = DeviceSession(self.name, [base], config.runs())
-        self._base = BasePart(self._session, base.name, config.base_keys(), config.base_extra_keys())
+        self._base = BasePart(self._session, base, config.base_keys(), config.base_extra_keys())
         self._make_cameras(config.all_cameras(), [base])
 
     @cached_property
     def action_features(self) -> dict[str, type]:
-        """Features `x.vel`, `y.vel`, `theta.vel`."""
+        """Features `x.vel`, `y.vel`, `theta.vel`; with a rail `height.vel` or `height.pos`."""
         return dict.fromkeys(self._base.keys, float)
 
     @cached_property
@@ -54,6 +55,9 @@ class YamBaseRobot(RecordedRobot):
     def connect(self, calibrate: bool = True) -> None:
         """Open the cameras and energise the base, which stays where it is. An error undoes all steps.
 
+        Args:
+            calibrate: refuse a rail that is not homed. False: for a following `calibrate`.
+
         Raises:
             YamError: the base cannot be driven.
             Exception: a camera cannot be opened; the type depends on the camera.
@@ -62,6 +66,12 @@ class YamBaseRobot(RecordedRobot):
         with self._open():
             self._session.energise()
         logger.info("%s connected", self)
+        try:
+            if calibrate:
+                self._base.check_homed()
+        except BaseException:
+            self.disconnect()
+            raise
 
     @property
     def is_connected(self) -> bool:
@@ -70,11 +80,13 @@ class YamBaseRobot(RecordedRobot):
 
     @property
     def is_calibrated(self) -> bool:
-        """True: a base has nothing to calibrate."""
-        return True
+        """Whether the rail's height is known, see `BasePart.calibrated`."""
+        return self._base.calibrated
 
+    @check_if_not_connected
     def calibrate(self) -> None:
-        logger.info("%s: a base has nothing to calibrate", self)
+        """Home the rail: it goes all the way up and down. Raises YamError: homing failed; the brake holds."""
+        self._base.calibrate()
 
     def configure(self) -> None:
         """Do nothing: the control loop has checked and set up the motors."""
@@ -139,12 +151,36 @@ class YamMobile(FollowerBase):
 
     def __init__(self, config: YamMobileConfig):
         super().__init__(config)
-        self._base = BasePart(self._arms, config.base().name, config.base_keys(), config.base_extra_keys())
-        self._twist = np.zeros(3)  # of the last action before a pause, m/s, m/s, rad/s
+        assert self._arms.base_config is not None
+        self._base = BasePart(self._arms, self._arms.base_config, config.base_keys(), config.base_extra_keys())
+        # `BasePart.target` of the last action before a pause
+        self._driven: np.ndarray = np.zeros(len(self._base.keys))
+
+    def _base_config(self) -> BaseConfig:
+        return with_rail_file(self.config.base(), self.calibration_dir, self.id)
+
+    def _check_started(self, calibrate: bool) -> None:
+        if calibrate:
+            self._base.check_homed()
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether the stops of all grippers and the rail's height are known."""
+        return super().is_calibrated and self._base.calibrated
+
+    @check_if_not_connected
+    def calibrate(self) -> None:
+        """Search for the grippers' stops, then home the rail: it goes all the way up and down.
+
+        Raises:
+            YamError: a search or homing failed.
+        """
+        super().calibrate()
+        self._base.calibrate()
 
     @cached_property
     def action_features(self) -> dict[str, type]:
-        """Features of the arms, as of `bi_yam_follower`, then `x.vel`, `y.vel`, `theta.vel`."""
+        """Features of the arms, as of `bi_yam_follower`, then those of the base, as of `yam_base`."""
         return dict.fromkeys([*self._space.keys, *self._base.keys], float)
 
     @cached_property
@@ -193,9 +229,9 @@ class YamMobile(FollowerBase):
         """
         action = completed(action, self.action_features, self.observation_features)
         validate_action(self.name, action, list(self.action_features))
-        twist = self._base.target(action)
+        driven = self._base.target(action)
         sent = super().send_action(self._of_arms(action))
         if not self._arms.paused:
-            self._twist = twist
-        repeats = self._arms.paused and np.array_equal(twist, self._twist)
-        return {**sent, **self._base.send(twist, repeats)}
+            self._driven = driven
+        repeats = self._arms.paused and np.array_equal(driven, self._driven)
+        return {**sent, **self._base.send(driven, repeats)}

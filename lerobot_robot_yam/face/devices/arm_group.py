@@ -59,6 +59,7 @@ class ArmGroup(DeviceSession):
     Attributes:
         motors: names of the values in canonical order, such as `left_joint_1`.
         keys: keys of an action: the same names with `.pos`.
+        base_config: the base on which the arms ride, if any.
         is_joint: (n,) whether each value is an angle; the other values are gripper openings.
         paused: whether followers hold until they get a new target, see `pause_followers`.
         give_action: for connected leaders, function that returns their current action; None for followers.
@@ -76,7 +77,7 @@ class ArmGroup(DeviceSession):
         handles: Collection[str] | None = None,
         base: BaseConfig | None = None,
     ):
-        self._configs, self._base = list(arms.values()), base
+        self._configs, self.base_config = list(arms.values()), base
         super().__init__(device, [*self._configs, *([] if base is None else [base])], isolation)
         self._use_degrees, self._leads = use_degrees, handles is not None
         self.sides: list[_Side] = []
@@ -240,9 +241,9 @@ class ArmGroup(DeviceSession):
         for side in self.sides:
             with contextlib.suppress(YamError):  # a failed arm raises at its next observation
                 self[side].hold()
-        if self._base is not None:
+        if self.base_config is not None:
             with contextlib.suppress(YamError):
-                self.base(self._base.name).hold()
+                self.base(self.base_config.name).hold()
 
     def held(self) -> np.ndarray:
         """Return the set-points of all arms, (n,) in canonical order, rad; grippers 0 closed … 1 open.

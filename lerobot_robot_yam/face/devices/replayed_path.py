@@ -6,46 +6,57 @@ data set that the command has opened:
 
     v = v_recorded + K (p_recorded − p)
 
-with poses p relative to the first one, turned into the body's frame, and the correction limited.
+with poses p relative to the first one, turned into the body's frame, and the correction limited. The height of a rail
+that is driven by velocity is kept likewise.
 """
 
 import numpy as np
-from lerobot.utils.constants import OBS_STATE
+from lerobot.utils.constants import ACTION, OBS_STATE
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.datasets.layout import value_names
-from lerobot_robot_yam.face.devices.base_part import ODOMETRY_KEYS
+from lerobot_robot_yam.face.devices.base_part import HEIGHT, HEIGHT_RATE, ODOMETRY_KEYS
 from lerobot_robot_yam.face.lerobot_command.running_command import replayed_dataset
 from lerobot_robot_yam.mobile.odometry import to_body, to_world
+from lerobot_robot_yam.state.base_records import BaseState
 
 _GAIN = 1.0  # K, 1/s: an error of 0.1 m is met by 0.1 m/s
 _MOST = np.array([0.15, 0.15, 0.4])  # maximum correction, m/s, m/s, rad/s: a base that was held does not race back
+_MOST_RAIL_M_S = 0.1  # the same of the rail
 
 
 class ReplayedPath:
     """Poses of one recorded episode.
 
-    poses: (n, 3) odometry of each frame, m, m, rad.
+    Args:
+        poses: (n, 3) odometry of each frame, m, m, rad.
+        heights: (n,) height of a rail that is driven by velocity, m.
     """
 
-    def __init__(self, poses: np.ndarray):
-        self._poses, self._frame = poses, 0
+    def __init__(self, poses: np.ndarray, heights: np.ndarray | None = None):
+        self._poses, self._heights, self._frame = poses, heights, 0
         self._start: np.ndarray = np.zeros(3)
 
-    def correct(self, twist: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """Return the corrected twist (3,) of the next frame; each call counts one frame.
+    def correct(self, values: np.ndarray, state: BaseState) -> np.ndarray:
+        """Return the corrected values of the next frame; each call counts one frame.
 
         Args:
-            twist: (3,) recorded twist in the body's frame, m/s, m/s, rad/s.
-            pose: (3,) present odometry, m, m, rad.
+            values: recorded twist (3,) in the body's frame, m/s, m/s, rad/s; or (4,) with the rail's target.
+            state: present state.
         """
-        first, recorded = self._poses[0], self._poses[min(self._frame, len(self._poses) - 1)]
+        pose, frame = state.pose, min(self._frame, len(self._poses) - 1)
+        first, recorded = self._poses[0], self._poses[frame]
         if self._frame == 0:
             self._start = pose
         self._frame += 1
         turned = float(self._start[2] - first[2])
         error = self._start + to_world(recorded - first, turned) - pose
-        return twist + np.clip(_GAIN * to_body(error, float(pose[2])), -_MOST, _MOST)
+        corrected = values.copy()
+        corrected[:3] += np.clip(_GAIN * to_body(error, float(pose[2])), -_MOST, _MOST)
+        if self._heights is not None and state.rail is not None:
+            above_m = float(self._heights[frame]) - state.rail.height_m
+            corrected[3] += np.clip(_GAIN * above_m, -_MOST_RAIL_M_S, _MOST_RAIL_M_S)
+        return corrected
 
 
 def replayed_path() -> ReplayedPath | None:
@@ -66,4 +77,5 @@ def replayed_path() -> ReplayedPath | None:
     states = np.array(dataset.select_columns(OBS_STATE).with_format("numpy")[:][OBS_STATE], float)
     poses = states[:, [names.index(key) for key in ODOMETRY_KEYS]]
     poses[:, 2] = np.radians(poses[:, 2])
-    return ReplayedPath(poses)
+    by_velocity = HEIGHT_RATE in value_names(dataset.features.get(ACTION, {})) and HEIGHT in names
+    return ReplayedPath(poses, states[:, names.index(HEIGHT)] if by_velocity else None)

@@ -5,8 +5,19 @@ import pytest
 
 from lerobot_robot_yam.face.devices.replayed_path import ReplayedPath
 from lerobot_robot_yam.mobile.odometry import Odometry
+from lerobot_robot_yam.state.base_records import BASE_STATE_DTYPE, BaseState
 
 DT = 1 / 30
+
+
+def at(pose, height_m=None):
+    """State of a base at a pose; with a rail at a height."""
+    record = np.zeros((), BASE_STATE_DTYPE)
+    record["pose"], record["motors"] = pose, 8
+    if height_m is not None:
+        record["motors"], record["rail_homed"] = 9, True
+        record["rail_m_per_rad"], record["rail_zero_rad"], record["q"][8] = 1.0, 0.0, height_m
+    return BaseState(record)
 
 
 def recorded(frames=240):
@@ -26,7 +37,7 @@ def followed(twists, path, start, wrong):
     odometry = Odometry()
     odometry.pose = np.array(start)
     for frame, twist in enumerate(twists):
-        asked = path.correct(twist, odometry.pose) if path is not None else twist
+        asked = path.correct(twist, at(odometry.pose)) if path is not None else twist
         odometry.step(wrong(frame, asked), DT)
     return odometry.pose
 
@@ -60,11 +71,18 @@ def test_a_faithful_base_gets_the_recorded_velocities():
     twists, poses = recorded()
     path = ReplayedPath(poses)
     for twist, pose in zip(twists, poses, strict=True):
-        assert path.correct(twist, pose) == pytest.approx(twist)
+        assert path.correct(twist, at(pose)) == pytest.approx(twist)
 
 
 def test_the_correction_is_limited():
     twists, poses = recorded()
     path = ReplayedPath(poses)
-    path.correct(twists[0], poses[0])
-    assert np.abs(path.correct(twists[1], poses[1] + [9.0, 9.0, 9.0]) - twists[1]) == pytest.approx([0.15, 0.15, 0.4])
+    path.correct(twists[0], at(poses[0]))
+    correction = path.correct(twists[1], at(poses[1] + [9.0, 9.0, 9.0])) - twists[1]
+    assert np.abs(correction) == pytest.approx([0.15, 0.15, 0.4])
+
+
+def test_a_rail_that_is_driven_by_velocity_keeps_its_recorded_height():
+    path = ReplayedPath(np.zeros((3, 3)), np.array([0.3, 0.31, 0.9]))
+    heights = [path.correct(np.array([0.0, 0.0, 0.0, 0.2]), at(np.zeros(3), 0.3))[3] for _ in range(3)]
+    assert heights == pytest.approx([0.2, 0.21, 0.3])

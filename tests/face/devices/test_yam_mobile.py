@@ -9,8 +9,10 @@ from lerobot.robots import make_robot_from_config
 
 from lerobot_robot_yam.config_yam_follower import FollowerArmConfig
 from lerobot_robot_yam.config_yam_mobile import MobileBaseConfig, YamBaseRobotConfig, YamMobileConfig
-from lerobot_robot_yam.errors import ActionError, ConfigError, MotorError
+from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError, MotorError
+from lerobot_robot_yam.mobile.rail_config import RailConfig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
+from tests.mobile.rails import Rail
 
 VELOCITY = ["x.vel", "y.vel", "theta.vel"]
 BASE = {"channel": "base", "interface": "yam_lockstep"}
@@ -125,6 +127,60 @@ def test_a_silent_motor_is_named_and_the_base_drives_again_after_rearm(rig, tmp_
 def test_a_wrong_config_is_refused(tmp_path, options, says):
     with pytest.raises(ConfigError, match=says):
         make_robot_from_config(YamBaseRobotConfig(**BASE | options, calibration_dir=tmp_path))
+
+
+@contextlib.contextmanager
+def railed(rail, tmp_path, calibrate=True, path=True, **options):
+    """A base with a rail; path: whether its file is where the test has it."""
+    config = RailConfig(io="sim", stroke_m=rail.stroke_m, calibration_path=str(rail.path) if path else None)
+    wire = {"can_options": {"rig": rail.rig.name}, "isolation": "lockstep", "calibration_dir": tmp_path / "kept"}
+    robot = make_robot_from_config(YamBaseRobotConfig(**BASE, **wire, rail=config, **options))
+    try:
+        robot.connect(calibrate)
+        yield robot
+    finally:
+        robot.disconnect()
+
+
+def test_a_rail_is_driven_by_velocity_or_height(tmp_path):
+    rail = Rail(tmp_path, height_m=0.2, stroke_m=0.5)
+    with contextlib.closing(rail.rig):
+        with railed(rail, tmp_path) as robot:
+            assert list(robot.action_features) == [*VELOCITY, "height.vel"] and robot.is_calibrated
+            assert list(robot.observation_features) == [*VELOCITY, "height.vel", "height.pos"]
+            sent = go(robot, dict.fromkeys(VELOCITY, 0.0) | {"height.vel": 9.0}, 0.1)
+            assert sent["height.vel"] == 0.5
+            go(robot, dict.fromkeys(VELOCITY, 0.0) | {"height.vel": 0.1}, 1.0)
+            seen = robot.get_observation()
+            assert seen["height.vel"] == pytest.approx(0.1, abs=0.02)
+            assert seen["height.pos"] == pytest.approx(rail.height_m, abs=2e-3) and rail.height_m > 0.28
+            robot.clock.sleep(0.6)  # LeRobot saves an episode
+            assert robot.get_observation()["height.vel"] == pytest.approx(0.0, abs=5e-3)
+        with railed(rail, tmp_path, rail_action="pos") as robot:
+            keys = [*VELOCITY, "height.pos"]
+            assert list(robot.action_features) == list(robot.observation_features) == keys
+            assert go(robot, dict.fromkeys(VELOCITY, 0.0) | {"height.pos": 0.25}, 1.5)["height.pos"] == 0.25
+            assert rail.height_m == pytest.approx(0.25, abs=5e-3)
+            with pytest.raises(ActionError, match=r"height.pos is nan"):
+                robot.send_action(dict.fromkeys(VELOCITY, 0.1) | {"height.pos": math.nan})
+
+
+def test_a_rail_is_homed_by_calibrate_alone(tmp_path):
+    rail = Rail(tmp_path, height_m=0.05, stroke_m=0.1, known=False)
+    with contextlib.closing(rail.rig):
+        with pytest.raises(LifeCycleError, match="run lerobot-calibrate"), railed(rail, tmp_path, path=False):
+            pass
+        assert not rail.enabled and rail.height_m == pytest.approx(0.05, abs=2e-3)
+        with railed(rail, tmp_path, calibrate=False, path=False) as robot:
+            assert not robot.is_calibrated
+            with pytest.raises(LifeCycleError, match="not homed"):
+                robot.send_action(dict.fromkeys([*VELOCITY, "height.vel"], 0.0))
+            robot.calibrate()
+            assert robot.is_calibrated
+            assert robot.get_observation()["height.pos"] == pytest.approx(rail.height_m, abs=2e-3)
+        assert (tmp_path / "kept" / "yam" / "base_rail.json").is_file()
+        with railed(rail, tmp_path, path=False) as robot:  # it stands where its brake has taken it
+            assert robot.is_calibrated
 
 
 NAMES = [*(f"joint_{number}" for number in range(1, 7)), "gripper"]
