@@ -5,6 +5,7 @@ import copy
 import logging
 import math
 import os
+from collections.abc import Sequence
 from typing import Any, cast
 
 import gymnasium as gym
@@ -186,10 +187,16 @@ class YamEnv(gym.Env):
             raise ConfigError("a scripted operator needs an environment in lock-step, with a task of its scene")
         return self._rig, self._task.name
 
-    def action_of(self, joints: np.ndarray) -> np.ndarray:
-        """Convert joints (rad) and grippers (0 … 1), (n,) in canonical order, to an action."""
+    def action_of(self, joints: np.ndarray, velocity: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0)) -> np.ndarray:
+        """Convert joints (rad) and grippers (0 … 1), (n,) in canonical order, to an action.
+
+        velocity: of the base, (3,), m/s, m/s, rad/s, in its frame; unused without a base. A rail stays.
+        """
         robot, _ = self._connected()
-        return np.array(list(robot.action_for(joints).values()), np.float32)
+        x, y, theta = velocity
+        base = {"x.vel": x, "y.vel": y, "theta.vel": math.degrees(theta), "height.vel": 0.0}
+        named = base | robot.action_for(joints)
+        return np.array([named[key] for key in self._action_keys], np.float32)
 
     def close(self) -> None:
         """Land the arms (a lock-step world ends without landing) and release all resources. Idempotent."""
@@ -248,21 +255,27 @@ class YamEnv(gym.Env):
             self._join(rig_in_step)
             return rig_in_step
         if self._rig_name is not None:
-            for arm in arms.values():
-                arm.can_options = {**arm.can_options, "rig": self._rig_name}
+            for part in self._parts():
+                part.can_options = {**part.can_options, "rig": self._rig_name}
             for camera in self._robot_config.all_cameras().values():
                 if camera.type == "yam_sim":
                     camera.rig = self._rig_name
         return RigControl(next(iter(arms.values())).can_options.get("rig"), self._scene, **self._rig_options())
 
+    def _parts(self) -> list[Any]:
+        """Return the configs of the robot's arms, and of its base if it has one."""
+        base = getattr(self._robot_config, "base_config", None)
+        return [*self._robot_config.arms().values(), *([] if base is None else [base])]
+
     def _join(self, rig: LockstepRig) -> None:
-        """Connect the channels of the robot's arms, and its cameras, to the rig."""
+        """Connect the robot's channels and cameras to the rig."""
         rows = {row.channel: row for row in rig.device.scene.arms}
         self._robot_config.isolation = "lockstep"
+        for part in self._parts():
+            if part.channel not in rig.device.channels:
+                raise ConfigError(f"{part.channel}: the scene has {', '.join(rig.device.channels)}")
+            part.interface, part.can_options = "yam_lockstep", {"rig": rig.name}
         for arm in self._robot_config.arms().values():
-            if arm.channel not in rows:
-                raise ConfigError(f"{arm.channel}: the scene has {', '.join(rows)}")
-            arm.interface, arm.can_options = "yam_lockstep", {"rig": rig.name}
             row = rows[arm.channel]
             calibration = load_gripper(row.gripper).calibration
             if arm.gripper_stops_rad is None and calibration is not None:

@@ -91,9 +91,10 @@ def test_configs_parse_and_fit_together(name, tmp_path):
 
 def test_what_is_trained_fits_what_is_evaluated():
     """The policy's inputs are what the environment shows, in a data set that `yam-gather` makes of it."""
-    env = parse("train/lift_and_place_eval").env
-    assert env.lockstep and env.task in {task.name for task in load_scene(env.task).tasks}
-    assert set(features_of(env)) == set(env_to_policy_features(env))
+    for task in ("lift_and_place", "mobile_tables"):
+        env = parse(f"train/{task}_eval").env
+        assert env.lockstep and env.task == task and task in {row.name for row in load_scene(task).tasks}
+        assert set(features_of(env)) == set(env_to_policy_features(env))
     train = parse("train/lift_and_place_train")
     assert train.policy.n_action_steps <= train.policy.chunk_size and not train.policy.push_to_hub
 

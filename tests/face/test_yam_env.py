@@ -15,6 +15,7 @@ from lerobot_robot_yam.commands.data.gathering import demonstrate
 from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_env import YamEnvConfig
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
+from lerobot_robot_yam.config_yam_mobile import MobileBaseConfig, YamMobileConfig
 from lerobot_robot_yam.errors import ActionError, ConfigError, MotorError
 from lerobot_robot_yam.yam_env import YamEnv
 from tests.support.tiers import spread
@@ -54,6 +55,20 @@ def test_a_demonstration_keeps_what_was_sent_not_what_was_asked_for(tmp_path):
         frames = list(itertools.islice(demonstrate(env, seed=0), 60))
     far = [np.abs(frame.action - frame.observation["agent_pos"])[:6].max() for frame in frames]
     assert 0.02 < max(far) < 0.031
+
+
+@pytest.mark.long
+def test_a_demonstration_of_a_mobile_robot_drives_its_base(tmp_path):
+    arms = {
+        f"{side}_arm_config": FollowerArmConfig(channel=f"follower_{side}", gravity_factor=[1.0] * 6)
+        for side in ("left", "right")
+    }
+    mobile = YamMobileConfig(**arms, base_config=MobileBaseConfig(channel="base"), calibration_dir=tmp_path)
+    with contextlib.closing(YamEnv(YamEnvConfig(robot=mobile, task="mobile_tables", lockstep=True))) as env:
+        frames = list(itertools.islice(demonstrate(env, seed=0), 100))
+        x, y, theta = env._rig.state()["base"]["pose"]
+    assert frames[0].action.shape == (17,) and max(frame.action[14] for frame in frames) > 0.2
+    assert -0.05 < x < 0.02 and [y, theta] == pytest.approx([0.0, 0.0], abs=0.02)  # from -0.35
 
 
 @pytest.mark.long

@@ -57,7 +57,8 @@ def demonstrate(env: YamEnv, seed: int) -> Iterator[Frame]:
         over = False
         while not over:
             targets = operator.targets()
-            action = env.action_of(np.concatenate([targets[side] for side in env.sides]))
+            joints = np.concatenate([targets[side] for side in env.sides])
+            action = env.action_of(joints, operator.velocity)
             before = observation
             observation, _, terminated, truncated, info = env.step(action)
             over = terminated or truncated
