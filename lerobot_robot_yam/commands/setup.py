@@ -1,4 +1,4 @@
-"""Find the arms and cameras of a rig, ask for what cannot be detected, and write one file that describes the rig.
+"""Find the arms, base and cameras of a rig, ask for what cannot be detected, and write one file that describes the rig.
 
 yam-setup                       writes rig.yaml here
 yam-setup lab.yaml              another file
@@ -29,8 +29,9 @@ from lerobot_robot_yam.commands.lib.new_rig.rig_document import difference, draw
 from lerobot_robot_yam.commands.lib.new_rig.rig_plan import Answers, RigPlan, plan_rig
 from lerobot_robot_yam.doctor.check_channel import examine_channel
 from lerobot_robot_yam.doctor.kit.findings import Finding, Severity, empty_report
-from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
+from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, BaseTarget, Target
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.system.paths import user_path
 
 FILE = "rig.yaml"  # default name of the rig's file: the run configs in configs/rig refer to this name
@@ -92,7 +93,8 @@ def _set_up(args: argparse.Namespace) -> int:
         tell(f"{args.file} is written")
     if not args.dry_run:
         answers.forget()
-        tell(f"Now: yam-doctor --config_path={args.file}, then lerobot-calibrate (docs/setup.md)")
+        base = f"yam-base check --config_path {args.file}, " if plan.base is not None else ""
+        tell(f"Now: yam-doctor --config_path={args.file}, {base}then lerobot-calibrate (docs/setup.md)")
     return 0
 
 
@@ -120,13 +122,16 @@ def _repair(plan: RigPlan, args: argparse.Namespace) -> None:
 
 
 def _inspected(plan: RigPlan) -> list[Finding]:
-    """Return the problems and warnings about the arms with motors. Reads only; energises nothing."""
+    """Return the problems and warnings about the base and the arms with motors. Reads only; energises nothing."""
     report = empty_report()
     for arm in [*plan.followers.values(), *plan.leaders.values()]:
         options = {key: value for key, value in arm.options.items() if key in ArmConfig.__dataclass_fields__}
         if "kind" not in arm.options:
             target = Target(ArmConfig(**{"name": arm.channel, "gripper": LEADER_GRIPPER, **options}))
             examine_channel(target, None, 0, report, lambda text: tell(f"{text} …"))
+    if plan.base is not None:
+        config = BaseConfig(**{"name": plan.base.channel, **plan.base.options})
+        examine_channel(BaseTarget(config), None, 0, report, lambda text: tell(f"{text} …"))
     found = [finding for section in report.values() for finding in section.findings]
     return [finding for finding in found if finding.severity is not Severity.NOTE]
 

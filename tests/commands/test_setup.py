@@ -221,3 +221,30 @@ def test_the_left_arms_are_shown_by_their_wrists_and_an_interrupted_set_up_goes_
         "top": "video4",
         "wrist_left": "video0",
     }
+
+
+def test_a_base_is_found_and_its_rail(tmp_path, capsys):
+    path = tmp_path / "base.yaml"
+    with running_rig(scene="mobile", rail=True) as rig:
+        assert run(rig, path) == 0
+        said = capsys.readouterr()
+        assert "| mobile base |" in said.out and "| with a rail |" in said.out and "yam-base check" in said.err
+        assert not any(motor["enabled"] for motor in rig.state()["base"]["motors"].values())
+    document = yaml.safe_load(path.read_text())
+    robot = document["robot"]
+    assert (robot["type"], robot["channel"], robot["rail"]) == ("yam_base", "base", {"io": "sim"})
+    assert document["teleop"] == {"type": "yam_gamepad", "id": "lab"}
+    assert main(["--check", str(path)]) == 0
+
+
+def test_a_base_with_two_arms(tmp_path, capsys):
+    path = tmp_path / "mobile.yaml"
+    with running_rig(scene="mobile_tables") as rig:
+        followers = [f"--channel={arm['channel']}" for arm in rig.scene()["arms"] if arm["role"] == "follower"]
+        assert run(rig, path, *followers, "--channel=base") == 0
+        assert run(rig, tmp_path / "one.yaml", followers[0], "--channel=base", "--dry-run") == 1
+    assert "1 bases with 1 followers are no rig" in capsys.readouterr().err
+    robot = yaml.safe_load(path.read_text())["robot"]
+    assert (robot["type"], robot["base_config"]["channel"]) == ("yam_mobile", "base")
+    assert {robot[f"{side}_arm_config"]["channel"] for side in ("left", "right")} == {"follower_left", "follower_right"}
+    assert main(["--check", str(path)]) == 0

@@ -39,13 +39,15 @@ class RigOperations(HandOperations, FaultOperations):
         """Describe the scene with the fields of scene files.
 
         Returns:
-            name, seed, arms with their placement, places, homes, stands, props, furniture, tasks; names of the cameras.
+            name, seed, arms with their placement, base (its channel, or None),
+            places, homes, stands, props, furniture, tasks; names of the cameras.
         """
         scene = self.device.scene
         return {
             "name": scene.name,
             "seed": scene.options.seed,
             "arms": [{key: getattr(row, key) for key in _PLACEMENT} for row in scene.arms],
+            "base": scene.base and scene.base.channel,
             "places": dict(scene.places or {}),
             "homes": dict(scene.homes or {}),
             "stands": dict(scene.stands or {}),

@@ -1,7 +1,7 @@
-"""Search for the parts of a rig: the arm on each CAN channel, and the cameras. Energises nothing, opens no camera.
+"""Search for the parts of a rig: the arm or base on each CAN channel, and the cameras. Energises nothing.
 
-A channel has a follower, a leader, a leader without motors, or no arm. Motor registers and handle versions are read to
-distinguish these cases, as in `yam-identify`.
+A channel has a follower, a leader, a leader without motors, a mobile base, or nothing. Motor registers and handle
+versions are read to distinguish these cases, as in `yam-identify`.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,29 +16,33 @@ from lerobot_robot_yam.cameras.opening import config_of, plugged_cameras
 from lerobot_robot_yam.cameras.video_devices import ROOT
 from lerobot_robot_yam.commands.lib.arm_command import own_bus
 from lerobot_robot_yam.control.preflight.fingerprint import Fingerprint, read_fingerprint
-from lerobot_robot_yam.control.preflight.role import likely_gripper
+from lerobot_robot_yam.control.preflight.role import FIRST_IDS, are_wheels, likely_gripper
 from lerobot_robot_yam.damiao.settings.handle_access import HandleAccess
 from lerobot_robot_yam.doctor.check_session import driver_of
 from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Target
 from lerobot_robot_yam.errors import ChannelInUseError, SetupError, YamError
+from lerobot_robot_yam.mobile.base_profile import BaseProfile
+from lerobot_robot_yam.mobile.rail_profile import RAIL_MOTOR
 from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.system.sysfs import read_adapters
 
-FOLLOWER, LEADER, PASSIVE = "follower", "leader", "leader without motors"
+FOLLOWER, LEADER, PASSIVE, MOBILE_BASE = "follower", "leader", "leader without motors", "mobile base"
+RAIL = "with a rail"  # mark of a base whose rail's motor answers
 _PIXELS = {"width": 640, "height": 480, "fps": 30}
 _RIG_PIXELS = {"width": 320, "height": 240, "fps": 30}
-_IDS = sorted({can_id for name in ARMS for can_id in arm_ids(load_arm(name))})
+_WHEELS = {motor.can_id for motor in BaseProfile().motors()}
+_IDS = sorted({can_id for name in ARMS for can_id in arm_ids(load_arm(name))} | _WHEELS | {RAIL_MOTOR.can_id})
 
 
 @dataclass(frozen=True)
 class FoundArm:
-    """Arm found on a channel.
+    """Arm or base found on a channel.
 
     Attributes:
         config: config with the arm's channel and interface; other fields are still at their defaults.
-        role: FOLLOWER, LEADER or PASSIVE.
-        arms, grippers: profiles that fit the motors found, most likely first.
-        mark: handle firmware, type of the gripper's motor, or number of encoders, for the drawing.
+        role: FOLLOWER, LEADER, PASSIVE or MOBILE_BASE.
+        arms, grippers: profiles that fit the motors found, most likely first; none of a base.
+        mark: handle firmware, type of the gripper's motor, number of encoders, or a base's rail, for the drawing.
         options: options of the arm in the rig's file.
     """
 
@@ -76,7 +80,8 @@ def find_channels(rig: str | None, root: Path | None) -> list[str]:
     """
     if rig is not None and root is None:
         with RigControl(rig, hold=False) as control:
-            return [arm["channel"] for arm in control.scene()["arms"]]
+            scene = control.scene()
+            return [*(arm["channel"] for arm in scene["arms"]), *([scene["base"]] if scene["base"] else [])]
     found = [adapter.name for adapter in read_adapters((root or ROOT) / "sys")]
     if not found:
         raise SetupError("there is no CAN adapter; plug one in (`lsusb` lists what is plugged in)")
@@ -87,7 +92,7 @@ def find_arms(configs: Sequence[ArmConfig], tell: Callable[[str], None]) -> list
     """Return the arms on these channels; `tell` gets a line per channel: the arm found, or why there is none.
 
     Raises:
-        SetupError: no channel has an arm.
+        SetupError: no channel has an arm or a base.
     """
     found = []
     for config in configs:
@@ -105,7 +110,7 @@ def find_arms(configs: Sequence[ArmConfig], tell: Callable[[str], None]) -> list
                 tell(f"{channel}: a {arm.role} ({arm.mark})")
                 found.append(arm)
     if not found:
-        raise SetupError("no arm was found; yam-doctor says what is wrong")
+        raise SetupError("no arm was found, and no base; yam-doctor says what is wrong")
     return found
 
 
@@ -128,6 +133,13 @@ def _find(config: ArmConfig) -> FoundArm | None:
     with own_bus(config) as bus:
         found = read_fingerprint(bus, config.channel, config.interface, _IDS)
         devices = HandleAccess(bus, config.channel).devices() if found.handle_firmware else []
+    if are_wheels([motor.gear_ratio if (motor := found.motors.get(i)) else None for i in FIRST_IDS]):
+        missing = sorted(_WHEELS - set(found.motors))
+        if missing:
+            raise SetupError(
+                f"a base, but its motors {missing} do not answer; yam-doctor --channel {config.channel}:base"
+            )
+        return FoundArm(config, MOBILE_BASE, (), (), RAIL if RAIL_MOTOR.can_id in found.motors else "no rail")
     arms = tuple(name for name in ARMS if found.motors and _fits(name, found))
     if len(devices) > 1:
         return FoundArm(config, PASSIVE, arms or ARMS, (LEADER_GRIPPER,), f"{len(devices)} encoders")

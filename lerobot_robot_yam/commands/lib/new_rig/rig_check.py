@@ -40,10 +40,9 @@ def check_rig(path: Path) -> list[str]:
     configs = {section: rig_device(_REGISTRIES[section], section, {"file": str(path)}) for section in document}
     _check_channels(path, configs)
     bare = rig_device(RobotConfig, "robot", {"file": str(path), "cameras": False})  # yam-doctor checks the cameras
-    spoken = [_spoken(make_robot_from_config(bare), bare)]
-    if "teleop" in configs and hasattr(configs["teleop"], "arms"):
-        spoken.append(_spoken(make_teleoperator_from_config(configs["teleop"]), configs["teleop"]))
-        check_pair(*spoken)
+    robot, teleop = make_robot_from_config(bare), configs.get("teleop")
+    if hasattr(bare, "arms") and hasattr(teleop, "arms"):
+        check_pair(_spoken(robot, bare), _spoken(make_teleoperator_from_config(teleop), teleop))
     lines = [f"{section}: {config.type}, {', '.join(_channels(config))}" for section, config in configs.items()]
     cameras: Any = getattr(configs["robot"], "all_cameras", dict)()
     return [*lines, f"cameras: {', '.join(cameras) or 'none'}", f"{path} has no mistakes; yam-doctor looks at the arms"]
@@ -65,11 +64,13 @@ def _spoken(device: Any, config: Any) -> Spoken:
 
 
 def _channels(config: Any) -> list[str]:
-    return [arm.channel for arm in config.arms().values()] if hasattr(config, "arms") else []
+    base = getattr(config, "base_config", config if config.type == "yam_base" else None)
+    arms = [arm.channel for arm in config.arms().values()] if hasattr(config, "arms") else []
+    return arms if base is None else [*arms, base.channel]
 
 
 def _check_channels(path: Path, configs: Mapping[str, Any]) -> None:
     channels = [channel for config in configs.values() for channel in _channels(config)]
     twice = {channel for channel in channels if channels.count(channel) > 1}
     if twice:
-        raise ConfigError(f"{path}: channel {', '.join(twice)} is named twice; each arm has a channel of its own")
+        raise ConfigError(f"{path}: channel {', '.join(twice)} is named twice; each part has a channel of its own")

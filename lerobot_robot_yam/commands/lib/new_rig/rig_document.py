@@ -34,10 +34,12 @@ def draw_rig(plan: RigPlan) -> str:
         for role, arms in (("follower", plan.followers), ("leader", plan.leaders))
         if arms
     ]
+    if plan.base is not None:
+        rows.append([["mobile base", plan.base.channel, plan.base.mark]])
     width = max(len(line) for row in rows for lines in row for line in lines)
     edge, drawing = f"+{'-' * (width + 2)}+", [f"rig {plan.ident}"]
     for number, row in enumerate(rows):
-        if number:
+        if number and plan.leaders and number == 1:
             drawing.append(_GAP.join(_LED.center(width + 4) for _ in row).rstrip())
         boxes = [[edge, *(f"| {line:<{width}} |" for line in lines), edge] for lines in row]
         drawing += [_GAP.join(lines) for lines in zip(*boxes, strict=True)]
@@ -60,8 +62,18 @@ def _source(camera: Mapping[str, Any]) -> str:
 
 def rig_document(plan: RigPlan) -> dict[str, Any]:
     """Return the contents of the rig's file, for LeRobot's parser."""
-    document = {"robot": _device(plan.ident, "yam_follower", plan.followers) | {_CAMERAS: plan.cameras}}
-    if plan.leaders:
+    if plan.base is None:
+        robot = _device(plan.ident, "yam_follower", plan.followers)
+    elif plan.followers:
+        robot = _device(plan.ident, "", plan.followers) | {"type": "yam_mobile", "base_config": plan.base.options}
+    else:
+        robot = {"type": "yam_base", "id": plan.ident, **plan.base.options}
+    document = {"robot": robot | {_CAMERAS: plan.cameras}}
+    if plan.driver:
+        document["teleop"] = {"type": plan.driver, "id": plan.ident}
+    elif plan.base is not None:
+        document["teleop"] = _device(plan.ident, "", plan.leaders) | {"type": "yam_mobile_leader"}
+    elif plan.leaders:
         passive = any(arm.role == PASSIVE for arm in plan.leaders.values())
         document["teleop"] = _device(plan.ident, "yam_passive_leader" if passive else "yam_leader", plan.leaders)
     return document

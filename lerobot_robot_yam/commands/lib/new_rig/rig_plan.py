@@ -11,7 +11,14 @@ from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.commands.lib.arm_command import open_buses
 from lerobot_robot_yam.commands.lib.dialogue import ask, tell, typed_line
-from lerobot_robot_yam.commands.lib.new_rig.found_parts import FOLLOWER, PASSIVE, FoundArm, FoundCamera
+from lerobot_robot_yam.commands.lib.new_rig.found_parts import (
+    FOLLOWER,
+    MOBILE_BASE,
+    PASSIVE,
+    RAIL,
+    FoundArm,
+    FoundCamera,
+)
 from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER
 from lerobot_robot_yam.errors import ConfigError, SetupError
 from lerobot_robot_yam.setup.adapter_watch import WristWatch
@@ -96,12 +103,16 @@ class RigPlan:
         ident: LeRobot's id of the robot and the teleoperator.
         followers, leaders: side -> arm; the sides are "left" and "right", or "" if there is only one arm.
         cameras: camera's name in data sets -> LeRobot's config of the camera.
+        base: the mobile base on which the arms ride.
+        driver: type of the teleoperator that drives the base.
     """
 
     ident: str
     followers: dict[str, FoundArm]
     leaders: dict[str, FoundArm]
     cameras: dict[str, dict[str, Any]]
+    base: FoundArm | None = None
+    driver: str = ""
 
 
 def plan_rig(arms: Sequence[FoundArm], cameras: Sequence[FoundCamera], answers: Answers) -> RigPlan:
@@ -112,10 +123,21 @@ def plan_rig(arms: Sequence[FoundArm], cameras: Sequence[FoundCamera], answers: 
         ConfigError: the terminal was closed.
         YamError: an arm that is to be identified by its wrist does not reply.
     """
+    bases = [arm for arm in arms if arm.role == MOBILE_BASE]
     followers = [arm for arm in arms if arm.role == FOLLOWER]
-    leaders = [arm for arm in arms if arm.role != FOLLOWER]
+    leaders = [arm for arm in arms if arm.role not in (FOLLOWER, MOBILE_BASE)]
     passive = [arm for arm in leaders if arm.role == PASSIVE]
-    if len(followers) not in (1, 2) or len(leaders) not in (0, len(followers)) or len(passive) not in (0, len(leaders)):
+    if bases and (len(bases) > 1 or len(followers) not in (0, 2) or passive):
+        raise SetupError(
+            f"{len(bases)} bases with {len(followers)} followers are no rig: LeRobot drives one base, alone or with "
+            "two arms, and leaders with motors. Name the channels of the rig; found: "
+            + ", ".join(arm.channel for arm in arms)
+        )
+    if (
+        len(followers) not in ((0, 2) if bases else (1, 2))
+        or len(leaders) not in (0, len(followers))
+        or len(passive) not in (0, len(leaders))
+    ):
         raise SetupError(
             f"{len(followers)} followers and {len(leaders)} leaders ({len(passive)} without motors) are no rig: "
             "LeRobot drives one follower or two, with as many leaders of one kind. Look for a missing one, or name the "
@@ -128,7 +150,10 @@ def plan_rig(arms: Sequence[FoundArm], cameras: Sequence[FoundCamera], answers: 
     for side, arm in placed.items():
         planned[side] = _follower(arm, planned, answers)
     led = {side: _leader(arm, planned[side].options, answers) for side, arm in leading.items()}
-    return RigPlan(ident, planned, led, _named(cameras, answers))
+    base, driver = (_base(bases[0], answers) if bases else None), ""
+    if base is not None and not led:
+        driver = answers.choose("What drives the base?", ("yam_gamepad", "yam_base_keys"))
+    return RigPlan(ident, planned, led, _named(cameras, answers), base, driver)
 
 
 def _sides(arms: Sequence[FoundArm], role: str, answers: Answers) -> dict[str, FoundArm]:
@@ -180,6 +205,17 @@ def _leader(arm: FoundArm, follower: Mapping[str, Any], answers: Answers) -> Fou
     return _weighed(arm, options)
 
 
+def _base(base: FoundArm, answers: Answers) -> FoundArm:
+    options = _place(base)
+    if base.mark == RAIL:
+        kinds = ("sim",) if base.virtual else ("gpio", "usb_gpio")
+        rail = {"io": answers.choose("What reads the rail's switches and drives its brake?", kinds)}
+        if rail["io"] == "usb_gpio":
+            rail["port"] = answers.ask("Serial port of the rail's USB converter", "/dev/ttyUSB0", _no_port)
+        options["rail"] = rail
+    return replace(base, options=options)
+
+
 def _place(arm: FoundArm) -> dict[str, Any]:
     """Return the options that locate an arm: channel, and on a virtual rig the interface and the rig's name."""
     where = {"interface": arm.config.interface, "can_options": {**arm.config.can_options}} if arm.virtual else {}
@@ -215,6 +251,10 @@ def _none_of(words: Sequence[str]) -> Check:
 
 def _no_name(answer: str) -> str:
     return "" if _NAME.fullmatch(answer) else f"{answer!r} is no name: take letters, digits, _ and -"
+
+
+def _no_port(answer: str) -> str:
+    return "" if answer.startswith("/dev/") else f"{answer!r} is no serial port, such as /dev/ttyUSB0"
 
 
 def _no_mass(answer: str) -> str:
