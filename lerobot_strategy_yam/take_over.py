@@ -14,6 +14,7 @@ from enum import StrEnum
 from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.driving.drive_options import DriveOptions
 from lerobot_robot_yam.face.lerobot_command.running_command import Meaning, Situation
 from lerobot_robot_yam.face.operator_keys.auto_episodes import LIFTED
 from lerobot_robot_yam.face.operator_keys.handle_buttons import RisingEdges, buttons_of
@@ -134,12 +135,14 @@ class TakeOverSignals:
         prefixes: prefix of each arm.
 
     Raises:
-        ConfigError: the teleoperator is not a YAM leader with a follower, or a button has two meanings.
+        ConfigError: the teleoperator is no YAM leader with a follower, or drives a base; or a button has two meanings.
     """
 
     def __init__(self, leaders: Any, config: YamDaggerStrategyConfig):
         if not isinstance(leaders, LeaderBase):
             raise ConfigError(f"yam_dagger needs YAM leaders, not {leaders}; use --strategy.type=dagger")
+        if isinstance(leaders.config, DriveOptions):
+            raise ConfigError(f"yam_dagger takes over arms, not the base of {leaders}; use --strategy.type=dagger")
         self._leaders, self._config = leaders, config
         arms = leaders.config.arms()
         self.prefixes = list(arms)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from lerobot_teleoperator_yam.config_yam_hand_guide import YamHandGuideConfig as YamHandGuideConfig
     from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig as BiYamLeaderConfig
     from lerobot_teleoperator_yam.config_yam_leader import YamLeaderConfig as YamLeaderConfig
+    from lerobot_teleoperator_yam.config_yam_mobile_leader import YamMobileLeaderConfig as YamMobileLeaderConfig
     from lerobot_teleoperator_yam.config_yam_passive_leader import BiYamPassiveLeaderConfig as BiYamPassiveLeaderConfig
     from lerobot_teleoperator_yam.config_yam_passive_leader import YamPassiveLeaderConfig as YamPassiveLeaderConfig
     from lerobot_teleoperator_yam.yam_base_keys import YamBaseKeys as YamBaseKeys
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from lerobot_teleoperator_yam.yam_hand_guide import YamHandGuide as YamHandGuide
     from lerobot_teleoperator_yam.yam_leader import BiYamLeader as BiYamLeader
     from lerobot_teleoperator_yam.yam_leader import YamLeader as YamLeader
+    from lerobot_teleoperator_yam.yam_mobile_leader import YamMobileLeader as YamMobileLeader
     from lerobot_teleoperator_yam.yam_passive_leader import BiYamPassiveLeader as BiYamPassiveLeader
     from lerobot_teleoperator_yam.yam_passive_leader import YamPassiveLeader as YamPassiveLeader
 
@@ -29,6 +31,8 @@ _MODULES = {
     "YamBaseKeysConfig": "config_yam_gamepad",
     "YamGamepad": "yam_gamepad",
     "YamGamepadConfig": "config_yam_gamepad",
+    "YamMobileLeader": "yam_mobile_leader",
+    "YamMobileLeaderConfig": "config_yam_mobile_leader",
     "YamPassiveLeader": "yam_passive_leader",
     "YamPassiveLeaderConfig": "config_yam_passive_leader",
     "BiYamPassiveLeader": "yam_passive_leader",

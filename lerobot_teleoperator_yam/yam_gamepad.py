@@ -14,6 +14,7 @@ from lerobot.utils.decorators import check_if_already_connected, check_if_not_co
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.driving.base_drive import BaseDrive
+from lerobot_robot_yam.face.driving.drive_options import PadOptions
 from lerobot_robot_yam.face.driving.pad_calibration import RATE_HZ, record_map
 from lerobot_robot_yam.face.driving.pad_map import PadMap, load_map
 from lerobot_robot_yam.face.driving.pad_watch import PadWatch
@@ -21,7 +22,7 @@ from lerobot_robot_yam.face.driving.sdl_pads import Pad, Reading, open_pad
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.uncopyable import Uncopied
-from lerobot_teleoperator_yam.config_yam_gamepad import PadOptions, YamGamepadConfig
+from lerobot_teleoperator_yam.config_yam_gamepad import YamGamepadConfig
 
 logger = logging.getLogger(__name__)
 

@@ -14,17 +14,18 @@ from lerobot_robot_yam.config_yam_env import YamEnvConfig
 from lerobot_robot_yam.config_yam_follower import CameraOptions, YamRigConfig
 from lerobot_robot_yam.config_yam_realsense import YamRealsenseCameraConfig
 from lerobot_robot_yam.face.devices.remote_device import RemoteOptions
-from lerobot_robot_yam.face.driving.drive_options import DriveOptions
+from lerobot_robot_yam.face.driving.drive_options import DriveOptions, PadOptions
 from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.mobile.rail_config import RailConfig
 from lerobot_robot_yam.robot_options import BaseOptions, FollowerOptions
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
-from lerobot_teleoperator_yam.config_yam_gamepad import PadOptions, YamBaseKeysConfig
+from lerobot_teleoperator_yam.config_yam_gamepad import YamBaseKeysConfig
 from lerobot_teleoperator_yam.config_yam_hand_guide import (
     BiYamHandGuideConfig,
     HandGuideOptions,
     YamHandGuideConfig,
 )
+from lerobot_teleoperator_yam.config_yam_mobile_leader import YamMobileLeaderConfig
 from lerobot_teleoperator_yam.config_yam_passive_leader import PassiveLeaderArmConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions
 
@@ -89,6 +90,11 @@ _SECTIONS = [
     ("A gamepad", "Of `yam_gamepad`.", PadOptions),
     ("Keys", "Of `yam_base_keys`.", YamBaseKeysConfig),
     (
+        "Two leaders and a driver of the base",
+        "Options of `yam_mobile_leader`, which has those of `bi_yam_leader`, of a driver and of a gamepad, too.",
+        YamMobileLeaderConfig,
+    ),
+    (
         "A rollout that you share with the policy",
         "Options of `lerobot-rollout --strategy.type=yam_dagger`. See [rollout](rollout.md#corrections-arm-by-arm).",
         YamDaggerStrategyConfig,
@@ -116,11 +122,17 @@ _SECTIONS = [
 ]
 
 
+@dataclasses.dataclass(kw_only=True)
+class _Leaders(DriveOptions, PadOptions, LeaderOptions):
+    """Options that stand in sections of their own."""
+
+
 _ABOVE = {
     LeaderArmConfig: ArmConfig,
     YamHandGuideConfig: HandGuideOptions,
     BiYamHandGuideConfig: HandGuideOptions,
     YamBaseKeysConfig: DriveOptions,
+    YamMobileLeaderConfig: _Leaders,
 }
 
 

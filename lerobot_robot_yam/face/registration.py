@@ -24,7 +24,7 @@ from lerobot_robot_yam.system.other_plugins import distribution_of, is_foreign, 
 
 # LeRobot module with a registry → this package's modules that register types in it
 REGISTRIES = {
-    "lerobot.robots.config": ("lerobot_robot_yam.config_yam_follower", "lerobot_robot_yam.config_yam_mobile"),
+    "lerobot.robots.config": ("lerobot_robot_yam.config_yam_follower",),
     "lerobot.teleoperators.config": (
         "lerobot_teleoperator_yam.config_yam_leader",
         "lerobot_teleoperator_yam.config_yam_hand_guide",
@@ -35,6 +35,12 @@ REGISTRIES = {
     "lerobot.cameras.configs": ("lerobot_robot_yam.config_yam_camera", "lerobot_robot_yam.config_yam_realsense"),
     "lerobot.rollout.configs": ("lerobot_strategy_yam.config_yam_dagger",),
     "lerobot.configs.policies": ("lerobot_robot_yam.face.openpi.configuration_openpi",),
+}
+# module of this package → its module whose configs extend the former's, and which is imported right after it: a user's
+# program may import the former first, and LeRobot's registry is loaded in the midst of that import
+EXTENSIONS = {
+    "lerobot_robot_yam.config_yam_follower": "lerobot_robot_yam.config_yam_mobile",
+    "lerobot_teleoperator_yam.config_yam_leader": "lerobot_teleoperator_yam.config_yam_mobile_leader",
 }
 
 logger = logging.getLogger(__name__)
@@ -49,6 +55,8 @@ def register() -> None:
     """
     for name in REGISTRIES:
         wrapt.register_post_import_hook(lambda module: register_types(module.__name__), name)
+    for name in EXTENSIONS:
+        wrapt.register_post_import_hook(lambda module: _register_types_of(EXTENSIONS[module.__name__]), name)
 
 
 def register_types(lerobot_module: str) -> None:

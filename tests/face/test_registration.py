@@ -14,7 +14,15 @@ TYPES = {
     ),
     "lerobot.teleoperators": (
         "TeleoperatorConfig",
-        ["yam_leader", "bi_yam_leader", "i2rt_yam_leader", "bi_i2rt_yam_leader", "yam_gamepad", "yam_base_keys"],
+        [
+            "yam_leader",
+            "bi_yam_leader",
+            "i2rt_yam_leader",
+            "bi_i2rt_yam_leader",
+            "yam_gamepad",
+            "yam_base_keys",
+            "yam_mobile_leader",
+        ],
     ),
     "lerobot.cameras": ("CameraConfig", ["yam_sim"]),
     "lerobot.envs": ("EnvConfig", ["yam"]),
@@ -52,15 +60,21 @@ FIRST = [
     "import lerobot_robot_yam.config_yam_camera",
     "import lerobot_robot_yam.config_yam_env",
     "import lerobot_robot_yam.face.openpi.configuration_openpi",
+    "import lerobot_robot_yam.config_yam_mobile",
     "import lerobot_teleoperator_yam.config_yam_leader",
+    "import lerobot_teleoperator_yam.config_yam_gamepad",
+    "import lerobot_teleoperator_yam.config_yam_mobile_leader",
     "from lerobot_robot_yam import BiYamFollower",
     "from lerobot_teleoperator_yam import BiYamLeader",
     "import lerobot.scripts.lerobot_calibrate as c; c.register_third_party_plugins()",
 ]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("first", FIRST)
+QUICK = ("import lerobot_robot_yam.config_yam_follower", "import lerobot_teleoperator_yam.config_yam_leader")
+FIRST_MARKED = [pytest.param(first, marks=[] if first in QUICK else [pytest.mark.long]) for first in FIRST]
+
+
+@pytest.mark.parametrize("first", FIRST_MARKED)
 def test_types_are_registered_whoever_comes_first(first):
     run(f"{first}\n{CHECK}")
 

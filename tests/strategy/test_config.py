@@ -8,7 +8,9 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_strategy_yam import YamDaggerStrategy
 from lerobot_strategy_yam.config_yam_dagger import TAKES_PLUGINS
 from lerobot_strategy_yam.take_over import TakeOverSignals
+from lerobot_teleoperator_yam.config_yam_mobile_leader import YamMobileLeaderConfig
 from lerobot_teleoperator_yam.yam_leader import BiYamLeader
+from lerobot_teleoperator_yam.yam_mobile_leader import YamMobileLeader
 from tests.face.devices.test_lerobot_contract import leader_config
 from tests.support.strategy_here import HereConfig
 
@@ -71,5 +73,10 @@ def test_leaders_that_do_not_lead_and_buttons_with_two_meanings_are_refused(tmp_
             YamDaggerStrategy(HereConfig()).setup(Context(BiYamLeader(config)))
     with pytest.raises(ConfigError, match="needs YAM leaders"):
         YamDaggerStrategy(HereConfig()).setup(Context(None))
+    arms = {side: getattr(leading(tmp_path), side) for side in ("left_arm_config", "right_arm_config")}
+    with pytest.raises(ConfigError, match="takes over arms, not the base of .* YamMobileLeader"):
+        YamDaggerStrategy(HereConfig()).setup(
+            Context(YamMobileLeader(YamMobileLeaderConfig(calibration_dir=tmp_path, **arms)))
+        )
     gated = leading(tmp_path, gate="button", gate_button="bottom", gate_together=False)
     assert TakeOverSignals(BiYamLeader(gated), HereConfig()).prefixes == ["left_", "right_"]

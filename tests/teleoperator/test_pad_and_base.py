@@ -8,11 +8,13 @@ import pytest
 from lerobot.robots import make_robot_from_config
 
 from lerobot_robot_yam.config_yam_mobile import YamBaseRobotConfig
+from lerobot_robot_yam.face.devices.device_session import DeviceSession
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_teleoperator_yam.config_yam_gamepad import YamGamepadConfig
 from lerobot_teleoperator_yam.yam_gamepad import YamGamepad
+from tests.mobile.rails import Rail
 from tests.support.virtual_pad import VirtualPad
 
 
@@ -145,3 +147,23 @@ def test_the_emergency_stop_button_stops_the_base_and_its_release_moves_nothing(
     pad.push("lefty", -1.0)
     pair.run(1.0)
     assert pair.truth[0] > there[0] + 0.05
+
+
+def test_a_stick_moves_the_rail_no_faster_than_its_own_limit(tmp_path, pad):
+    rail = Rail(tmp_path, height_m=0.2)
+    config = rail.base(velocity_limit=0.1).config
+    session = DeviceSession("yam_base", [config], "lockstep")
+    teleop = YamGamepad(YamGamepadConfig(calibration_dir=tmp_path, rail=True))
+    with contextlib.closing(rail.rig):
+        teleop.connect()
+        session.energise()
+        try:
+            pad.push("righty", -1.0)
+            assert teleop.get_action()["height.vel"] == pytest.approx(0.1)
+            for _ in range(30):
+                session.base("base").write_rail_velocity(teleop.get_action()["height.vel"])
+                session.clock.sleep(1 / 30)
+            assert rail.height_m > 0.25
+        finally:
+            session.stop()
+            teleop.disconnect()

@@ -1,6 +1,7 @@
 """The teleoperator yam_gamepad, with pads that SDL simulates."""
 
 import logging
+from functools import partial
 
 import draccus
 import pytest
@@ -14,6 +15,7 @@ from lerobot_robot_yam.face.driving.sdl_pads import open_pad
 from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 from lerobot_robot_yam.face.operator_keys import requests
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_teleoperator_yam import yam_gamepad
 from lerobot_teleoperator_yam.yam_gamepad import map_path
 from tests.support.virtual_pad import VirtualPad
 from tests.support.waiting import wait
@@ -170,6 +172,60 @@ def test_an_unknown_pad_has_to_be_calibrated_first(made):
         assert device.is_connected
     finally:
         pad.unplug()
+
+
+class HandledPad:
+    """A pad that SDL reads; before each reading a person does the next step of what was asked last."""
+
+    STEPS = {
+        "drive forward": ("push", 1, 1.0),  # upside down
+        "drive backward": ("push", 1, -1.0),
+        "drive to the left": ("push", 0, -1.0),
+        "drive to the right": ("push", 0, 1.0),
+        "to the left in place": ("push", 3, -1.0),
+        "to the right in place": ("push", 3, 0.8),
+        "emergency stop": ("press", 5, True),
+        "switches": ("press", 4, True),
+        "resets": ("press", 3, True),
+        "makes the base slow": ("press", 2, True),
+        "takes over": ("press", 5, True),
+    }
+
+    def __init__(self, real, pad):
+        self._real, self._pad, self._coming = real, pad, []
+        self.name, self.guid, self.known, self.close = pad.name, pad.guid, pad.known, pad.close
+
+    def emit(self, record):
+        for words, (verb, number, value) in self.STEPS.items():
+            if words in record.getMessage():
+                act = getattr(self._real, verb)
+                self._coming += [bool, partial(act, number, value), bool, partial(act, number, 0)]  # bool: nothing
+
+    def read(self):
+        if self._coming:
+            self._coming.pop(0)()
+        return self._pad.read()
+
+
+def test_a_calibration_is_asked_for_stored_and_used(made, monkeypatch, tmp_path, caplog):
+    caplog.set_level(logging.INFO)
+    real = VirtualPad("Strange Pad", known=False)
+    try:
+        person = HandledPad(real, open_pad("yam_gamepad", None))
+        monkeypatch.setattr(caplog.handler, "emit", person.emit)
+        device = made()
+        device.connect(calibrate=False)
+        with monkeypatch.context() as patch:
+            patch.setattr(yam_gamepad, "open_pad", lambda device, wanted: person)
+            device.calibrate()
+        device.disconnect()
+        assert list(tmp_path.glob("yam/*_pad.json")) == [map_path(person, tmp_path)]
+        device.connect()
+        real.push(1, 0.525)
+        real.push(3, 0.8)
+        assert device.get_action() == pytest.approx({"x.vel": 0.25, "y.vel": 0.0, "theta.vel": -90.0}, abs=1e-2)
+    finally:
+        real.unplug()
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,8 @@ class BaseDrive:
                 self._guard(f"the heading is not known ({error}); back in the local frame", False)
         if base is not None:
             twist[:3] /= max(1.0, float((np.abs(twist[:3]) / base.hardware.limits.velocity).max()))
+            if (rail := base.config.rail) is not None:
+                twist[3] = np.clip(twist[3], -rail.velocity_limit, rail.velocity_limit)
         return twist
 
     def _pressed(self, press: str, at_rest: bool) -> None:

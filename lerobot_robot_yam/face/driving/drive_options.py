@@ -1,7 +1,7 @@
 """Options of teleoperators that drive a mobile base. Does not import what drives: LeRobot loads this at its start."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from lerobot_robot_yam.arm.option import option, real
@@ -43,3 +43,32 @@ class DriveOptions:
             raise ConfigError(f"{device}: rail_speed is above 0, at most {_RAIL_CAP:g} m/s, not {self.rail_speed!r}")
         if not 0.0 < real(self.slow_factor) <= 1.0:
             raise ConfigError(f"{device}: slow_factor is above 0, at most 1, not {self.slow_factor!r}")
+
+
+@dataclass(kw_only=True)
+class PadOptions:
+    """Options of a teleoperator with a gamepad."""
+
+    pad: str | None = option("GUID of the gamepad, or a part of its name; by default the only one", None)
+    dead_zone: float = option("share of a stick's way in which the base stands still", 0.05)
+    rail_dead_zone: float = option("the same, of the stick that moves the rail", 0.15)
+    expo: float = option("0: speed is proportional to deflection; 1: to its cube, which is finer near rest", 0.3)
+
+    def check_pad(self, device: str) -> None:
+        """Check the values. Raises ConfigError: a value is out of range; the message names it."""
+        for name, most in (("dead_zone", 0.5), ("rail_dead_zone", 0.5), ("expo", 1.0)):
+            if not 0.0 <= real(getattr(self, name)) <= most:
+                raise ConfigError(f"{device}: {name} is 0 to {most:g}, not {getattr(self, name)!r}")
+        if self.pad == "":
+            raise ConfigError(f"{device}: pad is empty; give a part of the gamepad's name, or leave it away")
+
+
+def refuse_drive(*checks: Callable[[str], None], device: str) -> None:
+    """Raise RefusedConfigError if a check of a device's options fails."""
+    from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError  # late, for a quick start
+
+    try:
+        for check in checks:
+            check(device)
+    except ConfigError as error:
+        raise RefusedConfigError(str(error)) from error
