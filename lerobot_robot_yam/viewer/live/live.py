@@ -11,6 +11,7 @@ import viser._messages
 from lerobot_robot_yam.cameras.video_devices import VideoDevice, holders, video_devices
 from lerobot_robot_yam.viewer.figure import Figure, add_workspace
 from lerobot_robot_yam.viewer.live.arm_panel import ArmPanel, warnings
+from lerobot_robot_yam.viewer.live.bases import Bases
 from lerobot_robot_yam.viewer.live.placement import Place, places
 from lerobot_robot_yam.viewer.live.stop_button import StopButton
 from lerobot_robot_yam.viewer.live.watched_arms import WatchedArm, WatchedArms
@@ -163,7 +164,7 @@ class Live:
     def __init__(self, server: viser.ViserServer, troubles: Sequence[str] = ()):
         self._server, self._troubles = server, troubles
         self._watched = WatchedArms()
-        self._rigs = WatchedRigs(server.scene)
+        self._rigs, self._bases = WatchedRigs(server.scene), Bases(server)
         self._shown: dict[str, _Shown] = {}
         self._leaving: list[tuple[float, ArmPanel]] = []  # hidden panels: (time of removal, panel)
         server.scene.configure_default_lights(cast_shadow=False)  # shadows are slow without a graphics card
@@ -191,6 +192,7 @@ class Live:
         finally:  # update the banner even after an error
             lines = [*self._stop.update(), *self._troubles, *self._watched.lost(now_s)]
             lines += [f"{arm.name}: {line}" for arm in self.arms.values() for line in warnings(arm)]
+            lines += self._bases.warnings(now_s)
             self._banner.show(lines, now_s)
 
     def _draw(self, now_s: float) -> None:
@@ -198,6 +200,7 @@ class Live:
         self._keep(now_s)
         looked_at = bool(self._server.get_clients())
         self._rigs.update(now_s, looked_at)
+        self._bases.update(now_s, looked_at)
         for shown in self._shown.values():
             shown.draw()
             shown.panel.update(now_s, looked_at)
@@ -228,4 +231,5 @@ class Live:
     def close(self) -> None:
         """Release the watched sessions and rigs. Idempotent."""
         self._rigs.close()
+        self._bases.close()
         self._watched.close()
