@@ -9,7 +9,6 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.mobile.base_profile import HARD_CAP
 
 _RAIL_CAP = 1.0  # maximum of `rail_speed`, m/s
-RAIL_KEY = "height.vel"
 
 
 @dataclass(kw_only=True)
@@ -26,9 +25,9 @@ class DriveOptions:
 
     def drive_keys(self) -> tuple[str, ...]:
         """Return the keys of the base's part of an action."""
-        from lerobot_robot_yam.face.devices.base_part import VELOCITY_KEYS  # late import, for a quick start
+        from lerobot_robot_yam.face.devices.base_part import action_keys  # late import, for a quick start
 
-        return (*VELOCITY_KEYS, RAIL_KEY) if self.rail else VELOCITY_KEYS
+        return tuple(action_keys("vel" if self.rail else None))
 
     def check_drive(self, device: str) -> None:
         """Check the values. Raises ConfigError: a value is out of range; the message names it."""
