@@ -46,6 +46,13 @@ def options_of(kind: type) -> list[tuple[str, Any, str]]:
     return rows
 
 
+def within(what: str, value: Any, low: float, high: float) -> None:
+    """Check a number. Raises ConfigError, which begins with `what`: it is not a number from `low` to `high`."""
+    number = real(value)
+    if not (math.isfinite(number) and low <= number <= high):
+        raise ConfigError(f"{what} is {low:g} to {high:g}, not {value!r}")
+
+
 def real(value: Any) -> float:
     """Convert a real number in a config to a float; NaN for anything else: text, booleans, overflow."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):

@@ -1,12 +1,11 @@
 """Configuration of a base: its channel, limits and sizes. All values are plain: they travel as JSON."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from lerobot_robot_yam.arm.config import channel_options
-from lerobot_robot_yam.arm.option import from_plain, option, real
+from lerobot_robot_yam.arm.option import from_plain, option, real, within
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.mobile.base_limits import BaseLimits
 from lerobot_robot_yam.mobile.base_profile import (
@@ -52,10 +51,10 @@ class BaseConfig:
             self.rail = from_plain(RailConfig, self.rail, f"{self.name}: rail")
         if not self.channel:
             raise ConfigError(f"{self.name}: channel is empty; name the base's CAN channel, such as can_base")
-        _within(f"{self.name}: rate_hz", self.rate_hz, *_RATE_HZ)
-        _within(f"{self.name}: command_timeout_s", self.command_timeout_s, 0.02, 2.0)
-        _within(f"{self.name}: max_state_age_s", self.max_state_age_s, 0.02, 2.0)
-        _within(f"{self.name}: track_factor", self.track_factor, 0.5, 2.0)
+        within(f"{self.name}: rate_hz", self.rate_hz, *_RATE_HZ)
+        within(f"{self.name}: command_timeout_s", self.command_timeout_s, 0.02, 2.0)
+        within(f"{self.name}: max_state_age_s", self.max_state_age_s, 0.02, 2.0)
+        within(f"{self.name}: track_factor", self.track_factor, 0.5, 2.0)
         self.limits()
         self.profile()
 
@@ -72,9 +71,3 @@ class BaseConfig:
     def profile(self) -> BaseProfile:
         """Return the vendor's base with this one's measured size. Raises ConfigError: a size is out of range."""
         return BaseProfile().resized(real(self.wheel_radius_m), real(self.track_factor))
-
-
-def _within(what: str, value: float, low: float, high: float) -> None:
-    number = real(value)
-    if not (math.isfinite(number) and low <= number <= high):
-        raise ConfigError(f"{what} is {low:g} to {high:g}, not {value!r}")

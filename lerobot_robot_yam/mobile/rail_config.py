@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from lerobot_robot_yam.arm.option import option, real
+from lerobot_robot_yam.arm.option import option, within
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.mobile.rail_profile import (
     CONVERTER_PINS,
@@ -58,9 +58,7 @@ class RailConfig:
             "top_speed": (0.05, 1.0),
         }
         for name, (low, high) in ranges.items():
-            value = real(getattr(self, name))
-            if not (math.isfinite(value) and low <= value <= high):
-                raise ConfigError(f"rail: {name} is {low:g} to {high:g}, not {getattr(self, name)!r}")
+            within(f"rail: {name}", getattr(self, name), low, high)
         pins = self.wiring
         if len(pins) != 3 or len(set(pins)) != 3 or not all(isinstance(pin, int) and 0 <= pin < 64 for pin in pins):
             raise ConfigError(

@@ -42,23 +42,15 @@ class RailTarget(NamedTuple):
 
 
 class RailState(NamedTuple):
-    """State of the rail. height_m and velocity_m_s are NaN until it is homed.
+    """State of the rail. Height and velocity are NaN until it is homed."""
 
-    Attributes:
-        height_m, velocity_m_s: above the lower switch; positive up.
-        homed, homing: whether the height is known; whether it is homing now.
-        upper, lower: whether each switch is triggered.
-        brake_on: whether the brake is engaged, as far as its output tells.
-        q, dq, tau: angle, rad, rate, rad/s, and torque, Nm, of the motor.
-    """
-
-    height_m: float
-    velocity_m_s: float
-    homed: bool
+    height_m: float  # above the lower switch
+    velocity_m_s: float  # positive up
+    homed: bool  # whether the height is known
     homing: bool
-    upper: bool
+    upper: bool  # whether each switch is triggered
     lower: bool
-    brake_on: bool
-    q: float
-    dq: float
-    tau: float
+    brake_on: bool  # as far as its output tells
+    q: float  # angle of the motor, rad
+    dq: float  # rad/s
+    tau: float  # Nm

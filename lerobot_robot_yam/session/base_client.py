@@ -11,7 +11,7 @@ from lerobot_robot_yam.arm.validation import finite_number, finite_vector
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.mobile.base_motion import Frame
 from lerobot_robot_yam.mobile.rail_config import RailConfig
-from lerobot_robot_yam.mobile.rail_profile import SOFT_END_M, RailState
+from lerobot_robot_yam.mobile.rail_profile import SOFT_END_M, RailState, RailTarget
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.session.caller_blocks import await_record
 from lerobot_robot_yam.state.base_records import BASE_COMMAND_DTYPE, BASE_STATE_DTYPE, BaseRequest, BaseState
@@ -166,15 +166,12 @@ class BaseClient:
         Raises:
             ConfigError: the base has no rail.
             ActionError: the value is not a finite number; nothing was sent.
-            LifeCycleError: the rail has not been homed, or homes now.
+            LifeCycleError: the rail has not been homed, or homes now; nothing was sent.
             YamError: the base has failed or is silent, see `observe`; nothing was sent.
         """
-        asked, config = finite_number(self.config.name, "rail velocity", velocity), self._rail_config()
-        if not self._takes_rail_targets():
-            return 0.0
-        sent = min(max(asked, -config.velocity_limit), config.velocity_limit)
-        self._write_rail(sent, False, given_s)
-        return sent
+        asked = finite_number(self.config.name, "rail velocity", velocity)
+        most = self._rail_config().velocity_limit
+        return self._write_rail(RailTarget(min(max(asked, -most), most)), 0.0, given_s)
 
     def write_rail_height(self, height: float, given_s: float | None = None) -> float:
         """Write a target height of the rail, m above the lower switch; see `write_rail_velocity`.
@@ -182,12 +179,10 @@ class BaseClient:
         Returns:
             The height within the soft ends; the present height while the base takes no targets (emergency stop).
         """
-        asked, config = finite_number(self.config.name, "rail height", height), self._rail_config()
-        if not self._takes_rail_targets():
-            return self.rail_state().height_m
-        sent = min(max(asked, SOFT_END_M), config.stroke_m - SOFT_END_M)
-        self._write_rail(sent, True, given_s)
-        return sent
+        asked = finite_number(self.config.name, "rail height", height)
+        most = self._rail_config().stroke_m - SOFT_END_M
+        target = RailTarget(min(max(asked, SOFT_END_M), most), True)
+        return self._write_rail(target, self.rail_state().height_m, given_s)
 
     def rail_state(self) -> RailState:
         """Read the newest state of the rail. Raises YamError: see `observe`; ConfigError: the base has no rail."""
@@ -220,22 +215,21 @@ class BaseClient:
             raise ConfigError(f"{self.config.name}: has no rail; give its configuration `rail`")
         return self.config.rail
 
-    def _takes_rail_targets(self) -> bool:
+    def _write_rail(self, target: RailTarget, instead: float, given_s: float | None) -> float:
+        """Write a target, and return its value; return `instead` while the base takes no targets."""
         state = self.rail_state()
         if state.homing or not state.homed:
-            what = (
-                "is homing; wait for its end" if state.homing else "is not homed; call home_rail(), with its way free"
-            )
-            raise LifeCycleError(f"{self.config.name}: rail: {what}")
-        return self._takes_targets()
-
-    def _write_rail(self, value: float, height: bool, given_s: float | None) -> None:
+            why = "is homing" if state.homing else "is not homed; call home_rail(), if its way is free"
+            raise LifeCycleError(f"{self.config.name}: rail: {why}")
+        if not self._takes_targets():
+            return instead
         with self._lock:
             record = self._record
-            record["rail_value"], record["rail_height"] = value, height
+            record["rail_value"], record["rail_height"] = target
             record["rail_stamp_s"] = self._clock.now() if given_s is None else given_s
             record["rail_sequence"] += 1
             self._write()
+        return target.value
 
     def _takes_targets(self) -> bool:
         """Return whether targets may be sent; an emergency stop ignores them, other modes refuse them."""

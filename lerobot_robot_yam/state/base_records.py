@@ -4,6 +4,7 @@ SI units, all times on the monotonic clock. Motors in the order of `BaseProfile.
 caster in turn; then the rail's, if there is one.
 """
 
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Any
 
@@ -87,12 +88,51 @@ BASE_COMMAND_DTYPE = np.dtype(
 )
 
 
+def _text(field: Any) -> str:
+    return bytes(field).rstrip(b"\0").decode(errors="replace")
+
+
+def _read(name: str, convert: Callable[[Any], Any]) -> Any:
+    """Create a property that converts a field of the record."""
+    return property(lambda self: convert(self._record[name]))
+
+
+def _of_motors(name: str) -> Any:
+    """Create a property that returns a copy of what a field says of each motor."""
+    return property(lambda self: self._record[name][self._motors].copy())
+
+
+def _copy(name: str, part: slice = slice(None)) -> Any:
+    """Create a property that returns a copy of a field of the record, or of a part of it."""
+    return property(lambda self: self._record[name][part].copy())
+
+
 class BaseState:
     """State of a base, as measured at `stamp_s`.
 
     Args:
         record: a record of type BASE_STATE_DTYPE, which this object keeps.
     """
+
+    mode: Mode = _read("mode", lambda value: Mode(int(value)))
+    limited: Limited = _read("limited", lambda value: Limited(int(value)))
+    pose: np.ndarray = _copy("pose")  # odometry (3,): x, y in m, heading in rad, not wrapped
+    twist: np.ndarray = _copy("twist")  # measured velocity (3,) in the odometry's frame, m/s, m/s, rad/s
+    body_twist: np.ndarray = _copy("body_twist")  # the same in the body's frame
+    planned: np.ndarray = _copy("planned")  # planned velocity (3,) in the odometry's frame
+    steer_rad: np.ndarray = _copy("q", slice(0, 8, 2))  # steering angles (4,), unwrapped
+    steer_rad_s: np.ndarray = _copy("dq", slice(0, 8, 2))
+    drive_rad: np.ndarray = _copy("q", slice(1, 8, 2))  # angles of the wheels (4,), unwrapped
+    drive_rad_s: np.ndarray = _copy("dq", slice(1, 8, 2))
+    slowed: float = _read("slowed", float)  # factor by which the target is slowed down, 0 … 1
+    tau_nm: np.ndarray = _of_motors("tau")  # torques of the motors (n,), Nm
+    temp_mos_c: np.ndarray = _of_motors("temp_mos_c")
+    temp_rotor_c: np.ndarray = _of_motors("temp_rotor_c")
+    asked_s: float = _read("asked_s", float)  # time of the oldest command that a sample answers
+    published_s: float = _read("stamp_s", float)  # time at which the control loop wrote this state
+    tick: int = _read("tick", int)
+    answered: int = _read("request_sequence", int)  # number of the newest request that was executed or refused
+    message: str = _read("message", _text)  # why the base is in its mode; empty when all is well
 
     def __init__(self, record: np.ndarray):
         self._record = record
@@ -104,59 +144,6 @@ class BaseState:
         return f"<BaseState {self.mode.name} x={x:.3f} y={y:.3f} m theta={theta:.3f} rad{wrong}>"
 
     @property
-    def mode(self) -> Mode:
-        return Mode(int(self._record["mode"]))
-
-    @property
-    def limited(self) -> Limited:
-        return Limited(int(self._record["limited"]))
-
-    @property
-    def pose(self) -> np.ndarray:
-        """Odometry (3,): x, y in m, heading in rad, not wrapped."""
-        return self._record["pose"].copy()
-
-    @property
-    def twist(self) -> np.ndarray:
-        """Measured velocity (3,) in the odometry's frame, m/s, m/s, rad/s."""
-        return self._record["twist"].copy()
-
-    @property
-    def body_twist(self) -> np.ndarray:
-        """Measured velocity (3,) in the body's frame, m/s, m/s, rad/s."""
-        return self._record["body_twist"].copy()
-
-    @property
-    def planned(self) -> np.ndarray:
-        """Planned velocity (3,) in the odometry's frame, m/s, m/s, rad/s."""
-        return self._record["planned"].copy()
-
-    @property
-    def slowed(self) -> float:
-        """Factor by which the target is slowed down, 0 … 1."""
-        return float(self._record["slowed"])
-
-    @property
-    def steer_rad(self) -> np.ndarray:
-        """Steering angles (4,), rad, unwrapped."""
-        return self._record["q"][0:8:2].copy()
-
-    @property
-    def steer_rad_s(self) -> np.ndarray:
-        """Steering rates (4,), rad/s."""
-        return self._record["dq"][0:8:2].copy()
-
-    @property
-    def drive_rad(self) -> np.ndarray:
-        """Angles of the wheels (4,), rad, unwrapped."""
-        return self._record["q"][1:8:2].copy()
-
-    @property
-    def drive_rad_s(self) -> np.ndarray:
-        """Rates of the wheels (4,), rad/s."""
-        return self._record["dq"][1:8:2].copy()
-
-    @property
     def rail(self) -> RailState | None:
         """State of the rail; None without one."""
         record = self._record
@@ -164,24 +151,8 @@ class BaseState:
             return None
         q, dq, tau = (float(record[name][-1]) for name in ("q", "dq", "tau"))
         scale = RailScale(float(record["rail_m_per_rad"]), float(record["rail_zero_rad"]))
-        homed, homing, upper, lower, brake_on = (
-            bool(record[f"rail_{name}"]) for name in ("homed", "homing", "upper", "lower", "brake_on")
-        )
-        height_m, velocity_m_s = scale.height(q), dq * scale.metres_per_rad
-        return RailState(height_m, velocity_m_s, homed, homing, upper, lower, brake_on, q, dq, tau)
-
-    @property
-    def tau_nm(self) -> np.ndarray:
-        """Torques of the motors (n,), Nm."""
-        return self._record["tau"][self._motors].copy()
-
-    @property
-    def temp_mos_c(self) -> np.ndarray:
-        return self._record["temp_mos_c"][self._motors].copy()
-
-    @property
-    def temp_rotor_c(self) -> np.ndarray:
-        return self._record["temp_rotor_c"][self._motors].copy()
+        flags = {name: bool(record[f"rail_{name}"]) for name in ("homed", "homing", "upper", "lower", "brake_on")}
+        return RailState(scale.height(q), dq * scale.metres_per_rad, q=q, dq=dq, tau=tau, **flags)
 
     @property
     def fault(self) -> tuple[int, ...]:
@@ -194,25 +165,6 @@ class BaseState:
         return float(self._record["motor_stamp_s"][self._motors].min())
 
     @property
-    def asked_s(self) -> float:
-        """Time of the oldest command that a sample answers."""
-        return float(self._record["asked_s"])
-
-    @property
-    def published_s(self) -> float:
-        """Time at which the control loop wrote this state."""
-        return float(self._record["stamp_s"])
-
-    @property
-    def tick(self) -> int:
-        return int(self._record["tick"])
-
-    @property
-    def answered(self) -> int:
-        """Number of the newest request that was executed or refused."""
-        return int(self._record["request_sequence"])
-
-    @property
     def refusal(self) -> str | None:
         """Reason for which the newest request was refused; None if it was not."""
         return _text(self._record["refusal"]) if self._record["request_refused"] else None
@@ -222,15 +174,6 @@ class BaseState:
         """Fault of the base; None when all is well."""
         text = _text(self._record["trouble"])
         return Trouble(text) if text else None
-
-    @property
-    def message(self) -> str:
-        """Why the base is in its mode; empty when all is well."""
-        return _text(self._record["message"])
-
-
-def _text(field: Any) -> str:
-    return bytes(field).rstrip(b"\0").decode(errors="replace")
 
 
 def map_blocks(part: Part, descriptors: Descriptors) -> BlockPair:

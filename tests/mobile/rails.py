@@ -19,8 +19,7 @@ class Rail:
         self.rig, self.path, self.stroke_m = LockstepRig(folder / "rail.yaml"), folder / "rail.json", stroke_m
         self.world, self.board = self.rig.device.world, self.rig.device.board
         if known:
-            place = {"angle_rad": ZERO_RAD + height_m / M_PER_RAD, "height_m": height_m}
-            self.path.write_text(json.dumps({"stroke_m": stroke_m, "travel_rad": stroke_m / M_PER_RAD} | place))
+            calibrated(self.path, height_m, stroke_m)
         self.lowest_m = height_m
         self.rig.device.each_advance.append(self._look)
 
@@ -60,6 +59,12 @@ class Rail:
     @property
     def enabled(self):
         return self.rig.state()["base"]["motors"]["rail"]["enabled"]
+
+
+def calibrated(path, height_m, stroke_m):
+    """Write the calibration file of a carriage that was left at a height."""
+    place = {"angle_rad": ZERO_RAD + height_m / M_PER_RAD, "height_m": height_m}
+    path.write_text(json.dumps({"stroke_m": stroke_m, "travel_rad": stroke_m / M_PER_RAD} | place))
 
 
 def lift(base, velocity, seconds):

@@ -47,6 +47,7 @@ def test_homing_learns_the_scale_and_the_next_start_knows_the_height(tmp_path):
                 base.set_rail_height(0.1)
             base.clock.sleep(0.2)
             assert rail.height_m == pytest.approx(0.2, abs=2e-3)  # nothing has moved by itself
+            base.set_target_velocity([0.1, 0.0, 0.0])
             base.home_rail()
             state = base.rail_state()
             assert state.homed and state.height_m == pytest.approx(rail.height_m, abs=3e-3)
@@ -164,6 +165,9 @@ def test_a_fault_in_motion_stops_and_is_named(rail, base, trouble, channel, kind
     base.clock.sleep(0.1)
     base.rearm()
     base.clock.sleep(0.5)
+    if trouble is Trouble.RAIL_SWITCH:
+        assert not base.rail_state().homed  # switch or height may be wrong
+        return
     lift(base, 0.3, 0.5)
     assert rail.height_m > there + 0.05
 

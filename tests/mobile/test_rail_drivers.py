@@ -7,7 +7,7 @@ import gpiozero
 import pytest
 from gpiozero.pins.mock import MockFactory
 
-from lerobot_robot_yam.control.mobile.rail_drivers import load_driver
+from lerobot_robot_yam.control.mobile.rail_boards import open_board
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.mobile.rail_config import RailConfig
@@ -17,8 +17,7 @@ from tests.support.waiting import wait
 
 
 def opened(**fields):
-    hardware = ResolvedBase(BaseConfig(channel="can_base", rail=RailConfig(**fields)))
-    return load_driver(hardware).open_driver(hardware)
+    return open_board(ResolvedBase(BaseConfig(channel="can_base", rail=RailConfig(**fields))))
 
 
 @pytest.fixture

@@ -241,20 +241,21 @@ class BaseController:
             self._rearm.begin()
         elif status.mode is Mode.FAULT:
             raise LifeCycleError(f"{self.name}: {status.message}; re-arm it first")
-        elif request is BaseRequest.HOLD:
-            if self.rail is not None:
-                self.rail.stop()
-            if status.mode not in (Mode.HOLD, Mode.STOPPED, Mode.BRING_UP):
-                self._rest(Mode.HOLD)
+        elif request is BaseRequest.HOLD and status.mode not in (Mode.STOPPED, Mode.BRING_UP):
+            self._rest(Mode.HOLD)
         elif request is BaseRequest.HOME_RAIL:
             if self.rail is None or status.mode not in (Mode.HOLD, Mode.TRACK) or status.halted:
                 raise LifeCycleError(f"{self.name}: cannot home a rail in mode {status.mode.name.lower()}")
+            self._rest(Mode.HOLD)
             self.rail.start_homing(now)
 
     def _rest(self, mode: Mode) -> None:
-        """Enter a mode in which the plan brakes to rest."""
-        self.status.enter(mode)
+        """Enter a mode, or stay in it, in which base and rail brake to rest."""
+        if self.status.mode is not mode:
+            self.status.enter(mode)
         self._target = REST
+        if self.rail is not None:
+            self.rail.stop()
 
     def _at_rest(self) -> bool:
         rail = self.rail is None or self.rail.at_rest
@@ -338,7 +339,7 @@ class BaseController:
             logger.warning("%s: stops: %s is in trouble: %s", self.name, peer.name, peer.trouble)
             status.halted = True
             status.limited |= Limited.PEER
-            if status.mode is Mode.TRACK:
+            if status.mode is not Mode.STOPPED:
                 self._rest(Mode.HOLD)
 
     def _restart(self) -> None:

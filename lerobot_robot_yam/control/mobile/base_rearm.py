@@ -16,12 +16,7 @@ logger = logging.getLogger(__name__)
 
 
 class BaseRearm:
-    """Re-arming of one base.
-
-    Args:
-        status, motors: its status and motors.
-        restart: plans anew, once all motors are enabled.
-    """
+    """Re-arming of one base. restart: plans anew, once all motors are enabled."""
 
     def __init__(self, status: ArmStatus, motors: BaseMotors, restart: Callable[[], None]):
         self._status, self._motors, self._restart = status, motors, restart

@@ -2,34 +2,29 @@
 
 import math
 
-from lerobot_robot_yam.mobile.rail_io import RailIo, RailSample
+from lerobot_robot_yam.system.boards.switch_board import BoardSample, SwitchBoard
 
 CONFIRM_S = 0.5  # time within which the driver must confirm what the brake shall do, s
 _SETTLE_S = 0.2  # time that the brake's mechanics need after that, s; the vendor waits as long
 
 
 class RailBrake:
-    """Brake of a rail, engaged at first.
-
-    Attributes:
-        engaged: what the brake shall do.
-    """
+    """Brake of a rail, engaged at first. engaged: what it shall do."""
 
     def __init__(self) -> None:
         self.engaged = True
         self._since_s = self._confirmed_s = math.inf
 
-    def set(self, io: RailIo, engaged: bool, now: float) -> None:
+    def set(self, io: SwitchBoard, engaged: bool, now: float) -> None:
         """Engage or release the brake, from now on."""
         if engaged != self.engaged:
             self.engaged, self._since_s, self._confirmed_s = engaged, now, math.inf
         io.set_brake(engaged)
 
-    def look(self, sample: RailSample, now: float) -> None:
+    def look(self, sample: BoardSample, now: float) -> None:
         """Note what the driver confirms."""
         self._since_s = min(self._since_s, now)
-        confirmed = sample.brake_on is self.engaged
-        self._confirmed_s = min(self._confirmed_s, now) if confirmed else math.inf
+        self._confirmed_s = min(self._confirmed_s, now) if sample.brake_on is self.engaged else math.inf
 
     def holds(self, now: float) -> bool:
         """Return whether the brake is engaged and has had the time to grip."""

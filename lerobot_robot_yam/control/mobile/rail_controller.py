@@ -13,15 +13,14 @@ from collections.abc import Generator
 import numpy as np
 
 from lerobot_robot_yam.control.mobile.base_motors import RAIL, BaseMotors
+from lerobot_robot_yam.control.mobile.rail_boards import open_board
 from lerobot_robot_yam.control.mobile.rail_brake import CONFIRM_S, RailBrake
 from lerobot_robot_yam.control.mobile.rail_calibration import RailCalibration, check_travel, load, store
-from lerobot_robot_yam.control.mobile.rail_drivers import load_driver
 from lerobot_robot_yam.control.mobile.rail_homing import seek
 from lerobot_robot_yam.control.mobile.rail_monitor import Finding, RailMonitor
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import LifeCycleError, MotorError, YamError
-from lerobot_robot_yam.mobile.rail_io import LostIo, RailIo
 from lerobot_robot_yam.mobile.rail_motion import RailMotion
 from lerobot_robot_yam.mobile.rail_profile import (
     HOMING_RAD_S,
@@ -34,6 +33,7 @@ from lerobot_robot_yam.mobile.rail_profile import (
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.system.boards.switch_board import LostBoard, SwitchBoard
 
 logger = logging.getLogger(__name__)
 
@@ -49,25 +49,15 @@ _MOVES = (Mode.HOLD, Mode.TRACK)
 
 
 class RailController:
-    """Controller of one base's rail.
-
-    Attributes:
-        sample: what the driver has read last.
-        scale: metres per radian and zero; None until the rail is homed.
-        homing: whether it homes now.
-        target_s: time of the newest target.
-    """
+    """Controller of one base's rail. scale: None until it is homed. target_s: time of the newest target."""
 
     def __init__(self, hardware: ResolvedBase, motors: BaseMotors):
         assert hardware.config.rail is not None
         self.name, self._config, self._hardware = hardware.name, hardware.config.rail, hardware
         self._motors, self._chain, self._clock = motors, motors.chain, motors.chain.clock
-        self._motion, self._brake, self._monitor = (
-            RailMotion(),
-            RailBrake(),
-            RailMonitor(self.name, self._config.stroke_m),
-        )
-        self._io: RailIo = LostIo()
+        self._motion, self._brake = RailMotion(), RailBrake()
+        self._monitor = RailMonitor(self.name, self._config.stroke_m)
+        self._io: SwitchBoard = LostBoard()
         self.sample = self._io.read()
         self.scale: RailScale | None = None
         self._calibration: RailCalibration | None = None
@@ -105,33 +95,29 @@ class RailController:
     def _enabled(self) -> bool:
         return bool(self._chain.fault[RAIL] == Fault.NORMAL)
 
-    @property
-    def _slip_rad(self) -> float:
-        return _SLIP_M / (self.scale.metres_per_rad if self.scale else _USUAL_M_PER_RAD)
+    def _slips(self) -> bool:
+        """Return whether the carriage has moved since its brake has taken it."""
+        metres_per_rad = self.scale.metres_per_rad if self.scale else _USUAL_M_PER_RAD
+        return self._place is not None and abs(self.q - self._place) * metres_per_rad > _SLIP_M
 
     def is_up(self, now: float) -> bool:
         """Return whether the motor holds and the brake has let go."""
         return self._brake.free(now)
 
     def inspect(self) -> None:
-        """Open the driver, with the brake engaged, and check the switches; nothing moves.
-
-        Raises:
-            YamError: the driver does not answer, or both switches read as triggered.
-        """
-        self._io = load_driver(self._hardware).open_driver(self._hardware)
+        """Open the board and check the switches; nothing moves. Raises YamError: no answer, or both are triggered."""
+        self._io = open_board(self._hardware)
         try:
             until_s = self._clock.now() + CONFIRM_S
             while self.sample.brake_on is not True:
                 if self._clock.now() > until_s:
-                    what = f"{self.name}: rail: switches and brake ({self._config.io}) do not answer"
-                    raise MotorError(f"{what}; check cable and power")
+                    what = f"switches and brake ({self._config.io}) do not answer; check cable and power"
+                    raise MotorError(f"{self.name}: rail: {what}")
                 self._clock.sleep(0.005)
                 self.sample = self._io.read()
             if self.sample.upper and self.sample.lower:
-                raise MotorError(
-                    f"{self.name}: rail: both switches read as triggered: their cable is off (an open wire reads so)"
-                )
+                what = "both switches read as triggered: their cable is off (an open wire reads so)"
+                raise MotorError(f"{self.name}: rail: {what}")
         except BaseException:
             self.close()
             raise
@@ -141,20 +127,19 @@ class RailController:
     def adopt(self, record: np.ndarray) -> None:
         """Take over from a loop that has died: engage the brake and stop. record: its last state."""
         try:
-            self._io = load_driver(self._hardware).open_driver(self._hardware)
+            self._io = open_board(self._hardware)
         except YamError as error:
             logger.critical("%s: the motor goes on holding: %s", self.name, error)
         if record["rail_homed"]:
             self.scale = RailScale(float(record["rail_m_per_rad"]), float(record["rail_zero_rad"]))
-            self._calibration = RailCalibration(
-                self._config.stroke_m, self._config.stroke_m / self.scale.metres_per_rad
-            )
+            travel_rad = self._config.stroke_m / self.scale.metres_per_rad
+            self._calibration = RailCalibration(self._config.stroke_m, travel_rad)
         self._slipped = record["trouble"] == Trouble.RAIL_BRAKE.encode()
         self._motion.restart(self.q, float(self._motors.dq[RAIL]))
 
     def close(self) -> None:
         """Close the driver. Idempotent."""
-        io, self._io = self._io, LostIo()
+        io, self._io = self._io, LostBoard()
         io.close()
         if self._writer is not None:
             self._writer.join()
@@ -175,16 +160,18 @@ class RailController:
         if self._suspect:
             self._brake.set(self._io, True, now)
         failure, self._failure = self._failure, None
-        if self._place is not None and abs(self.q - self._place) > self._slip_rad and not self._slipped:
+        if self._slips() and not self._slipped:
             self._slipped = True
-            self._motion.restart(self._place)
+            self._motion.restart(self.q)
             failure = (
                 Trouble.RAIL_BRAKE,
-                f"{self.name}: rail: its brake does not hold; the motor does, support the load",
+                f"{self.name}: rail: its brake does not hold, but its motor; support the load",
             )
         lag_rad = self._motion.position - self.q if self._brake.free(now) else 0.0
-        height_m = None if self.scale is None else self.height_m
-        return failure or self._monitor.check(now, self.sample, self._brake, height_m, lag_rad)
+        finding = failure or self._monitor.check(now, self.sample, self._brake, self.height_m, lag_rad)
+        if finding is not None and finding[0] is Trouble.RAIL_SWITCH:
+            self.scale = None  # the height may be wrong, too
+        return finding
 
     def set_target(self, target: RailTarget, given_s: float) -> None:
         """Accept a target, given at `given_s`, unless the rail homes or has not been homed."""
@@ -215,13 +202,7 @@ class RailController:
         logger.info("%s: rail homed: %.5f m/rad", self.name, self.scale.metres_per_rad)
 
     def advance(self, now: float, dt: float, mode: Mode) -> float:
-        """Plan one tick of `dt` seconds in this mode of the base, and set brake and motor.
-
-        Returns:
-            The share of its speed with which the base may drive at this height.
-        """
-        if mode not in _MOVES:
-            self.stop()
+        """Plan `dt` seconds in this mode of the base, set brake and motor; return the share of speed for the base."""
         self._brake.set(self._io, self._wants_brake(mode), now)
         if self._brake.holds(now) and not self._slipped:
             self._place = self.q if self._place is None else self._place

@@ -1,28 +1,20 @@
 """Homing of the rail: up to the upper switch, then down to the lower one."""
 
 from collections.abc import Callable, Generator
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from lerobot_robot_yam.errors import MotorError
-from lerobot_robot_yam.mobile.rail_io import RailSample
 from lerobot_robot_yam.mobile.rail_profile import HOMING_RAD_S, HOMING_TIMEOUT_S
+
+if TYPE_CHECKING:
+    from lerobot_robot_yam.control.mobile.rail_controller import RailController
 
 _SETTLE_S = 0.2  # rest at a switch, s; as the vendor's
 _LEFT_RAD = 3.0  # way after which the switch at the other end must have let go, rad
 _NAMES = {1.0: "upper", -1.0: "lower"}
 
 
-class Axis(Protocol):
-    """What homing knows of a rail: what its switches read, and the angle of its motor, rad."""
-
-    name: str
-    sample: RailSample
-
-    @property
-    def q(self) -> float: ...
-
-
-def seek(axis: Axis, now: Callable[[], float], way: float) -> Generator[float, None, float]:
+def seek(axis: "RailController", now: Callable[[], float], way: float) -> Generator[float, None, float]:
     """Drive to the upper (way 1) or lower switch (-1): yield rates, rad/s; return the angle where it was triggered.
 
     Raises:

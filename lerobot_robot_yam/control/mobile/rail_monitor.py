@@ -3,9 +3,9 @@
 import math
 
 from lerobot_robot_yam.control.mobile.rail_brake import CONFIRM_S, RailBrake
-from lerobot_robot_yam.mobile.rail_io import RailSample
 from lerobot_robot_yam.mobile.rail_profile import SOFT_END_M
 from lerobot_robot_yam.state.faults import SILENT_S, Trouble
+from lerobot_robot_yam.system.boards.switch_board import BoardSample
 
 _UNHEARD = 10  # ticks without a new sample after which they are silent; time alone is no proof, see channel_monitor
 _ODD_S = 0.02  # time that readings must be impossible, s; a disturbance is shorter
@@ -16,11 +16,7 @@ Finding = tuple[Trouble, str]
 
 
 class RailMonitor:
-    """Monitor of one rail. Check once per tick.
-
-    Attributes:
-        silent: whether switches and brake are not heard.
-    """
+    """Monitor of one rail; check once per tick. silent: whether switches and brake are not heard."""
 
     def __init__(self, name: str, stroke_m: float):
         self._name, self._stroke_m = f"{name}: rail", stroke_m
@@ -28,9 +24,9 @@ class RailMonitor:
         self.silent = False
 
     def check(
-        self, now: float, sample: RailSample, brake: RailBrake, height_m: float | None, lag_rad: float
+        self, now: float, sample: BoardSample, brake: RailBrake, height_m: float, lag_rad: float
     ) -> Finding | None:
-        """Return what is wrong. height_m: None before homing. lag_rad: plan minus angle of the motor."""
+        """Return what is wrong. height_m: NaN before homing. lag_rad: plan minus angle of the motor."""
         self._unheard = self._unheard + 1 if sample.stamp_s == self._stamp_s else 0
         self._stamp_s = sample.stamp_s
         self.silent = self._unheard >= _UNHEARD and now - sample.stamp_s > SILENT_S
@@ -51,21 +47,22 @@ class RailMonitor:
             )
         return None
 
-    def _odd(self, sample: RailSample, height_m: float | None) -> Finding | None:
+    def _odd(self, sample: BoardSample, height_m: float) -> Finding | None:
         if sample.upper and sample.lower:
             return Trouble.RAIL_CABLE, (
                 f"{self._name}: both switches read as triggered; their cable is off, or one is stuck (an open wire "
                 "reads as triggered)"
             )
-        if height_m is None:
-            return None
         for name, reads, beyond_m in (
             ("upper", sample.upper, height_m - self._stroke_m),
             ("lower", sample.lower, -height_m),
         ):
             where = f"{self._name}: at {height_m:.3f} m the {name} switch reads as"
             if reads and beyond_m < -_AT_END_M:
-                return Trouble.RAIL_SWITCH, f"{where} triggered: it is stuck, or its wire is off; then home again"
+                return (
+                    Trouble.RAIL_SWITCH,
+                    f"{where} triggered: it is stuck, or its wire is off; home again then",
+                )
             if not reads and beyond_m > SOFT_END_M:
                 return Trouble.RAIL_SWITCH, f"{where} not triggered: it is broken, or the belt has slipped; home again"
         return None

@@ -22,7 +22,7 @@ import numpy as np
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.impedance import gravity_model
 from lerobot_robot_yam.control.loop import ControlLoop
-from lerobot_robot_yam.control.mobile import rail_drivers
+from lerobot_robot_yam.control.mobile import rail_boards
 from lerobot_robot_yam.control.preflight.open_bus import load_driver, open_bus
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd
 from lerobot_robot_yam.control.process.robot_loop import make_blocks, make_controller
@@ -108,7 +108,7 @@ class StandBy:
         for arm in arms:
             load_driver(arm.config.interface)
             if isinstance(arm, ResolvedBase) and arm.config.rail is not None:
-                rail_drivers.load_driver(arm)
+                rail_boards.load_board(arm)
         self._records: list[np.ndarray | None] = [None] * len(keys)
 
     def run(self, rt_priority: int) -> None:

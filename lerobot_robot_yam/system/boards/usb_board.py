@@ -3,7 +3,7 @@
     set outputs   3A, then pairs of channel and level       answer 2A and the same pairs
     read a range  5B first last pull (0: up)                answer 4B first last pull, then one level per channel
 
-After a restart the converter sends 2A FF, and its outputs are no longer set.
+After a restart the converter sends 2A FF, which is no answer, and its outputs are no longer set.
 """
 
 import contextlib
@@ -15,8 +15,7 @@ import time
 import serial
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.mobile.rail_io import RailSample
-from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
+from lerobot_robot_yam.system.boards.switch_board import BoardSample
 
 logger = logging.getLogger(__name__)
 
@@ -24,11 +23,10 @@ _BAUD = 115200
 _ANSWER_S = 0.04  # wait for an answer, s; the vendor waits 0.2 s, but a sample of 0.1 s is too old here
 _PERIOD_S, _BACKOFF_S = 0.005, 0.5  # interval of readings, s; at most that after failures, s
 _ATTEMPTS = 2
-_BOOT = b"\x2a\xff"
 _PULL_UP = 0
 
 
-class UsbGpioIo:
+class UsbBoard:
     """Driver of one converter.
 
     Args:
@@ -42,14 +40,14 @@ class UsbGpioIo:
         self._first, self._last = sorted(channels[:2])
         self._wanted = True
         self._confirmed: bool | None = None
-        self._sample = RailSample(False, False, None, -math.inf)
+        self._sample = BoardSample(False, False, None, -math.inf)
         self._device = self._open()
         self._failures = 0
         self._wake, self._ended = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._poll, name="yam-rail-io", daemon=True)
         self._thread.start()
 
-    def read(self) -> RailSample:
+    def read(self) -> BoardSample:
         return self._sample
 
     def set_brake(self, on: bool) -> None:
@@ -89,9 +87,8 @@ class UsbGpioIo:
             self._device = self._open()
 
     def _set_brake(self) -> bool:
+        """Set the output each time, since a converter that has restarted no longer has it; return whether it is so."""
         wanted = self._wanted
-        if self._confirmed is wanted:
-            return True
         pair = bytes((self._brake, not wanted))
         if self._ask(b"\x3a" + pair, b"\x2a" + pair, 0) is None:
             return False
@@ -104,7 +101,7 @@ class UsbGpioIo:
         if levels is None:
             return False
         upper, lower = (bool(levels[channel - self._first]) for channel in (self._upper, self._lower))
-        self._sample = RailSample(upper, lower, self._confirmed, stamp_s)
+        self._sample = BoardSample(upper, lower, self._confirmed, stamp_s)
         return True
 
     def _ask(self, request: bytes, head: bytes, rest: int) -> bytes | None:
@@ -115,19 +112,15 @@ class UsbGpioIo:
             answer = self._device.read(len(head) + rest)
             if len(answer) == len(head) + rest and answer.startswith(head):
                 return bytes(answer[len(head) :])
-            if _BOOT in answer:
-                self._confirmed = None
         return None
 
 
-def open_driver(hardware: ResolvedBase) -> UsbGpioIo:
-    """Open the converter. Raises ConfigError: there is none on the port, or it is in use."""
-    assert hardware.config.rail is not None
-    rail = hardware.config.rail
+def open_board(name: str, port: str, channels: tuple[int, ...]) -> UsbBoard:
+    """Open the converter. Raises ConfigError, which begins with `name`: there is none on the port, or it is in use."""
     try:
-        return UsbGpioIo(rail.port, rail.wiring)
+        return UsbBoard(port, channels)
     except (OSError, serial.SerialException) as error:
         raise ConfigError(
-            f"{hardware.name}: rail: {rail.port} cannot be opened: {error}. Check that the converter is plugged in, "
-            "that your user is in the group dialout, and that no other program uses it"
+            f"{name}: {port} cannot be opened: {error}. Check that the converter is plugged in, that your user is in "
+            "the group dialout, and that no other program uses it"
         ) from error

@@ -5,11 +5,10 @@ import time
 import gpiozero
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.mobile.rail_io import RailSample
-from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
+from lerobot_robot_yam.system.boards.switch_board import BoardSample
 
 
-class GpioIo:
+class GpioBoard:
     """Driver of three pins: inputs are pulled up and high when triggered; a low output engages the brake.
 
     Args:
@@ -20,10 +19,10 @@ class GpioIo:
         self._upper, self._lower = (gpiozero.DigitalInputDevice(pin, pull_up=True) for pin in pins[:2])
         self._brake = gpiozero.DigitalOutputDevice(pins[2], active_high=True, initial_value=False)
 
-    def read(self) -> RailSample:
+    def read(self) -> BoardSample:
         # A device with a pull-up counts as active when its pin is low.
         upper, lower = not self._upper.is_active, not self._lower.is_active
-        return RailSample(upper, lower, not self._brake.value, time.monotonic())
+        return BoardSample(upper, lower, not self._brake.value, time.monotonic())
 
     def set_brake(self, on: bool) -> None:
         self._brake.value = not on
@@ -33,14 +32,12 @@ class GpioIo:
             device.close()
 
 
-def open_driver(hardware: ResolvedBase) -> GpioIo:
-    """Open the pins. Raises ConfigError: this computer has none, or they are in use."""
-    assert hardware.config.rail is not None
-    pins = hardware.config.rail.wiring
+def open_board(name: str, port: str, pins: tuple[int, ...]) -> GpioBoard:
+    """Open the pins. Raises ConfigError, which begins with `name`: this computer has none, or they are in use."""
     try:
-        return GpioIo(pins)
+        return GpioBoard(pins)
     except (gpiozero.GPIOZeroError, OSError) as error:
         raise ConfigError(
-            f"{hardware.name}: rail: pins {list(pins)} cannot be opened: {error}. Check that this is a Raspberry Pi "
-            "with lgpio, that your user is in the group gpio, and that no other program uses them"
+            f"{name}: pins {list(pins)} cannot be opened: {error}. Check that this is a Raspberry Pi with lgpio, that "
+            "your user is in the group gpio, and that no other program uses them"
         ) from error

@@ -1,10 +1,10 @@
-"""The seam to the rail's switches and brake: what each driver does."""
+"""Boards that read the two switches of an axis and drive its brake: what each driver does."""
 
 import math
 from typing import NamedTuple, Protocol
 
 
-class RailSample(NamedTuple):
+class BoardSample(NamedTuple):
     """What a driver has read last.
 
     Attributes:
@@ -19,10 +19,10 @@ class RailSample(NamedTuple):
     stamp_s: float
 
 
-class RailIo(Protocol):
-    """Driver of two switches and a brake. No call blocks; the brake is engaged once the driver is open."""
+class SwitchBoard(Protocol):
+    """Driver of one board. No call blocks; the brake is engaged once the driver is open."""
 
-    def read(self) -> RailSample:
+    def read(self) -> BoardSample:
         """Return the newest sample."""
 
     def set_brake(self, on: bool) -> None:
@@ -32,11 +32,11 @@ class RailIo(Protocol):
         """Release what the driver has opened. Idempotent."""
 
 
-class LostIo:
+class LostBoard:
     """Driver that could not be opened: it never has a sample, so the motor goes on holding."""
 
-    def read(self) -> RailSample:
-        return RailSample(False, False, None, -math.inf)
+    def read(self) -> BoardSample:
+        return BoardSample(False, False, None, -math.inf)
 
     def set_brake(self, on: bool) -> None:
         pass
