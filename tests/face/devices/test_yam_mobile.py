@@ -2,10 +2,12 @@
 
 import contextlib
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from lerobot.robots import make_robot_from_config
+from lerobot.rollout.strategies import dagger
 
 from lerobot_robot_yam.config_yam_follower import FollowerArmConfig
 from lerobot_robot_yam.config_yam_mobile import MobileBaseConfig, YamBaseRobotConfig, YamMobileConfig
@@ -127,6 +129,23 @@ def test_a_silent_motor_is_named_and_the_base_drives_again_after_rearm(rig, tmp_
 def test_a_wrong_config_is_refused(tmp_path, options, says):
     with pytest.raises(ConfigError, match=says):
         make_robot_from_config(YamBaseRobotConfig(**BASE | options, calibration_dir=tmp_path))
+
+
+def in_dagger(phase, call):
+    """Call a function as LeRobot's strategy does in a phase: from its `run`, in its file."""
+    code = "def run(self, call):\n    return call()\n"
+    names = {}
+    exec(compile(code, dagger.__file__, "exec"), names)
+    return names["run"](SimpleNamespace(_events=SimpleNamespace(phase=phase)), call)
+
+
+def test_the_base_stands_while_a_rollout_with_corrections_is_paused(rig, tmp_path):
+    with connected(rig, tmp_path) as robot:
+        action = {"x.vel": 0.3, "y.vel": 0.0, "theta.vel": 0.0}
+        assert in_dagger(dagger.DAggerPhase.AUTONOMOUS, lambda: go(robot, action, 0.8))["x.vel"] == 0.3
+        assert in_dagger(dagger.DAggerPhase.PAUSED, lambda: go(robot, action, 1.0))["x.vel"] == 0.0
+        assert robot.get_observation()["x.vel"] == pytest.approx(0.0, abs=0.01)
+        assert in_dagger(dagger.DAggerPhase.CORRECTING, lambda: robot.send_action(action))["x.vel"] == 0.3
 
 
 @contextlib.contextmanager
