@@ -122,7 +122,7 @@ def test_a_motor_that_is_energised_without_a_driver(rig):
         chain.special(SpecialCommand.ENABLE)
     _, report = examine_arm(rig, FOLLOWER)
     (problem,) = found(report, "problem", "joint_1", "energised although no session drives it")
-    assert "hold the arm by hand" in problem["remedy"]
+    assert "hold it by hand" in problem["remedy"]
 
 
 def test_a_warm_motor(rig):
