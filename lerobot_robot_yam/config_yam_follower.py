@@ -17,6 +17,7 @@ from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.remote_device import RemoteOptions
 from lerobot_robot_yam.face.registration import register_as
+from lerobot_robot_yam.mobile.base_config import BASE_PREFIX
 from lerobot_robot_yam.robot_options import FollowerOptions
 from lerobot_robot_yam.system.rig_file import RIG_TYPE
 
@@ -122,16 +123,17 @@ class BiI2rtYamFollowerConfig(BiYamFollowerConfig):
     """`BiYamFollowerConfig` with a type name that no other plugin uses."""
 
 
-class _RemoteFollowers(RemoteOptions, CameraOptions, FollowerOptions):
+class RemoteFollowers(RemoteOptions, CameraOptions, FollowerOptions):
     """Options of followers whose arms are described by the host."""
 
     def arms(self) -> Mapping[str, ArmConfig]:
-        return {prefix: ArmConfig(**options) for prefix, options in self.hosted.options.items()}
+        options = self.hosted.options.items()
+        return {prefix: ArmConfig(**fields) for prefix, fields in options if prefix != BASE_PREFIX}
 
 
 @register_as(RobotConfig, "yam_remote")
 @dataclass(kw_only=True)
-class YamRemoteConfig(RobotConfig, _RemoteFollowers):
+class YamRemoteConfig(RobotConfig, RemoteFollowers):
     """One follower arm connected to another computer, with cameras connected to this computer."""
 
     def __post_init__(self) -> None:
@@ -141,7 +143,7 @@ class YamRemoteConfig(RobotConfig, _RemoteFollowers):
 
 @register_as(RobotConfig, "bi_yam_remote")
 @dataclass(kw_only=True)
-class BiYamRemoteConfig(RobotConfig, _RemoteFollowers):
+class BiYamRemoteConfig(RobotConfig, RemoteFollowers):
     """Two follower arms connected to another computer, with cameras connected to this computer."""
 
     def __post_init__(self) -> None:

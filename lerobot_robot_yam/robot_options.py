@@ -115,3 +115,14 @@ class BaseOptions:
     def _rail_action(self) -> str | None:
         base = self.base()
         return None if base is None or base.rail is None else self.rail_action
+
+
+@dataclass(kw_only=True)
+class MobileOptions(FollowerOptions, BaseOptions):
+    """Options of a base with arms, as a whole."""
+
+    def action_keys(self) -> list[str]:
+        return super().action_keys() + self.base_keys()
+
+    def state_keys(self) -> list[str]:
+        return super().state_keys() + self.base_extra_keys()

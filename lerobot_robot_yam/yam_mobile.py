@@ -8,10 +8,16 @@ from typing import Any
 import numpy as np
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
-from lerobot_robot_yam.config_yam_mobile import YamBaseRobotConfig, YamMobileConfig
+from lerobot_robot_yam.config_yam_mobile import (
+    YamBaseRemoteConfig,
+    YamBaseRobotConfig,
+    YamMobileConfig,
+    YamMobileRemoteConfig,
+)
 from lerobot_robot_yam.face.devices.base_part import BasePart, completed, with_rail_file
 from lerobot_robot_yam.face.devices.device_session import DeviceSession
 from lerobot_robot_yam.face.devices.recorded_robot import RecordedRobot
+from lerobot_robot_yam.face.devices.remote_device import RemoteDevice
 from lerobot_robot_yam.face.devices.replayed_path import replayed_path
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.mobile.base_config import BaseConfig
@@ -32,7 +38,7 @@ class YamBaseRobot(RecordedRobot):
     config_class = YamBaseRobotConfig
     name = "yam_base"
 
-    def __init__(self, config: YamBaseRobotConfig):
+    def __init__(self, config: Any):
         super().__init__(config)
         self.config = config
         base = with_rail_file(config.base(), self.calibration_dir, self.id)
@@ -235,3 +241,15 @@ class YamMobile(FollowerBase):
             self._driven = driven
         repeats = self._arms.paused and np.array_equal(driven, self._driven)
         return {**sent, **self._base.send(driven, repeats)}
+
+
+class YamBaseRemote(YamBaseRobot):
+    """A mobile base driven by another computer."""
+
+    config_class = YamBaseRemoteConfig
+
+
+class YamMobileRemote(RemoteDevice, YamMobile):
+    """A mobile base with two arms, driven by another computer."""
+
+    config_class = YamMobileRemoteConfig

@@ -101,8 +101,8 @@ _SECTIONS = [
     ),
     (
         "Arms of another computer",
-        "Options of `yam_remote`, `bi_yam_remote`, and of the teleoperators `yam_remote_leader` and\n"
-        "`bi_yam_remote_leader`, which have those of a robot or a teleoperator, too. See\n"
+        "Options of `yam_remote`, `bi_yam_remote`, `yam_base_remote`, `yam_mobile_remote`, and of the teleoperators\n"
+        "`yam_remote_leader` and `bi_yam_remote_leader`, which have those of a robot or a teleoperator, too. See\n"
         "[two machines](two-machines.md).",
         RemoteOptions,
     ),

@@ -17,6 +17,7 @@ from lerobot_robot_yam.mobile.base_profile import (
 from lerobot_robot_yam.mobile.rail_config import RailConfig
 
 BASE = "base"  # word that names a base where commands take the profile of an arm
+BASE_PREFIX = "base_"  # of the base among the parts of a robot, as left_ is of the left arm
 _RATE_HZ = (100.0, 350.0)  # the stand-by would treat a slower loop as dead; the wire carries no faster one
 
 

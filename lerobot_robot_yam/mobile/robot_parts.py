@@ -9,8 +9,6 @@ from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 
 Part = ResolvedArm | ResolvedBase
-BASE = "base_"
-"""Prefix of the base among the parts of a robot."""
 
 
 def resolve(config: ArmConfig | BaseConfig) -> Part:

@@ -13,8 +13,7 @@ from typing import Any
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import ChannelInUseError, YamError
-from lerobot_robot_yam.mobile.base_config import BaseConfig
-from lerobot_robot_yam.mobile.robot_parts import BASE
+from lerobot_robot_yam.mobile.base_config import BASE_PREFIX, BaseConfig
 from lerobot_robot_yam.remote.host_question import Host, hello
 from lerobot_robot_yam.remote.hosted_device import keys_of
 from lerobot_robot_yam.remote.link import Link
@@ -70,7 +69,7 @@ def _show(host: Host, groups: dict[str, Any], ended: threading.Event) -> None:
     keys = keys_of(host, groups)
     configs: dict[int, tuple[str, ArmConfig | BaseConfig]] = {}
     for prefix, part in (row for group in groups.values() for row in group["parts"].items()):
-        options, kind = host.address.options(part["options"]), BaseConfig if prefix == BASE else ArmConfig
+        options, kind = host.address.options(part["options"]), BaseConfig if prefix == BASE_PREFIX else ArmConfig
         fields = {field.name for field in dataclasses.fields(kind)}
         config = kind(**{name: value for name, value in options.items() if name in fields})
         configs[part["number"]] = (keys[part["key"]], config)

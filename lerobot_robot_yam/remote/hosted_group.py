@@ -32,7 +32,7 @@ class HostedGroup:
     Args:
         role: "robot" or "teleop".
         device: LeRobot type name of the local device.
-        configs: prefix → config of the arm, in canonical order; a base has the prefix `robot_parts.BASE`.
+        configs: prefix → config of the arm, in canonical order; a base has the prefix `BASE_PREFIX`.
         options: prefix → options for clients, which build LeRobot's device from these options.
         first: number of this group's first part among all parts of the host.
         isolation: where the control loop runs, see `ArmSession`.

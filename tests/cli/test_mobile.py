@@ -9,6 +9,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_robot_yam.rig.control import running_rig
 from tests.cli.conftest import Commands, one_episode, options
+from tests.support.hosted import mobile_rig_file, running_host
 
 pytestmark = [pytest.mark.alone, pytest.mark.long]
 
@@ -31,6 +32,30 @@ def way(commands, name, *arguments):
     s, c = math.sin(before[2]), math.cos(before[2])
     turned = math.degrees(math.remainder(gone[2], math.tau))
     return np.array([c * gone[0] + s * gone[1], c * gone[1] - s * gone[0], turned])
+
+
+def test_a_drive_is_recorded_over_the_link(commands, tmp_path, monkeypatch):
+    """The base is another machine's, with its own runtime directory."""
+    (tmp_path / "workstation").mkdir(mode=0o700)
+    with running_host(mobile_rig_file(tmp_path, commands.rig), tmp_path) as host:
+        monkeypatch.setenv("YAM_RUNTIME_DIR", str(tmp_path / "workstation"))
+        recorded = way(
+            commands,
+            "lerobot-record",
+            *options(
+                robot={"type": "yam_base_remote", "host": host.address, "observe_odometry": "true"},
+                dataset=one_episode("link", tmp_path / "link", 6),
+            ),
+            "--teleop.discover_packages_path=tests.teleop_plugin",
+            "--teleop.type=drive",
+            "--play_sounds=false",
+        )
+        monkeypatch.undo()
+    dataset = LeRobotDataset("local/link", root=tmp_path / "link")
+    assert dataset.meta.robot_type == "yam_base"
+    last = dataset.select_columns("observation.state")[-1]["observation.state"].numpy()[3:]
+    assert recorded[0] > 0.4 and recorded[2] > 30.0
+    assert last == pytest.approx(recorded, abs=5.0) and last[:2] == pytest.approx(recorded[:2], abs=0.05)
 
 
 def test_a_recorded_drive_is_replayed_by_velocity_and_by_poses(commands, tmp_path):

@@ -13,8 +13,7 @@ import yaml
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.errors import LinkError
-from lerobot_robot_yam.mobile.base_config import BaseConfig
-from lerobot_robot_yam.mobile.robot_parts import BASE
+from lerobot_robot_yam.mobile.base_config import BASE_PREFIX, BaseConfig
 from lerobot_robot_yam.remote.host_address import HostAddress
 from lerobot_robot_yam.remote.host_question import Host, hello
 from lerobot_robot_yam.remote.host_server import HostServer
@@ -61,6 +60,20 @@ def rig_file(directory, rig, arms=FOLLOWERS + LEADERS, **leads):
             document[section] = {"type": f"yam_{role}", **next(iter(own.values()))}
     path = directory / "rig.yaml"
     path.write_text(yaml.safe_dump(document))
+    return path
+
+
+def mobile_rig_file(directory, rig, arms=()):
+    """The file of a rig with a base, alone or with these two followers."""
+    on_rig = {"interface": "yam_sim", "can_options": {"rig": rig.name}}
+    base = {"channel": BASE_CHANNEL, **on_rig}
+    robot = {"type": "yam_base", **base}
+    if arms:
+        own = {"gripper_stops_rad": STOPS, "gravity_factor": [1.0] * 6, **on_rig}
+        sides = {f"{name.rpartition('_')[2]}_arm_config": {"channel": name, **own} for name in arms}
+        robot = {"type": "yam_mobile", **sides, "base_config": base}
+    path = directory / "rig.yaml"
+    path.write_text(yaml.safe_dump({"robot": robot}))
     return path
 
 
@@ -131,7 +144,7 @@ class ServedArms:
             parts = dict(zip([""] if len(arms) == 1 else ["left_", "right_"], arms, strict=False))
             device = f"{'bi_' * (len(arms) == 2)}yam_{kind}"
             if role == "robot" and BASE_CHANNEL in channels:
-                parts[BASE] = base_on(rig, rail=rail)
+                parts[BASE_PREFIX] = base_on(rig, rail=rail)
                 device = "yam_mobile" if arms else "yam_base"
             if parts:
                 options = {prefix: dataclasses.asdict(part) for prefix, part in parts.items()}
@@ -164,4 +177,5 @@ class ServedArms:
 
 def configs_of(device):
     """Configurations of a hosted device's parts, as LeRobot's device of this computer makes them."""
-    return [(BaseConfig if prefix == BASE else ArmConfig)(**options) for prefix, options in device.options.items()]
+    kinds = {BASE_PREFIX: BaseConfig}
+    return [kinds.get(prefix, ArmConfig)(**options) for prefix, options in device.options.items()]

@@ -14,10 +14,10 @@ from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.doctor.kit.targets import calibration_root
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.devices.base_part import with_rail_file
 from lerobot_robot_yam.face.lerobot_command.config_refusal import arm_config
-from lerobot_robot_yam.mobile.base_config import BaseConfig
-from lerobot_robot_yam.mobile.robot_parts import BASE
-from lerobot_robot_yam.robot_options import BaseOptions, FollowerOptions, RobotOptions
+from lerobot_robot_yam.mobile.base_config import BASE_PREFIX, BaseConfig
+from lerobot_robot_yam.robot_options import BaseOptions, FollowerOptions, MobileOptions, RobotOptions
 from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.rig_file import RIG_TYPE, device_of
 from lerobot_robot_yam.system.strict_yaml import read_yaml
@@ -61,17 +61,12 @@ class _BaseRobotOptions(RobotOptions, BaseOptions):
     """Options of `yam_base`."""
 
 
-@dataclass(kw_only=True)
-class _MobileOptions(FollowerOptions, BaseOptions):
-    """Options of `yam_mobile`."""
-
-
 _TWO_FOLLOWERS: dict[str, Any] = {"left_": _FollowerArm, "right_": _FollowerArm}
 _ROBOTS: dict[str, Any] = {
     "yam_follower": (FollowerOptions, {"": _FollowerArm}),
     "bi_yam_follower": (FollowerOptions, _TWO_FOLLOWERS),
-    "yam_base": (_BaseRobotOptions, {BASE: BaseConfig}),
-    "yam_mobile": (_MobileOptions, {**_TWO_FOLLOWERS, BASE: BaseConfig}),
+    "yam_base": (_BaseRobotOptions, {BASE_PREFIX: BaseConfig}),
+    "yam_mobile": (MobileOptions, {**_TWO_FOLLOWERS, BASE_PREFIX: BaseConfig}),
 }
 _TELEOPERATORS: dict[str, Any] = {
     "yam_leader": (LeaderOptions, {"": LeaderArmConfig}),
@@ -116,10 +111,15 @@ def _device(path: Path, section: str) -> Device:
             check_leaders(kind, device, resolved)
     except (ConfigError, DraccusException) as error:
         raise ConfigError(f"{path}, {section}: {error}") from error
-    directory = Path(device.calibration_dir or calibration_root() / folder / kind) / "yam"
+    calibration_dir = Path(device.calibration_dir or calibration_root() / folder / kind)
     for prefix, arm in resolved.items():
         ident = f"{prefix}{device.id}" if device.id else arm.config.channel
-        arm.config.calibration_path = arm.config.calibration_path or str(directory / f"{ident}_gripper.json")
+        arm.config.calibration_path = arm.config.calibration_path or str(
+            calibration_dir / "yam" / f"{ident}_gripper.json"
+        )
+    for prefix, base in configs.items():
+        if isinstance(base, BaseConfig):
+            configs[prefix] = with_rail_file(base, calibration_dir, device.id)
     options = {prefix: {**_options(part), "name": configs[prefix].name} for prefix, part in parts.items()}
     return Device(section, kind, configs, options)
 
@@ -135,7 +135,7 @@ def _class_of(kind: str, whole: Any, parts: Mapping[str, Any]) -> Any:
 
 
 def _field(prefix: str) -> str:
-    return "base_config" if prefix == BASE else f"{prefix}arm_config"
+    return "base_config" if prefix == BASE_PREFIX else f"{prefix}arm_config"
 
 
 def _part(device: Any, prefix: str) -> Any:

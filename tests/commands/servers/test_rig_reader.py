@@ -12,11 +12,11 @@ from lerobot.teleoperators.config import TeleoperatorConfig
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.servers.rig_reader import read_rig
-from lerobot_robot_yam.config_yam_mobile import base_config
 from lerobot_robot_yam.doctor.kit.targets import calibration_root
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.face.devices.base_part import with_rail_file
 from lerobot_robot_yam.face.lerobot_command.config_refusal import arm_config, rig_device
-from lerobot_robot_yam.mobile.robot_parts import BASE
+from lerobot_robot_yam.mobile.base_config import BASE_PREFIX
 from lerobot_robot_yam.system.strict_yaml import read_yaml
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 from tests.support.hosted import rig_file
@@ -42,8 +42,9 @@ def by_lerobot(path, section):
     """What LeRobot's parser makes of a section: configs and options by prefix."""
     device = rig_device(REGISTRIES[section], section, {"file": str(path), "cameras": False})
     if device.type == "yam_base":
-        config = base_config(device)
-        return {BASE: config}, {BASE: dataclasses.asdict(config)}
+        directory = device.calibration_dir or calibration_root() / "robots" / "yam_base"
+        config = with_rail_file(device.base(), directory, device.id)
+        return {BASE_PREFIX: config}, {BASE_PREFIX: dataclasses.asdict(device.base())}
     folder, role = FOLDERS[section]
     directory = device.calibration_dir or calibration_root() / folder / device.type.replace("i2rt_", "")
     configs, options = {}, {}
@@ -55,8 +56,8 @@ def by_lerobot(path, section):
         options[prefix] = {name: value for name, value in dataclasses.asdict(arm).items() if name in fields}
         options[prefix]["name"] = config.name
     if device.type == "yam_mobile":
-        configs[BASE] = device.base()
-        options[BASE] = dataclasses.asdict(device.base())
+        configs[BASE_PREFIX] = with_rail_file(device.base(), directory, device.id)
+        options[BASE_PREFIX] = dataclasses.asdict(device.base())
     return configs, options
 
 
@@ -93,6 +94,7 @@ def test_the_run_configs_are_read_as_lerobot_reads_them(path):
             }
         },
         {"robot": {"type": "yam_base", **BASE_OPTIONS}},
+        {"robot": {"type": "yam_base", **BASE_OPTIONS, "rail": {"stroke_m": 1}, "rail_action": "pos"}},
         {"robot": {**MOBILE, "id": "lab"}},
         {"teleop": {"type": "yam_leader", **LEADER, "gate": "auto", "bilateral": 0.1, "calibration_dir": "/x"}},
         {

@@ -1,0 +1,79 @@
+"""A base, alone or with two arms, that another computer drives: LeRobot sees what it sees of a local one."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lerobot_robot_yam.config_yam_mobile import YamBaseRemoteConfig, YamMobileRemoteConfig
+from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
+from lerobot_robot_yam.rig.control import running_rig
+from lerobot_robot_yam.yam_mobile import YamBaseRemote, YamMobileRemote
+from tests.support.hosted import FOLLOWERS, mobile_rig_file, running_host
+
+pytestmark = [pytest.mark.long, pytest.mark.alone]
+
+SPEED = {"x.vel": 0.2, "y.vel": 0.0, "theta.vel": 10.0}
+
+
+def mapped(host):
+    """What the host's processes have loaded."""
+    pids = [host.process.pid]
+    for pid in pids:
+        for children in Path(f"/proc/{pid}/task").glob("*/children"):
+            pids += map(int, children.read_text().split())
+    return [Path(f"/proc/{pid}/maps").read_text() for pid in pids]
+
+
+def drive(robot, action, seconds):
+    begin = time.monotonic()
+    while time.monotonic() - begin < seconds:
+        robot.send_action(action)
+        time.sleep(0.03)
+    return robot.get_observation()
+
+
+def enabled(rig):
+    return any(motor["enabled"] for motor in rig.state()["base"]["motors"].values())
+
+
+def test_a_base_drives_over_the_link_and_its_host_loads_little(tmp_path):
+    with running_rig(scene="mobile") as rig, running_host(mobile_rig_file(tmp_path, rig), tmp_path) as host:
+        robot = YamBaseRemote(YamBaseRemoteConfig(host=str(host.address), observe_odometry=True))
+        assert robot.name == "yam_base" and list(robot.action_features) == list(SPEED) and robot.is_calibrated
+        robot.connect()
+        try:
+            seen = drive(robot, SPEED, 2.5)
+            assert seen["x.vel"] == pytest.approx(0.2, abs=0.05) and seen["theta.vel"] == pytest.approx(10.0, abs=3.0)
+            assert len(found := mapped(host)) >= 3
+            assert not any(name in maps for maps in found for name in ("torch", "libmujoco"))
+            time.sleep(0.25 + 0.2 / 0.25 + 0.3)  # without targets: time-out and planned braking
+            seen, pose = robot.get_observation(), rig.state()["base"]["pose"]
+            assert abs(seen["x.vel"]) < 0.01
+            assert seen["x.pos"] == pytest.approx(pose[0], abs=0.03) and pose[0] > 0.2
+        finally:
+            robot.disconnect()
+        assert not enabled(rig)
+
+
+def test_a_base_with_arms_drives_and_moves_over_the_link(tmp_path):
+    rigs = running_rig(scene="mobile_tables", arms=list(FOLLOWERS))
+    with rigs as rig, running_host(mobile_rig_file(tmp_path, rig, FOLLOWERS), tmp_path) as host:
+        with pytest.raises(RefusedConfigError, match="is a yam_mobile; its type here is yam_mobile_remote"):
+            YamBaseRemoteConfig(host=str(host.address))
+        robot = YamMobileRemote(YamMobileRemoteConfig(host=str(host.address)))
+        assert robot.name == "yam_mobile" and list(robot.action_features)[-3:] == list(SPEED)
+        before = np.array(rig.state()["base"]["pose"])
+        robot.connect()
+        try:
+            seen = robot.get_observation()
+            arms = {name: seen[name] for name in robot.action_features if name.endswith(".pos")}
+            arms["left_joint_2.pos"] += 0.3
+            seen = drive(robot, arms | SPEED, 2.5)
+            assert seen["left_joint_2.pos"] == pytest.approx(arms["left_joint_2.pos"], abs=0.1)
+            assert seen["x.vel"] == pytest.approx(0.2, abs=0.05)
+            assert np.linalg.norm((np.array(rig.state()["base"]["pose"]) - before)[:2]) > 0.2
+        finally:
+            robot.disconnect()
+        assert not enabled(rig)
