@@ -5,6 +5,7 @@ from typing import Literal
 
 from lerobot.teleoperators.config import TeleoperatorConfig
 
+from lerobot_robot_yam.arm.config import VIRTUAL
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.driving.drive_options import DriveOptions, PadOptions, refuse_drive
@@ -18,9 +19,9 @@ from lerobot_teleoperator_yam.leader_options import BUTTON_OPTIONS, LeaderArmCon
 class YamMobileLeaderConfig(BiYamLeaderConfig, DriveOptions, PadOptions):
     """Two leader arms, every option of `bi_yam_leader`; and a gamepad or a handle that drives the base."""
 
-    drive: Literal["pad", "left", "right"] = option(
+    drive: Literal["pad", "left", "right", "rig"] = option(
         "what drives the base: a gamepad; or the left or right leader's handle while drive_button is held, and its "
-        "follower stays",
+        "follower stays; or the scripted operator of the virtual rig",
         "pad",
     )
     drive_button: Literal["top", "bottom"] = option("button of the handle, with drive: left or right", "top")
@@ -31,7 +32,7 @@ class YamMobileLeaderConfig(BiYamLeaderConfig, DriveOptions, PadOptions):
 
     @property
     def driver(self) -> LeaderArmConfig | None:
-        """The leader whose handle drives; None: a gamepad drives."""
+        """The leader whose handle drives; None: none does."""
         return {"left": self.left_arm_config, "right": self.right_arm_config}.get(self.drive)
 
     def check_handle(self, device: str) -> None:
@@ -40,8 +41,10 @@ class YamMobileLeaderConfig(BiYamLeaderConfig, DriveOptions, PadOptions):
 
         if self.action_space == "delta":
             raise ConfigError(f"{device}: action_space: delta is for one arm without a base")
-        if self.drive not in ("pad", "left", "right") or self.drive_button not in ("top", "bottom"):
-            raise ConfigError(f"{device}: drive is pad, left or right, and drive_button top or bottom")
+        if self.drive not in ("pad", "left", "right", "rig") or self.drive_button not in ("top", "bottom"):
+            raise ConfigError(f"{device}: drive is pad, left, right or rig, and drive_button top or bottom")
+        if self.drive == "rig" and self.left_arm_config.interface not in (VIRTUAL, "yam_lockstep"):
+            raise ConfigError(f"{device}: drive: rig is for leaders of the virtual rig; choose pad, left or right")
         if self.driver is None:
             return
         if not load_gripper(self.driver.gripper).handle_encoder:

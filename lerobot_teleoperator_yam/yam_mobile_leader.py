@@ -10,6 +10,7 @@ from lerobot_robot_yam.arm.mounting import resolve_profiles
 from lerobot_robot_yam.face.driving.base_drive import Asked, BaseDrive
 from lerobot_robot_yam.face.driving.handle_drive import HandleDrive
 from lerobot_robot_yam.face.driving.pad_watch import PadWatch
+from lerobot_robot_yam.face.driving.rig_drive import RigDrive
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_teleoperator_yam.config_yam_mobile_leader import YamMobileLeaderConfig
@@ -27,6 +28,9 @@ class YamMobileLeader(LeaderBase):
         super().__init__(config)
         self._watch: PadWatch | None = None
         self._handle: HandleDrive | None = None
+        self._rig: RigDrive | None = None
+        if config.drive == "rig":
+            self._rig = RigDrive(config.left_arm_config.can_options.get("rig"), config.speed)
         self._prefix = f"{config.drive}_"
         if (driver := config.driver) is not None:
             models = resolve_profiles(driver.arm, driver.gripper)
@@ -50,7 +54,7 @@ class YamMobileLeader(LeaderBase):
         self._drive, self._frozen = BaseDrive(self.name, self.config, stop), {}
         if self._handle is not None:
             self._handle.forget()
-        elif calibrate:
+        elif self.config.drive == "pad" and calibrate:
             self._watch = watch_pad(self.name, self.config, self.config.calibration_dir, stop)
         try:
             if self._watch is not None:
@@ -67,6 +71,8 @@ class YamMobileLeader(LeaderBase):
             super().disconnect()
         finally:
             self._close_pad()
+            if self._rig is not None:
+                self._rig.close()
 
     def _close_pad(self) -> None:
         watch, self._watch = self._watch, None
@@ -88,6 +94,8 @@ class YamMobileLeader(LeaderBase):
         return action | self._drive.action(self._asked(action)) | self._frozen
 
     def _asked(self, action: Mapping[str, float]) -> Asked:
+        if self._rig is not None:
+            return self._rig.asked()
         if self._watch is not None:
             return self._watch.asked()
         if self._handle is None:  # connected for a calibration

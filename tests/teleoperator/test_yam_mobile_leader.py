@@ -176,6 +176,18 @@ def test_a_handle_leads_again_when_its_button_is_let_go(tmp_path):
 
 
 @pytest.mark.long
+def test_the_rigs_operator_drives_by_what_it_asks(rig, tmp_path):
+    with Pair(rig, tmp_path, drive="rig") as pair:
+        assert pair.run(0.1)["x.vel"] == 0.0
+        for _ in range(10):
+            rig.ask_drive([-0.2, 0.0, 0.3])
+            action = pair.run(0.1)
+        assert [action["x.vel"], action["theta.vel"]] == pytest.approx([-0.2, np.degrees(0.3)])
+        assert pair.base()[0] < -0.1 and pair.base()[2] > 0.15
+        pair.run(0.4)  # nobody asks any more
+        assert pair.run(0.1)["x.vel"] == 0.0
+
+
 def test_a_handle_drives_while_its_button_is_held_and_its_follower_stays(rig, tmp_path):
     with Pair(rig, tmp_path, drive="left") as pair:
         for side in SIDES:
@@ -210,7 +222,8 @@ def test_a_pushed_stick_energises_no_leader(rig, pad, tmp_path):
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        ({"drive": "both"}, "drive is pad, left or right"),
+        ({"drive": "both"}, "drive is pad, left, right or rig"),
+        ({"drive": "rig", "arms": {"interface": "socketcan"}}, "drive: rig is for leaders of the virtual rig"),
         ({"drive": "left", "arms": {"gripper": "no_gripper"}}, "the left leader has no teaching handle"),
         ({"drive": "left", "drive_button": "bottom", "buttons": "record"}, "drive_button and buttons"),
         ({"drive": "right", "arms": {"estop_button": "top"}}, "drive_button and estop_button"),
