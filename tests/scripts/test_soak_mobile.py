@@ -11,19 +11,20 @@ SECONDS, PACE = 6.0, 6.0
 def mobile(monkeypatch):
     monkeypatch.syspath_prepend(str(SCRIPTS))
     import soak.mobile
+    import soak.mobile_judge
 
-    return soak.mobile
+    return soak
 
 
 @pytest.mark.long
 def test_a_short_run_keeps_every_promise(mobile):
-    report = mobile.soak_mobile(SECONDS / 60.0, 3, PACE)
+    report = mobile.mobile.soak_mobile(SECONDS / 60.0, 3, PACE)
     assert report["violations"] == []
     assert sum(report["injected"].values()) > 20 and report["caller"]["counts"]["connected"] >= 1
 
 
 @pytest.mark.long
 def test_the_judge_sees_a_base_that_accelerates_too_fast(mobile, monkeypatch):
-    monkeypatch.setattr(mobile, "HARD_CAP_ACCELERATION", (0.1, 0.1, 0.1))
-    report = mobile.soak_mobile(SECONDS / 60.0, 3, 0.01)
+    monkeypatch.setattr(mobile.mobile_judge, "HARD_CAP_ACCELERATION", (0.1, 0.1, 0.1))
+    report = mobile.mobile.soak_mobile(SECONDS / 60.0, 3, 0.01)
     assert {row["violation"] for row in report["violations"]} == {"acceleration"}

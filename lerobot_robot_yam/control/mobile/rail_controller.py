@@ -43,6 +43,7 @@ _MISSED = 3  # commands in a row without a reply after which the brake is engage
 _REST_RAD_S = 0.2  # rate below which the carriage counts as at rest, rad/s
 _SLIP_M, _USUAL_M_PER_RAD = 0.001, 0.03  # motion without torque that means that the brake slips, m; scale before homing
 _WATCH_S = 0.4  # time that the carriage is watched after torque was cut, s
+_REGAIN_S = 0.5  # time for enabling the motor again once the brake slips, s; a motor that fails is off by then
 _HOMING_RAD_S2 = 20.0  # acceleration while it homes, rad/s²
 _FAR_RAD = 1e4  # beyond the end of any rail, rad
 _MOVES = (Mode.HOLD, Mode.TRACK)
@@ -275,8 +276,10 @@ class RailController:
             yield
             now = self._clock.now()
         self._leaving = False
-        while self._slipped and not self._enabled:
-            self._motors.instead = {RAIL: SpecialCommand.ENABLE}
+        until_s = self._clock.now() + _REGAIN_S
+        while self._slipped and not self._enabled and self._clock.now() < until_s:
+            off = self._chain.fault[RAIL] == Fault.DISABLED
+            self._motors.instead = {RAIL: SpecialCommand.ENABLE if off else SpecialCommand.CLEAR}
             yield
         why = "its brake does not hold" if self._slipped else "its brake is not confirmed to be engaged"
         what = f"{self.name}: rail: {why}, so the motor holds the carriage, and torque is not cut; support the load"
