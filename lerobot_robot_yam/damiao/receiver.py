@@ -94,12 +94,15 @@ class FeedbackStore:
     def assume(self, position_rad: np.ndarray, velocity_rad_s: np.ndarray, sampled_s: np.ndarray) -> None:
         """Assume the positions that motors had at their last known samples, (n,) in motor coordinates.
 
-        These positions are the motors' state until they reply, and their first readings are compared with them.
+        These positions are the motors' state until they reply. Their first readings are compared with them, and count
+        the turns from there.
         """
         rows = zip(position_rad.tolist(), velocity_rad_s.tolist(), sampled_s.tolist(), strict=True)
         for index, (q, dq, at_s) in enumerate(rows):
             if math.isfinite(at_s):
                 self._judge.assume(index, q, dq, at_s)
+                if math.isfinite(half := self._half[index]):
+                    self._turn_rad[index], self._fresh[index] = 2.0 * half * round(q / (2.0 * half)), False
             row = self._newest[index]
             if row[5] == -math.inf:  # never sampled
                 self._newest[index] = (q, *row[1:])

@@ -63,3 +63,17 @@ def test_a_fault_of_the_arm_stops_the_base_until_both_are_re_armed(robot):
         base.write_velocity([-0.3, 0.0, 0.0])
         session.clock.sleep(0.05)
     assert base.observe().twist[0] == pytest.approx(-0.3, abs=0.03)
+
+
+def test_the_base_keeps_its_torque_until_the_arm_has_landed(robot):
+    rig, session = robot
+    for _ in range(40):
+        session[ARM].write_target([0.0, 1.2, 1.2, 0.0, 0.0, 0.0], 0.5)
+        session.clock.sleep(0.05)
+    session.begin_stop()
+    off = {}
+    while len(off) < 2:
+        session.clock.sleep(0.02)
+        modes = {"base": session.base("base").mode(), ARM: session[ARM].mode()}
+        off |= {name: session.clock.now() for name, mode in modes.items() if mode is Mode.OFF and name not in off}
+    assert off["base"] >= off[ARM] and list(off)[0] == ARM

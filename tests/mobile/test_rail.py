@@ -4,6 +4,7 @@ import contextlib
 import json
 import math
 
+import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError, MotorError
@@ -305,3 +306,28 @@ def test_a_base_without_a_rail(rail):
         with pytest.raises(ConfigError, match="has no rail"):
             base.set_rail_velocity(0.1)
         assert base.observe().rail is None
+
+
+def test_a_motor_that_forgot_its_turns_has_to_home_again(rail, base):
+    lift(base, 0.4, 1.0)
+    base.clock.sleep(1.2)
+    motor = next(one for one in rail.rig.device.channels["base"].motors if one.name == "rail")
+    rail.rig.fault("base", "rail", "power", False)
+    base.clock.sleep(1.0)
+    motor.zero_rad -= 4.0 * math.pi
+    rail.rig.fault("base", "rail", "power", True)
+    base.clock.sleep(0.5)
+    base.rearm()
+    assert not base.rail_state().homed
+    with pytest.raises(LifeCycleError, match="is not homed"):
+        base.set_rail_height(0.1)
+
+
+def test_the_base_takes_no_target_while_its_rail_homes(rail, base):
+    client = base._client
+    client.ask(BaseRequest.HOME_RAIL)
+    base.clock.sleep(0.5)
+    base.set_target_velocity([0.2, 0.0, 0.0])
+    base.clock.sleep(0.6)
+    state = base.observe()
+    assert state.rail.homing and np.abs(state.planned).max() == 0.0

@@ -94,7 +94,8 @@ def test_a_name_that_is_taken_costs_that_name_only(tmp_path):
     spares = {f"{bi}i2rt_yam_{kind}" for bi in ("", "bi_") for kind in ("follower", "leader")}
     kinds = ("hand_guide", "passive_leader", "remote", "remote_leader")
     others = {f"{bi}yam_{kind}" for bi in ("", "bi_") for kind in kinds}
-    others |= {"yam_base", "yam_gamepad", "yam_base_keys", "yam_mobile_leader"}
+    others |= {"yam_base", "yam_mobile", "yam_base_remote", "yam_mobile_remote"}
+    others |= {"yam_gamepad", "yam_base_keys", "yam_mobile_leader"}
     assert set(held) - theirs == spares | others | {"bi_yam_follower", "yam_leader", "yam_rig"}
     said = [line for line in done.stderr.splitlines() if "lerobot_robot_theirs 1.2" in line]
     assert len(said) == 2

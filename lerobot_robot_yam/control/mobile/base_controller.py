@@ -7,12 +7,13 @@ if that takes too long, and then cuts torque. A rail, if there is one, decides b
 
 import logging
 import math
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 
 import can
 import numpy as np
 
 from lerobot_robot_yam.control.arm_status import ArmStatus
+from lerobot_robot_yam.control.mobile.base_exit import BaseExit
 from lerobot_robot_yam.control.mobile.base_heat import BaseHeat
 from lerobot_robot_yam.control.mobile.base_motors import CASTER_MOTORS, STEER, BaseMotors
 from lerobot_robot_yam.control.mobile.base_rearm import BaseRearm
@@ -21,7 +22,7 @@ from lerobot_robot_yam.control.mobile.rail_monitor import Finding
 from lerobot_robot_yam.control.mobile.steering_monitor import SteeringMonitor
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import BusError, LifeCycleError
-from lerobot_robot_yam.mobile.base_motion import REST, BaseMotion, Target
+from lerobot_robot_yam.mobile.base_motion import REST, BaseMotion, Frame, Target
 from lerobot_robot_yam.mobile.rail_profile import RailTarget
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.state.base_records import BaseRequest
@@ -46,6 +47,7 @@ class BaseController:
 
     Attributes:
         motion: plan and odometry.
+        peers: statuses of the other parts of the robot; the base keeps its torque until they are off.
         motors: the motors. rail: the rail, None without one.
     """
 
@@ -65,7 +67,8 @@ class BaseController:
         self._rests_s = math.inf  # time since which a landing base is at rest
         self._until_s = math.inf  # when braking as usual ends at the latest
         self._rearm = BaseRearm(self.status, self.motors, self._restart)
-        self._leaving: Generator[None, None, Finding | None] | None = None  # the way to OFF
+        self._exit = BaseExit(self.status, self.motors, self.rail)
+        self.peers: list[ArmStatus] = []  # the other parts of the robot
         self._news: Trouble | None = None
 
     @property
@@ -104,10 +107,13 @@ class BaseController:
 
     def adopt(self, record: np.ndarray, now: float) -> None:
         """Take over from a loop that has died: brake, then cut torque. `record`: the last state that it published."""
-        self.motors.adopt(record)
+        try:
+            self.motors.adopt(record)
+        except BusError as error:  # the brake of the rail has to be engaged all the same
+            logger.critical("%s: %s", self.name, error)
         if self.rail is not None:
             self.rail.adopt(record)
-        if not (self.chain.fault == Fault.NORMAL).any():
+        if np.isfinite(self.chain.stamp_s).all() and not (self.chain.fault == Fault.NORMAL).any():
             self.status.enter(Mode.OFF)
             return
         self.motion.odometry.pose = record["pose"].copy()
@@ -140,7 +146,7 @@ class BaseController:
         self.motors.read()
         rail = None if self.rail is None else self.rail.measure(now)
         if self.status.letting_go:
-            self._let_go()
+            self._heed(self._exit.advance())
             return
         self._measure_way()
         channel = self.motors.watch.check(now)
@@ -188,7 +194,7 @@ class BaseController:
                 status.limited |= Limited.COMMAND_TIMEOUT
                 logger.info("%s: no target for %g s; it brakes", self.name, self.config.command_timeout_s)
                 self._rest(Mode.HOLD)
-        elif status.mode is Mode.LAND:
+        elif status.mode is Mode.LAND and all(peer.ended for peer in self.peers):
             self._rests_s = min(self._rests_s, now) if self._at_rest() else math.inf
             if now - self._rests_s > _SETTLE_S or now > self._until_s + _HARD_BRAKE_S:
                 self._switch_off()
@@ -196,7 +202,9 @@ class BaseController:
     def set_target(self, target: Target | RailTarget, now: float, age_s: float) -> bool:
         """Accept a target given `age_s` ago, if the base holds or tracks; return whether it does."""
         status = self.status
-        if status.mode not in (Mode.HOLD, Mode.TRACK) or status.halted or age_s > self.config.command_timeout_s:
+        homing = self.rail is not None and self.rail.homing
+        fresh = age_s <= self.config.command_timeout_s  # False for NaN
+        if status.mode not in (Mode.HOLD, Mode.TRACK) or status.halted or homing or not fresh:
             return False
         if isinstance(target, Target):
             self._target, self._target_s = target, now - age_s
@@ -237,6 +245,7 @@ class BaseController:
             if status.mode is Mode.TRACK and self._target.pose:
                 raise LifeCycleError(f"{self.name}: drives to a pose of the odometry; let it hold first")
             self.motion.reset_odometry()
+            self._target = self._target if self._target.frame is Frame.LOCAL else REST  # it was of the frame before
         elif request is BaseRequest.REARM:
             self._rearm.begin()
         elif status.mode is Mode.FAULT:
@@ -285,28 +294,12 @@ class BaseController:
             self._land(now, self.status.trouble, self.status.message)
 
     def _switch_off(self) -> None:
-        self.status.check(Mode.OFF)
-        self.status.letting_go, self._leaving = True, self._leave()
-        self._let_go()
+        self._heed(self._exit.begin())
 
-    def _leave(self) -> Generator[None, None, Finding | None]:
-        """Cut torque, first that of the rail. Return why the base goes on instead."""
-        finding = None if self.rail is None else (yield from self.rail.let_go())
-        if finding is None:
-            yield from self.motors.switch_off()
-        return finding
-
-    def _let_go(self) -> None:
-        """Advance switching off by one tick."""
-        assert self._leaving is not None
-        try:
-            next(self._leaving)
-        except StopIteration as end:
-            self.status.letting_go = False
-            if end.value is None:
-                self.status.enter(Mode.OFF)
-            else:
-                self._fault(*end.value)
+    def _heed(self, finding: Finding | None) -> None:
+        """Hold after all, if switching off has found a reason."""
+        if finding is not None:
+            self._fault(*finding)
 
     def _suffer(self, trouble: Trouble, message: str) -> None:
         """Brake and hold with every motor that still obeys, and inform the other parts of the robot."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Generator
 import numpy as np
 
 from lerobot_robot_yam.control.arm_status import ArmStatus
+from lerobot_robot_yam.control.fault_response import RELEASE_FIRST
 from lerobot_robot_yam.control.mobile.base_motors import BaseMotors
 from lerobot_robot_yam.errors import LifeCycleError, YamError
 from lerobot_robot_yam.state.faults import RESPONSES
@@ -31,6 +32,8 @@ class BaseRearm:
             status.halted = False
             return
         assert status.trouble is not None
+        if status.stopped:  # re-arming releases the brake of the rail
+            raise LifeCycleError(f"{status.name}: {status.message}; {RELEASE_FIRST}")
         rule = RESPONSES[status.trouble]
         if not rule.in_place:
             raise LifeCycleError(f"{status.name}: {status.message}; {rule.rearm}")

@@ -43,6 +43,9 @@ _MISSED = 3  # commands in a row without a reply after which the brake is engage
 _REST_RAD_S = 0.2  # rate below which the carriage counts as at rest, rad/s
 _SLIP_M, _USUAL_M_PER_RAD = 0.001, 0.03  # motion without torque that means that the brake slips, m; scale before homing
 _WATCH_S = 0.4  # time that the carriage is watched after torque was cut, s
+_KNOWN_RAD = (
+    0.5  # motion during a fault, rad, beyond which the height is not trusted: a motor without power forgets turns
+)
 _REGAIN_S = 0.5  # time for enabling the motor again once the brake slips, s; a motor that fails is off by then
 _HOMING_RAD_S2 = 20.0  # acceleration while it homes, rad/s²
 _FAR_RAD = 1e4  # beyond the end of any rail, rad
@@ -283,10 +286,13 @@ class RailController:
             yield
         why = "its brake does not hold" if self._slipped else "its brake is not confirmed to be engaged"
         what = f"{self.name}: rail: {why}, so the motor holds the carriage, and torque is not cut; support the load"
-        return (Trouble.RAIL_BRAKE, what) if self._enabled else None
+        heard = math.isfinite(self._chain.stamp_s[RAIL])
+        return (Trouble.RAIL_BRAKE, what) if self._enabled or not heard else None
 
     def rearm(self) -> None:
-        """Hold with the motor and release the brake again, after a fault."""
+        """Hold with the motor and release the brake again, after a fault; a motor that lost its turns has to home."""
+        if self._place is not None and abs(self.q - self._place) > _KNOWN_RAD:
+            self.scale = None
         self._slipped, self._leaving, self._place = False, False, None
         self._motion.restart(self.q)
 

@@ -37,6 +37,13 @@ def make_blocks(controller: PartController, key: str, pair: BlockPair, adopt: np
     return ControllerBlocks(controller, key, pair, adopt)
 
 
+def introduce(controllers: Sequence[PartController]) -> None:
+    """Tell each base of the other parts of its robot: it keeps its torque until they are off."""
+    for base in controllers:
+        if isinstance(base, BaseController):
+            base.peers = [other.status for other in controllers if other is not base]
+
+
 def build(parts: Sequence[Part], keys: Sequence[str], buses: Sequence, pairs: Sequence[BlockPair]) -> ControlLoop:
     """Create and inspect controllers on open buses, so that errors are found before any part has torque.
 
@@ -45,6 +52,7 @@ def build(parts: Sequence[Part], keys: Sequence[str], buses: Sequence, pairs: Se
     """
     arms = [part for part in parts if isinstance(part, ResolvedArm)]
     controllers = [make_controller(part, bus) for part, bus in zip(parts, buses, strict=True)]
+    introduce(controllers)
     armed = [controller for controller in controllers if isinstance(controller, ArmController)]
     for controller, lead in zip(armed, make_leads(arms), strict=True):
         controller.lead = lead

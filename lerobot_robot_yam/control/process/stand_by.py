@@ -25,7 +25,7 @@ from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.mobile import rail_boards
 from lerobot_robot_yam.control.preflight.open_bus import load_driver, open_bus
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd
-from lerobot_robot_yam.control.process.robot_loop import make_blocks, make_controller
+from lerobot_robot_yam.control.process.robot_loop import introduce, make_blocks, make_controller
 from lerobot_robot_yam.damiao.handle_encoder import HANDLE_IDS
 from lerobot_robot_yam.errors import ChannelInUseError
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
@@ -160,6 +160,7 @@ class StandBy:
                 logger.critical("%s cannot be taken over: %s", arm.name, error)
         try:
             if controllers:
+                introduce(controllers)
                 loop = ControlLoop(controllers, blocks, self._arms[0].config.rate_hz, stop=self._stop)
                 logger.error("taken over within %.0f ms", (time.monotonic() - begin) * 1e3)
                 try:
