@@ -82,7 +82,7 @@ def test_configs_parse_and_fit_together(name, tmp_path):
     device = config.env.robot if name.endswith("/eval") else config.robot
     device.calibration_dir = tmp_path
     robot = make_robot_from_config(device)
-    assert len(robot.action_features) == (7 if robot.name == "yam_follower" else 14)
+    assert len(robot.action_features) == {"yam_follower": 7, "yam_mobile": 17}.get(robot.name, 14)
     teleop = getattr(config, "teleop", None)
     if teleop is not None:
         teleop.calibration_dir = tmp_path
@@ -101,14 +101,17 @@ def test_what_is_trained_fits_what_is_evaluated():
 
 @pytest.mark.parametrize("name", [name for name in OF_DEVICES if name.startswith("sim/")])
 def test_sim_configs_name_what_the_scene_has(name):
-    config, scene = parse(name), load_scene()
+    config = parse(name)
     devices = [config.robot, *([config.teleop] if getattr(config, "teleop", None) else [])]
+    arms = [arm for device in devices if hasattr(device, "arms") for arm in device.arms().values()]  # a hand has none
+    (world,) = {arm.can_options["scene"] for arm in arms if "scene" in arm.can_options} or {None}
+    scene = load_scene(world)
     for device in devices:
-        for arm in device.arms().values() if hasattr(device, "arms") else ():  # a hand has none of its own
+        for arm in device.arms().values() if hasattr(device, "arms") else ():
             placed = next(a for a in scene.arms if a.channel == arm.channel)
             assert (arm.interface, arm.arm, arm.gripper) == ("yam_sim", placed.arm, placed.gripper)
             assert getattr(arm, "gravity_factor", [1.0] * 6) == [1.0] * 6  # a leader without motors weighs nothing
-            load_scene(options={k: v for k, v in arm.can_options.items() if k not in ("rig", "scene")})
+            load_scene(world, {k: v for k, v in arm.can_options.items() if k not in ("rig", "scene")})
     for camera in config.robot.cameras.values():
         assert camera.camera in [c.name for c in scene.cameras]
 
