@@ -1,8 +1,11 @@
 """The vendor's USB-GPIO converter on a pseudo-terminal, after the frames that the maker documents."""
 
 import contextlib
+import fcntl
 import os
 import select
+import struct
+import termios
 import threading
 import tty
 
@@ -13,6 +16,7 @@ class Converter:
     Attributes:
         inputs: channel → level. outputs: channel → level, as set.
         deaf: whether it answers nothing. mutes: number of the next requests that it does not answer.
+        leaving: whether it is unplugged once its next reading has been taken.
     """
 
     def __init__(self):
@@ -21,6 +25,7 @@ class Converter:
         self.port, self._near = os.ttyname(near), near
         self.inputs, self.outputs = {1: 0, 2: 0}, {}
         self.deaf, self.mutes, self.asked = False, 0, []
+        self.leaving = False
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._serve)
         self._thread.start()
@@ -39,7 +44,7 @@ class Converter:
 
     def _serve(self):
         heard = b""
-        while not self._ended.is_set():
+        while not self._ended.is_set() and not self._gone():
             if not select.select([self._far], [], [], 0.02)[0]:
                 continue
             heard += os.read(self._far, 64)
@@ -50,6 +55,15 @@ class Converter:
                     self.mutes = max(self.mutes - 1, 0)
                     continue
                 os.write(self._far, self._answer(request))
+
+    def _gone(self):
+        """Leave between two readings: the far end closes while nobody reads the near one."""
+        if not self.leaving or self.asked[-1:] != [b"\x5b\x01\x02\x00"]:
+            return False
+        while struct.unpack("i", fcntl.ioctl(self._near, termios.FIONREAD, bytes(4)))[0]:
+            pass
+        os.close(self._far)
+        return True
 
     def _answer(self, request):
         if request[0] == 0x3A:

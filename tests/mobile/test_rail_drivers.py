@@ -1,17 +1,19 @@
 """The drivers of switches and brake: the USB converter on a pseudo-terminal, the pins with gpiozero's own mock."""
 
 import contextlib
+import os
 import time
 
 import gpiozero
 import pytest
-from gpiozero.pins.mock import MockFactory
+from gpiozero.pins.mock import MockFactory, MockPin
 
 from lerobot_robot_yam.control.mobile.rail_boards import open_board
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.mobile.rail_config import RailConfig
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
+from lerobot_robot_yam.system.boards.awaited_board import AwaitedBoard
 from tests.mobile.converter import Converter
 from tests.support.waiting import wait
 
@@ -75,6 +77,23 @@ def test_a_converter_that_restarts_is_told_anew_what_the_brake_shall_do(converte
     wait(lambda: converter.outputs == {3: 1})
 
 
+@pytest.mark.parametrize("_", range(3))  # the driver could begin its next reading before the port is gone
+def test_a_converter_that_is_unplugged_between_two_readings_comes_back(tmp_path, converter, _):
+    port = tmp_path / "rail"
+    port.symlink_to(converter.port)
+    with contextlib.closing(opened(io="usb_gpio", port=str(port))) as driver:
+        driver.set_brake(False)
+        wait(lambda: driver.read().brake_on is False)
+        converter.leaving = True
+        wait(lambda: not os.path.exists(port))
+        driver.set_brake(True)
+        with contextlib.closing(Converter()) as again:
+            port.unlink()
+            port.symlink_to(again.port)
+            wait(lambda: driver.read().brake_on is True)
+            assert again.outputs == {3: 0}
+
+
 def test_the_brake_is_set_before_the_end(converter, usb):
     usb.set_brake(False)
     wait(lambda: usb.read().brake_on is False)
@@ -88,25 +107,56 @@ def test_a_port_that_is_none_is_named(tmp_path):
         opened(io="usb_gpio", port="/dev/none")
 
 
-def test_pins():
+@pytest.fixture
+def pins():
+    """gpiozero's pins of no hardware."""
     before, gpiozero.Device.pin_factory = gpiozero.Device.pin_factory, MockFactory()
-    try:
-        with contextlib.closing(opened(io="gpio")) as driver:
-            upper, lower, brake = (gpiozero.Device.pin_factory.pin(number) for number in (5, 6, 12))
-            assert upper.pull == lower.pull == "up" and brake.function == "output" and brake.state == 0
-            assert driver.read()[:3] == (True, True, True)  # open wires
-            upper.drive_low()
-            lower.drive_low()
-            assert driver.read()[:3] == (False, False, True)
-            upper.drive_high()
-            driver.set_brake(False)
-            assert driver.read()[:3] == (True, False, False) and brake.state == 1
-            assert time.monotonic() - driver.read().stamp_s < 1.0
-            with pytest.raises(ConfigError, match=r"pins \[5, 6, 12\] cannot be opened: .*in use"):
-                opened(io="gpio")
-    finally:
-        gpiozero.Device.pin_factory.reset()
-        gpiozero.Device.pin_factory = before
+    yield gpiozero.Device.pin_factory
+    gpiozero.Device.pin_factory.reset()
+    gpiozero.Device.pin_factory = before
+
+
+def test_pins(pins):
+    with contextlib.closing(opened(io="gpio")) as driver:
+        upper, lower, brake = map(pins.pin, (5, 6, 12))
+        assert upper.pull == lower.pull == "up" and brake.function == "output" and brake.state == 0
+        assert driver.read()[:3] == (True, True, True)  # open wires
+        upper.drive_low()
+        lower.drive_low()
+        assert driver.read()[:3] == (False, False, True)
+        upper.drive_high()
+        driver.set_brake(False)
+        assert driver.read()[:3] == (True, False, False) and brake.state == 1
+        assert time.monotonic() - driver.read().stamp_s < 1.0
+        with pytest.raises(ConfigError, match=r"pins \[5, 6, 12\] cannot be opened: .*in use"):
+            opened(io="gpio")
+
+
+class LineError(Exception):
+    """An error as lgpio has it: it derives from nothing but Exception."""
+
+
+class BusyPin(MockPin):
+    """A pin, the brake's of which another process holds at first."""
+
+    busy = True
+
+    def __init__(self, factory, info):
+        if self.busy and info.name == "GPIO12":
+            raise LineError("GPIO busy")
+        super().__init__(factory, info)
+
+
+def test_pins_that_a_dying_process_holds_are_refused_or_awaited(pins, monkeypatch, caplog):
+    pins.pin_class = BusyPin
+    with pytest.raises(ConfigError, match=r"pins \[5, 6, 12\] cannot be opened: GPIO busy"):
+        opened(io="gpio")
+    with contextlib.closing(AwaitedBoard("rail", lambda: opened(io="gpio"))) as driver:
+        wait(lambda: "the motor holds until its brake can be engaged" in caplog.text)
+        assert driver.read().brake_on is None
+        monkeypatch.setattr(BusyPin, "busy", False)
+        wait(lambda: driver.read().brake_on is True)
+        assert pins.pin(12).function == "output" and pins.pin(12).state == 0
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from lerobot_robot_yam.control.mobile.rail_homing import seek
 from lerobot_robot_yam.control.mobile.rail_monitor import Finding, RailMonitor
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.errors import LifeCycleError, MotorError, YamError
+from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.mobile.rail_motion import RailMotion
 from lerobot_robot_yam.mobile.rail_profile import (
     HOMING_RAD_S,
@@ -33,6 +33,7 @@ from lerobot_robot_yam.mobile.rail_profile import (
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.system.boards.awaited_board import AwaitedBoard
 from lerobot_robot_yam.system.boards.switch_board import LostBoard, SwitchBoard
 
 logger = logging.getLogger(__name__)
@@ -129,11 +130,11 @@ class RailController:
         self.scale = None if self._calibration is None else self._calibration.scale(self.q)
 
     def adopt(self, record: np.ndarray) -> None:
-        """Take over from a loop that has died: engage the brake and stop. record: its last state."""
-        try:
-            self._io = open_board(self._hardware)
-        except YamError as error:
-            logger.critical("%s: the motor goes on holding: %s", self.name, error)
+        """Take over from a loop that has died: engage the brake, once its process is gone, and stop.
+
+        record: its last state.
+        """
+        self._io = AwaitedBoard(f"{self.name}: rail", lambda: open_board(self._hardware))
         if record["rail_homed"]:
             self.scale = RailScale(float(record["rail_m_per_rad"]), float(record["rail_zero_rad"]))
             travel_rad = self._config.stroke_m / self.scale.metres_per_rad

@@ -1,5 +1,6 @@
 """Switches and brake on the pins of a Raspberry Pi, by gpiozero, which finds the libraries of each model."""
 
+import contextlib
 import time
 
 import gpiozero
@@ -16,8 +17,14 @@ class GpioBoard:
     """
 
     def __init__(self, pins: tuple[int, ...]):
-        self._upper, self._lower = (gpiozero.DigitalInputDevice(pin, pull_up=True) for pin in pins[:2])
-        self._brake = gpiozero.DigitalOutputDevice(pins[2], active_high=True, initial_value=False)
+        with contextlib.ExitStack() as opened:  # a pin that is in use must not keep the others
+            self._upper, self._lower = (
+                opened.enter_context(gpiozero.DigitalInputDevice(pin, pull_up=True)) for pin in pins[:2]
+            )
+            self._brake = opened.enter_context(
+                gpiozero.DigitalOutputDevice(pins[2], active_high=True, initial_value=False)
+            )
+            self._opened = opened.pop_all()
 
     def read(self) -> BoardSample:
         # A device with a pull-up counts as active when its pin is low.
@@ -28,15 +35,14 @@ class GpioBoard:
         self._brake.value = not on
 
     def close(self) -> None:
-        for device in (self._upper, self._lower, self._brake):
-            device.close()
+        self._opened.close()
 
 
 def open_board(name: str, port: str, pins: tuple[int, ...]) -> GpioBoard:
     """Open the pins. Raises ConfigError, which begins with `name`: this computer has none, or they are in use."""
     try:
         return GpioBoard(pins)
-    except (gpiozero.GPIOZeroError, OSError) as error:
+    except Exception as error:  # lgpio and its likes have errors of their own, which derive from nothing else
         raise ConfigError(
             f"{name}: pins {list(pins)} cannot be opened: {error}. Check that this is a Raspberry Pi with lgpio, that "
             "your user is in the group gpio, and that no other program uses them"

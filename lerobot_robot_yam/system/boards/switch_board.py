@@ -33,7 +33,7 @@ class SwitchBoard(Protocol):
 
 
 class LostBoard:
-    """Driver that could not be opened: it never has a sample, so the motor goes on holding."""
+    """Driver that is not open: it never has a sample, so the motor goes on holding."""
 
     def read(self) -> BoardSample:
         return BoardSample(False, False, None, -math.inf)

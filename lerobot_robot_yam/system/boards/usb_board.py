@@ -9,6 +9,7 @@ After a restart the converter sends 2A FF, which is no answer, and its outputs a
 import contextlib
 import logging
 import math
+import termios
 import threading
 import time
 
@@ -24,6 +25,7 @@ _ANSWER_S = 0.04  # wait for an answer, s; the vendor waits 0.2 s, but a sample 
 _PERIOD_S, _BACKOFF_S = 0.005, 0.5  # interval of readings, s; at most that after failures, s
 _ATTEMPTS = 2
 _PULL_UP = 0
+_LOST = (OSError, termios.error)  # errors of a port: those of pyserial are OSErrors; it passes on those of termios
 
 
 class UsbBoard:
@@ -70,7 +72,7 @@ class UsbBoard:
             self._wake.clear()
             try:
                 heard = self._set_brake() & self._read_switches()
-            except (OSError, serial.SerialException) as error:  # unplugged: it may come back
+            except _LOST as error:  # unplugged: it may come back
                 heard = False
                 self._open_again(error)
             if not heard and self._failures == 0:
@@ -82,7 +84,7 @@ class UsbBoard:
         if self._failures == 0:
             logger.error("rail: the converter on %s is lost: %s", self._port, error)
         self._confirmed = None
-        with contextlib.suppress(OSError, serial.SerialException):
+        with contextlib.suppress(*_LOST):
             self._device.close()
             self._device = self._open()
 
@@ -119,7 +121,7 @@ def open_board(name: str, port: str, channels: tuple[int, ...]) -> UsbBoard:
     """Open the converter. Raises ConfigError, which begins with `name`: there is none on the port, or it is in use."""
     try:
         return UsbBoard(port, channels)
-    except (OSError, serial.SerialException) as error:
+    except _LOST as error:
         raise ConfigError(
             f"{name}: {port} cannot be opened: {error}. Check that the converter is plugged in, that your user is in "
             "the group dialout, and that no other program uses it"
