@@ -113,6 +113,24 @@ def test_the_emergency_stop_acts_while_nobody_asks_for_actions(pad, made, stop):
     assert stop.latched  # the pad does not release it
 
 
+def test_a_stop_that_was_released_between_two_actions_brakes_until_the_sticks_are_at_rest(pad, made, stop, caplog):
+    """LeRobot asks for no action while it saves an episode."""
+    device = made()
+    device.connect()
+    pad.push("lefty", -1.0)
+    assert device.get_action()["x.vel"] == pytest.approx(0.5)
+    stop.latch("somebody shouted")
+    pad.press("rightshoulder")  # what the thread says of it shows that it has looked at the stop
+    wait(lambda: "there is no policy to take over from" in caplog.text)
+    stop.release()
+    assert [device.get_action() for _ in range(3)] == [STILL] * 3
+    assert "the emergency stop was latched; the base brakes" in caplog.text
+    pad.push("lefty", 0.0)
+    device.get_action()
+    pad.push("lefty", -1.0)
+    assert device.get_action()["x.vel"] == pytest.approx(0.5)
+
+
 def test_a_stop_button_that_is_down_at_the_start_has_to_be_pressed_anew(pad, made, stop):
     pad.press("b")
     made().connect()

@@ -23,6 +23,9 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 
 logger = logging.getLogger(__name__)
 
+STOPPED = "the emergency stop was latched"  # trouble; an input device also notes it while LeRobot asks for no action
+VALID_S = 0.5  # age from which a press no longer counts, s: nobody asked for it in time
+
 
 class Asked(NamedTuple):
     """What a person asks of the base.
@@ -31,7 +34,7 @@ class Asked(NamedTuple):
         deflection: of x, y, theta, height, −1 … 1; zeros at rest.
         slow: whether to drive slowly.
         presses: `FRAME`, `RESET`: what was pressed since the last call.
-        trouble: why the input device cannot be heard; empty if all is well.
+        trouble: why the base must not move: the input device cannot be heard, or `STOPPED`; empty if all is well.
     """
 
     deflection: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
@@ -67,7 +70,7 @@ class BaseDrive:
     def action(self, asked: Asked) -> dict[str, float]:
         """Return LeRobot's action of the base: `x.vel`, `y.vel` in m/s, `theta.vel` in deg/s, `height.vel` in m/s."""
         at_rest = not any(asked.deflection)
-        self._guard(asked.trouble or ("the emergency stop is latched" if self._stop.latched else ""), at_rest)
+        self._guard(asked.trouble or (STOPPED if self._stop.latched else ""), at_rest)
         for press in asked.presses:
             self._pressed(press, at_rest and not self._blocked)
         twist = np.array(asked.deflection) * self._limits * (self._slow_factor if asked.slow else 1.0)

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from lerobot_robot_yam.face.driving.base_drive import Asked
+from lerobot_robot_yam.face.driving.base_drive import STOPPED, VALID_S, Asked
 from lerobot_robot_yam.face.driving.pad_map import FRAME, RESET
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 
@@ -40,8 +40,9 @@ class HeldKeys:
         self._hold_s, self._stop, self._clock = hold_s, stop, clock
         self._lock = threading.Lock()
         self._until_s: dict[str, float] = {}
-        self._presses: list[str] = []
+        self._presses: list[tuple[float, str]] = []
         self._slow = True
+        self._stopped = False  # whether a key was typed during an emergency stop, since `asked`
 
     def typed(self, key: str) -> None:
         """Take in a key. Any thread may call this; the emergency stop acts at once."""
@@ -49,10 +50,11 @@ class HeldKeys:
         if key == _STOP:
             self._stop.latch("key x of yam_base_keys")
         with self._lock:
+            self._stopped |= self._stop.latched
             if key in _WAYS:
                 self._until_s[key] = self._clock() + self._hold_s
             elif key in _PRESSES:
-                self._presses.append(_PRESSES[key])
+                self._presses.append((self._clock(), _PRESSES[key]))
             elif key == _SLOW:
                 self._slow = not self._slow
                 logger.info("keys drive %s", "slowly" if self._slow else "fast")
@@ -65,6 +67,9 @@ class HeldKeys:
                 if now < until_s:
                     number, sign = _WAYS[key]
                     deflection[number] += sign
-            presses, self._presses = self._presses, []
+            presses, self._presses = [press for at_s, press in self._presses if now - at_s < VALID_S], []
+            stopped, self._stopped = self._stopped, False
+            if stopped:
+                return Asked(trouble=STOPPED)
             x, y, theta, height = deflection
             return Asked((x, y, theta, height), self._slow, presses)

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 
 from lerobot_robot_yam.errors import LifeCycleError, YamError
-from lerobot_robot_yam.face.driving.base_drive import Asked, shaped
+from lerobot_robot_yam.face.driving.base_drive import STOPPED, VALID_S, Asked, shaped
 from lerobot_robot_yam.face.driving.pad_map import CALIBRATE, DIRECTIONS, FRAME, OVERRIDE, RESET, SLOW, STOP, PadMap
 from lerobot_robot_yam.face.driving.sdl_pads import Pad
 from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
@@ -19,7 +19,6 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 logger = logging.getLogger(__name__)
 
 _PERIOD_S = 0.01  # reading interval while LeRobot's loop does not ask, s: a short press of the stop button counts
-_VALID_S = 0.5  # age, s, from which a press no longer counts: nobody asked for it in time
 _AGAIN_S = 1.0  # interval of looking for a lost pad, s
 _END_S = 1.0  # timeout of joining the thread, s
 
@@ -30,7 +29,7 @@ class PadWatch:
     """Watch of one gamepad, see `Driver`.
 
     The emergency stop and the override of a policy act in a thread, since LeRobot asks for no action while it saves an
-    episode or while a policy drives.
+    episode or while a policy drives. The thread also notes a stop that is released again meanwhile.
 
     Args:
         find: function that opens the pad and loads its map; it raises YamError without one.
@@ -47,6 +46,7 @@ class PadWatch:
         self._lock, self._ends = threading.Lock(), threading.Event()
         self._thread: threading.Thread | None = None
         self._lost, self._sought_s = False, 0.0
+        self._stopped = False  # whether the emergency stop was latched since `asked`
         self._edges, self._presses = RisingEdges(), deque[tuple[float, str]]()
         self._held: dict[str, bool] = {}
         self._deflection = (0.0, 0.0, 0.0, 0.0)
@@ -83,16 +83,20 @@ class PadWatch:
         with self._lock:
             now = time.monotonic()
             self._read(now)
-            presses = [press for at_s, press in self._presses if now - at_s < _VALID_S]
+            presses = [press for at_s, press in self._presses if now - at_s < VALID_S]
             self._presses.clear()
+            stopped, self._stopped = self._stopped, False
             if self._lost:
                 return Asked(trouble=f"the gamepad {self._pad.name} is unplugged, or out of reach")
+            if stopped:
+                return Asked(trouble=STOPPED)
             return Asked(self._deflection, self._held.get(SLOW, False), presses)
 
     def _run(self) -> None:
         while not self._ends.wait(_PERIOD_S):
             try:
                 with self._lock:
+                    self._stopped |= self._stop.latched
                     self._read(time.monotonic())
             except Exception:
                 logger.exception("the buttons of the gamepad do nothing until the next action")

@@ -2,6 +2,8 @@
 
 import pytest
 
+from lerobot_robot_yam.face.driving.base_drive import BaseDrive
+from lerobot_robot_yam.face.driving.drive_options import DriveOptions
 from lerobot_robot_yam.face.driving.held_keys import HeldKeys
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 
@@ -62,6 +64,34 @@ def test_it_begins_slow_and_a_press_counts_once(keys):
     keys.typed("z")
     asked = keys.asked()
     assert not asked.slow and list(asked.presses) == ["frame", "reset"] and not keys.asked().presses
+
+
+def test_a_press_that_nobody_asked_for_in_time_does_not_count(keys, time):
+    """LeRobot asks for no action while it saves an episode."""
+    keys.typed("z")
+    time[0] += 0.4
+    keys.typed("f")
+    time[0] += 0.2
+    assert list(keys.asked().presses) == ["frame"]
+    keys.typed("z")
+    time[0] += 0.6
+    assert not keys.asked().presses
+
+
+def test_a_stop_that_was_released_between_two_actions_brakes_until_the_key_is_let_go(keys, stop, time):
+    drive = BaseDrive("yam_base_keys", DriveOptions(), stop)
+    keys.typed("i")
+    assert drive.action(keys.asked())["x.vel"] > 0.0
+    stop.latch("somebody shouted")
+    keys.typed("i")
+    stop.release()
+    for _ in range(3):  # the terminal repeats it
+        keys.typed("i")
+        assert not any(drive.action(keys.asked()).values())
+    time[0] += 0.3
+    assert not any(drive.action(keys.asked()).values())
+    keys.typed("i")
+    assert drive.action(keys.asked())["x.vel"] > 0.0
 
 
 def test_the_emergency_stop(keys, stop):
