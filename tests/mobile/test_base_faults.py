@@ -23,8 +23,12 @@ NOT_OF_A_BASE = {
     "turn",  # the wheels turn without end: a miscounted turn of one is no fault
 }  # fmt: skip
 ROWS = {name: row for name, row in MATRIX.items() if row.channel == LEFT and name not in NOT_OF_A_BASE}
-QUICK = [("over-current", DRIVE, "track"), ("motor-silent", STEER, "land"), ("leap", STEER, "track"),
-         ("foreign-driver", None, "hold"), ("link-down", None, "track"), ("hot", DRIVE, "track")]  # fmt: skip
+QUICK = [
+    ("motor-silent", STEER, "land"),
+    ("leap", STEER, "track"),
+    ("link-down", None, "track"),
+    ("hot", DRIVE, "track"),
+]
 
 
 def every_case():

@@ -57,6 +57,7 @@ def test_the_stand_by_brakes_it_when_its_loop_is_killed_in_motion(rig, base):
     assert not end["enabled"] and end["brake_on"] and max(*falls, highest - end["height"]) < MOST_FALL_M
 
 
+@pytest.mark.long
 def test_it_goes_on_when_its_stand_by_is_killed(rig, base):
     control = int(base._client.published()._record["owner_pid"])
     os.kill(stand_by_of(control), signal.SIGKILL)
@@ -67,6 +68,7 @@ def test_it_goes_on_when_its_stand_by_is_killed(rig, base):
     assert not end["enabled"] and end["brake_on"] and before - end["height"] < MOST_FALL_M
 
 
+@pytest.mark.long
 def test_its_caller_is_killed(rig, base):
     """The loop lands by itself: the brake takes the carriage before torque is cut."""
     lift(base, 0.2, 0.5)

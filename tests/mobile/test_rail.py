@@ -117,8 +117,17 @@ def test_an_emergency_stop_in_motion_brakes_and_engages(rail, base):
     assert rail.height_m > there + 0.03 and rail.fallen_m < 2e-3
 
 
-@pytest.mark.parametrize("kind, value", [("silent", True), ("nibble", 0xA), ("power", False)])
-@pytest.mark.parametrize("velocity", [0.0, 0.3])
+@pytest.mark.parametrize(
+    "velocity, kind, value",
+    [
+        (0.3, "power", False),
+        (0.0, "silent", True),
+        pytest.param(0.0, "nibble", 0xA, marks=pytest.mark.long),
+        pytest.param(0.0, "power", False, marks=pytest.mark.long),
+        pytest.param(0.3, "nibble", 0xA, marks=pytest.mark.long),
+        pytest.param(0.3, "silent", True, marks=pytest.mark.long),
+    ],
+)
 def test_a_motor_without_torque_is_caught_by_the_brake(rail, base, kind, value, velocity):
     lift(base, velocity, 0.5)
     rail.watch_fall()
@@ -173,7 +182,7 @@ def test_a_fault_in_motion_stops_and_is_named(rail, base, trouble, channel, kind
     assert rail.height_m > there + 0.05
 
 
-@pytest.mark.parametrize("heavy", [False, True])
+@pytest.mark.parametrize("heavy", [pytest.param(False, marks=pytest.mark.long), True])
 def test_a_brake_that_slips_is_caught_and_nothing_is_cut(rail, heavy):
     if heavy:
         rail.world.model.body("base/mount").mass[:] *= 2.0

@@ -80,6 +80,7 @@ def test_it_drives_and_brakes_when_its_client_is_silent(rig, served, session, ba
     assert np.abs(there(served).observe().twist).max() < 0.01
 
 
+@pytest.mark.long
 def test_it_goes_to_poses_of_its_odometry(rig, session, base):
     target = base.write_pose([0.3, 0.2, 0.5], Frame.LOCAL)
     for _ in range(120):

@@ -105,6 +105,7 @@ def test_in_the_global_frame_forward_stays_forward_while_it_turns(pair, pad):
     assert x > 0.5 and abs(y) < 0.1 and theta > 0.5
 
 
+@pytest.mark.long
 def test_a_reset_makes_the_present_heading_the_frame(pair, pad):
     pad.push("rightx", -1.0)
     pair.run(1.2)

@@ -188,6 +188,7 @@ def test_the_rigs_operator_drives_by_what_it_asks(rig, tmp_path):
         assert pair.run(0.1)["x.vel"] == 0.0
 
 
+@pytest.mark.long
 def test_a_handle_drives_while_its_button_is_held_and_its_follower_stays(rig, tmp_path):
     with Pair(rig, tmp_path, drive="left") as pair:
         for side in SIDES:

@@ -102,6 +102,7 @@ def test_a_wrong_action_moves_nothing(rig, tmp_path, wrong):
         assert truth(rig) == pytest.approx([0.0] * 3, abs=1e-3)
 
 
+@pytest.mark.long
 def test_a_silent_motor_is_named_and_the_base_drives_again_after_rearm(rig, tmp_path):
     with connected(rig, tmp_path) as robot:
         drive(robot, 0.3)
@@ -298,6 +299,7 @@ def test_what_rollout_sends_at_its_end_moves_the_arms_only(tables, tmp_path):
         assert truth(tables) == pytest.approx(at, abs=2e-3)
 
 
+@pytest.mark.long
 def test_the_base_stands_while_lerobot_repeats_its_last_action(tables, tmp_path):
     with mobile(tables, tmp_path) as robot:
         action = arms_of(robot.get_observation()) | {"x.vel": -0.2, "y.vel": 0.0, "theta.vel": 0.0}
