@@ -44,7 +44,7 @@ class MobileFaults:
 
     def pending(self, now: float) -> bool:
         """Return whether a fault lasts."""
-        return bool(self._open or self._rail_fault) or now < max(self.stop_s, self.stall_s)
+        return bool(self._open or self._rail_fault or self.stop_s) or now < self.stall_s
 
     def advance(self, now: float, connected: bool) -> None:
         """End and begin the faults that are due; those of a robot that is not connected are left out."""
@@ -58,7 +58,7 @@ class MobileFaults:
                 self._begin(row, now)
         if self.stop_s and now >= self.stop_s:
             EmergencyStop().release()
-            self.stop_s = 0.0
+            self.stop_s, self.newest_s = 0.0, now
         if now >= self._rail_s and (connected or self._rail_fault):
             self._advance_rail(now)
 
