@@ -4,7 +4,7 @@ import pytest
 
 from tests.support.paths import SCRIPTS
 
-SECONDS, PACE = 6.0, 6.0
+SECONDS, PACE = 18.0, 6.0  # the rail homes for 11 s of them
 
 
 @pytest.fixture
