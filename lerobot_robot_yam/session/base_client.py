@@ -10,6 +10,7 @@ import numpy as np
 from lerobot_robot_yam.arm.validation import finite_number, finite_vector
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.mobile.base_motion import Frame
+from lerobot_robot_yam.mobile.odometry import to_world
 from lerobot_robot_yam.mobile.rail_config import RailConfig
 from lerobot_robot_yam.mobile.rail_profile import SOFT_END_M, RailState, RailTarget
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
@@ -148,8 +149,7 @@ class BaseClient:
             raise ActionError(f"{name}: the pose {target.tolist()} is farther away than {_POSE_MOST_M:g} m or rad")
         here = self.observe().pose
         if frame is Frame.LOCAL:
-            s, c = np.sin(here[2]), np.cos(here[2])
-            target = here + np.array([c * target[0] - s * target[1], s * target[0] + c * target[1], target[2]])
+            target = here + to_world(target, float(here[2]))
         if not self._takes_targets():
             return here
         self._write_target(target, Frame.GLOBAL, True, given_s)

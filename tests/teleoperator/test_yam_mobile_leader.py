@@ -137,8 +137,10 @@ TURNED = POSE + [0.5, 0.0, 0.0, 0.0, 0.0, 0.0]  # of the first joint: the handle
 def moved(rig, device, q, seconds=0.5):
     """The action after the left leader's way to q."""
     rig.lift("leader_left", q.tolist(), seconds)
-    device._arms.clock.sleep(seconds + 0.3)
-    return device.get_action()
+    for _ in range(round((seconds + 0.3) / 0.1)):  # LeRobot asks all the time
+        device._arms.clock.sleep(0.1)
+        action = device.get_action()
+    return action
 
 
 def of_left(action):
@@ -160,6 +162,16 @@ def test_a_handle_is_a_stick_while_its_button_is_held(tmp_path):
         rig.fault("leader_left", None, "handle_silent")
         device._arms.clock.sleep(0.5)
         assert not any(device.get_action()[key] for key in VELOCITY)
+
+
+def test_a_handle_that_nobody_asked_for_long_has_to_be_pressed_anew(tmp_path):
+    with leaders(tmp_path, drive="left") as (rig, device):
+        rig.press("leader_left", "sync", 5.0)
+        device._arms.clock.sleep(0.1)
+        device.get_action()
+        assert moved(rig, device, TURNED)["y.vel"] > 0.3
+        device._arms.clock.sleep(0.8)  # LeRobot saves an episode; a stop in it would go unnoticed
+        assert moved(rig, device, POSE)["y.vel"] == 0.0
 
 
 def test_a_handle_leads_again_when_its_button_is_let_go(tmp_path):

@@ -44,9 +44,7 @@ _MISSED = 3  # commands in a row without a reply after which the brake is engage
 _REST_RAD_S = 0.2  # rate below which the carriage counts as at rest, rad/s
 _SLIP_M, _USUAL_M_PER_RAD = 0.001, 0.03  # motion without torque that means that the brake slips, m; scale before homing
 _WATCH_S = 0.4  # time that the carriage is watched after torque was cut, s
-_KNOWN_RAD = (
-    0.5  # motion during a fault, rad, beyond which the height is not trusted: a motor without power forgets turns
-)
+_KNOWN_RAD = 0.5  # motion in a fault beyond which the height is unknown, rad: a motor without power forgets turns
 _REGAIN_S = 0.5  # time for enabling the motor again once the brake slips, s; a motor that fails is off by then
 _HOMING_RAD_S2 = 20.0  # acceleration while it homes, rad/s²
 _FAR_RAD = 1e4  # beyond the end of any rail, rad

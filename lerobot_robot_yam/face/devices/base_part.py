@@ -169,8 +169,10 @@ class BasePart:
         return _named(VELOCITY_KEYS, self.client.write_velocity(values[:3]) * _UNITS) | sent
 
     def observe(self) -> dict[str, float]:
-        """Return the newest state by key. Raises YamError: the base has failed or is silent."""
+        """Return the newest state by key. Raises YamError: the base has failed or is silent; its rail has to home."""
         state = self.client.observe()
+        if state.rail is not None and not state.rail.homed:
+            self.check_homed()  # a height that is unknown is no number to record
         seen = _named(VELOCITY_KEYS, state.body_twist * _UNITS) | _named(ODOMETRY_KEYS, state.pose * _UNITS)
         seen |= _named(WHEEL_KEYS, np.concatenate([state.steer_rad, state.drive_rad_s]))
         if state.rail is not None:

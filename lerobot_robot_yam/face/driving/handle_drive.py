@@ -5,12 +5,14 @@
 Position and turn are those in the frame of the leader's base, whose +x is forward.
 """
 
+import math
+
 import numpy as np
 
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.arm.tool_pose import rotation_vector
-from lerobot_robot_yam.face.driving.base_drive import Asked, shaped
+from lerobot_robot_yam.face.driving.base_drive import VALID_S, Asked, shaped
 from lerobot_robot_yam.face.operator_keys.handle_buttons import BUTTONS, RisingEdges
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import ArmState
@@ -39,6 +41,7 @@ class HandleDrive:
         self._kinematics = YamKinematics(*models)
         self._origin: np.ndarray | None = None
         self._edges = RisingEdges()
+        self._seen_s = math.inf  # time of the state of the last call
 
     @property
     def holds(self) -> bool:
@@ -50,6 +53,9 @@ class HandleDrive:
 
     def asked(self, state: ArmState) -> Asked:
         """Return what the handle asks. state: fresh state of its leader."""
+        if state.published_s - self._seen_s > VALID_S:  # what happened meanwhile, such as a stop, is not known
+            self._origin = None
+        self._seen_s = state.published_s
         down = None if state.trigger is None else state.buttons[self._number]
         begins = bool(self._edges.pressed({"drive": down}))
         if self._origin is not None and down is None:
