@@ -21,6 +21,9 @@ _TOOL_AXES_M = 0.08
 _KEEP_OUT, _FLOOR, _LIMIT_OPACITY = (230, 60, 40), (230, 150, 40), 0.25
 _FLOOR_M = (1.4, 1.4, 0.001)
 
+Place = tuple[np.ndarray, np.ndarray]
+"""Position (3,), m, and orientation w x y z (4,)."""
+
 
 def add_body(
     scene: viser.SceneApi,
@@ -44,6 +47,14 @@ def put(thing: viser.SceneNodeHandle, position_m: np.ndarray, quat_wxyz: np.ndar
         thing.position = position_m
     if np.abs(quat_wxyz - thing.wxyz).max() > _UNCHANGED:
         thing.wxyz = quat_wxyz
+
+
+def on(carrier: Place, place: Place) -> Place:
+    """Return the place in the world of what stands at `place` in the carrier's frame."""
+    position, quat = np.empty(3), np.empty(4)
+    mujoco.mju_rotVecQuat(position, place[0], carrier[1])
+    mujoco.mju_mulQuat(quat, carrier[1], place[1])
+    return carrier[0] + position, quat
 
 
 class Figure:
@@ -82,7 +93,7 @@ class Figure:
 
     def stand(self, position_m: Sequence[float] | np.ndarray, quat_wxyz: Sequence[float] | np.ndarray) -> None:
         """Move the arm's base to a position (3,), m, and quaternion (4,)."""
-        self._base.position, self._base.wxyz = np.asarray(position_m, float), np.asarray(quat_wxyz, float)
+        put(self._base, np.asarray(position_m, float), np.asarray(quat_wxyz, float))
 
     def pose(self, q: np.ndarray, gripper: float | None = None) -> None:
         """Show joint angles q (joints,), rad, and the gripper opening, 0 closed … 1 open."""

@@ -12,11 +12,11 @@ from lerobot_robot_yam.rig.scene.scene import BasePlacement, RailPlacement
 
 # Our choices: the vendor publishes no masses. Sizes in m, half sizes as MuJoCo has them.
 _CHASSIS_KG, _CASTER_KG, _WHEEL_KG = 50.0, 1.0, 0.8
-_CHASSIS_M, _CHASSIS_UP_M = (0.28, 0.25, 0.09), 0.16
+CHASSIS_M, CHASSIS_UP_M = (0.28, 0.25, 0.09), 0.16
 _WHEEL_HALF_WIDTH_M = 0.012
-_MOUNT_M = (0.10, 0.0, 0.69)  # mount in the frame of the base: at the height of a table top, z = 0 in the world
-_COLUMN_KG, _COLUMN_M = 6.0, (0.05, 0.12, 0.22)  # column between chassis and mount, below arms only
-_PLATE_KG, _PLATE_M = 3.0, (0.06, 0.31, 0.01)  # plate on which the arms stand
+MOUNT_M = (0.10, 0.0, 0.69)  # mount in the frame of the base: at the height of a table top, z = 0 in the world
+_COLUMN_KG, COLUMN_M = 6.0, (0.05, 0.12, 0.22)  # column between chassis and mount, below arms only
+_PLATE_KG, PLATE_M = 3.0, (0.06, 0.31, 0.01)  # plate on which the arms stand
 _MAST_M = (0.03, 0.06, 0.72)
 _CARRIAGE_KG, _CARRIAGE_M = 15.0, (0.04, 0.10, 0.08)
 _RAIL_RUB_N, _RAIL_DAMPING = 15.0, 20.0  # dry friction, N, and damping, N s/m, of the carriage
@@ -39,19 +39,19 @@ def add_base(spec: mujoco.MjSpec, row: BasePlacement, profile: BaseProfile, floo
         quat=[math.cos(half), 0.0, 0.0, math.sin(half)],
     )
     base.add_freejoint(name=row.channel)
-    chassis = base.add_geom(name=f"{row.channel}/chassis", type=mujoco.mjtGeom.mjGEOM_BOX, size=_CHASSIS_M)
-    chassis.pos, chassis.mass, chassis.rgba = [0.0, 0.0, _CHASSIS_UP_M], _CHASSIS_KG, [0.25, 0.27, 0.30, 1.0]
+    chassis = base.add_geom(name=f"{row.channel}/chassis", type=mujoco.mjtGeom.mjGEOM_BOX, size=CHASSIS_M)
+    chassis.pos, chassis.mass, chassis.rgba = [0.0, 0.0, CHASSIS_UP_M], _CHASSIS_KG, [0.25, 0.27, 0.30, 1.0]
     for caster, h_x, h_y in zip(CASTERS, profile.h_x_m, profile.h_y_m, strict=True):
         _add_caster(spec, base, f"{row.channel}/{caster}", (h_x, h_y), profile)
-    mount = base.add_body(name=f"{row.channel}/mount", pos=_MOUNT_M)
+    mount = base.add_body(name=f"{row.channel}/mount", pos=MOUNT_M)
     if arms:
-        _add_box(mount, f"{row.channel}/plate", _PLATE_KG, _PLATE_M, [0.0, 0.0, -_PLATE_M[2]])
+        _add_box(mount, f"{row.channel}/plate", _PLATE_KG, PLATE_M, [0.0, 0.0, -PLATE_M[2]])
     if row.rail is not None:
-        x, _, z = _MOUNT_M
+        x, _, z = MOUNT_M
         _add_box(base, f"{row.channel}/mast", _COLUMN_KG, _MAST_M, [x - 0.15, 0.0, z + _MAST_M[2] - 0.44])
         _add_rail(spec, mount, row.channel, row.rail)
     elif arms:
-        _add_box(mount, f"{row.channel}/column", _COLUMN_KG, _COLUMN_M, [0.0, 0.0, -_COLUMN_M[2]])
+        _add_box(mount, f"{row.channel}/column", _COLUMN_KG, COLUMN_M, [0.0, 0.0, -COLUMN_M[2]])
 
 
 def _add_box(body: mujoco.MjsBody, name: str, kg: float, size: Sequence[float], at: Sequence[float]) -> mujoco.MjsGeom:

@@ -9,10 +9,10 @@ import viser
 import viser._messages
 
 from lerobot_robot_yam.cameras.video_devices import VideoDevice, holders, video_devices
-from lerobot_robot_yam.viewer.figure import Figure, add_workspace
+from lerobot_robot_yam.viewer.figure import Figure, Place, add_workspace
 from lerobot_robot_yam.viewer.live.arm_panel import ArmPanel, warnings
 from lerobot_robot_yam.viewer.live.bases import Bases
-from lerobot_robot_yam.viewer.live.placement import Place, places
+from lerobot_robot_yam.viewer.live.placement import mount_of, places
 from lerobot_robot_yam.viewer.live.stop_button import StopButton
 from lerobot_robot_yam.viewer.live.watched_arms import WatchedArm, WatchedArms
 from lerobot_robot_yam.viewer.live.watched_rigs import WatchedRigs
@@ -197,10 +197,16 @@ class Live:
 
     def _draw(self, now_s: float) -> None:
         self._watched.update(now_s)
+        self._bases.look(now_s)
         self._keep(now_s)
         looked_at = bool(self._server.get_clients())
         self._rigs.update(now_s, looked_at)
-        self._bases.update(now_s, looked_at)
+        mounts = self._bases.mounts
+        carrying = {arm.process for arm in self.arms.values() if mount_of(arm, mounts)}
+        self._bases.draw(now_s, looked_at, self._rigs, carrying)
+        for key, place in places(self.arms, self._rigs.worlds, self._bases.mounts).items():
+            if key in self._shown:
+                self._shown[key].stand(place)
         for shown in self._shown.values():
             shown.draw()
             shown.panel.update(now_s, looked_at)
@@ -218,13 +224,10 @@ class Live:
             self._leaving.pop(0)[1].close()
         for key in sorted(arms.keys() - self._shown.keys())[:1]:  # one new arm per round: drawing it takes time
             self._shown[key] = _Shown(self._server, arms[key])
-        moved = self._rigs.keep({arm.rig for arm in arms.values() if arm.rig})
+        moved = self._rigs.keep({arm.rig for arm in arms.values() if arm.rig} | self._bases.rigs)
         if not moved and before == list(self._shown.values()):
             return
         self._nobody.visible = not arms
-        for key, place in places(arms, self._rigs.worlds).items():
-            if key in self._shown:
-                self._shown[key].stand(place)
         floors = [world.floor_z_m for world in self._rigs.worlds.values()]
         self._grid.position = (0.0, 0.0, min(floors, default=0.0))
 

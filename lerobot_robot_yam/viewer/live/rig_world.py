@@ -14,6 +14,7 @@ from lerobot_robot_yam.rig.client.rendered_camera import frame_dtype
 from lerobot_robot_yam.rig.world.world_model import build_world, world_dtype
 from lerobot_robot_yam.system.runtime_files import slug
 from lerobot_robot_yam.system.shared_block import SharedBlock
+from lerobot_robot_yam.viewer.figure import Place, on
 
 _SETTINGS = re.compile(r"(.+)-(\d+)x(\d+)-(\d+)")
 _STAMP = struct.Struct("<d")  # first field of a frame: timestamp, s
@@ -39,8 +40,14 @@ class RigWorld:
         self.scene = told_scene(name)
         self.model = build_world(self.scene)
         self.data = mujoco.MjData(self.model)
-        self._bases = {
-            row.channel: (row.position_m, base_quat(row.yaw_rad, row.tilt_rad.tolist())) for row in self.scene.arms
+        mujoco.mj_kinematics(self.model, self.data)
+        base = self.scene.base
+        self._bases = {  # channel → body on which the arm stands, place in its frame
+            row.channel: (
+                "world" if base is None or not row.on_base else f"{base.channel}/mount",
+                (row.position_m, base_quat(row.yaw_rad, row.tilt_rad.tolist())),
+            )
+            for row in self.scene.arms
         }
         self._stamp_s = -1.0
         self._block = SharedBlock(rig_path(name, "world"), world_dtype(self.model), create=False)
@@ -55,9 +62,17 @@ class RigWorld:
         """Height of the floor below the table, m."""
         return float(self.model.geom("floor").pos[2])
 
-    def base(self, channel: str) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return position (3,), m, and quaternion w x y z (4,) of the base of a channel's arm; None without an arm."""
-        return self._bases.get(channel)
+    def base(self, channel: str) -> Place | None:
+        """Return the place of the base of a channel's arm, as of the last `read`; None without an arm."""
+        if channel not in self._bases:
+            return None
+        carrier, place = self._bases[channel]
+        return on(self.body(carrier), place)
+
+    def body(self, name: str) -> Place:
+        """Return the place of a body, as of the last `read`."""
+        body = self.data.body(name)
+        return body.xpos.copy(), body.xquat.copy()
 
     def read(self) -> bool:
         """Read the newest state. Return False if there is none since the last read."""

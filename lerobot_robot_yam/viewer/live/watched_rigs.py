@@ -9,7 +9,7 @@ import numpy as np
 import viser
 
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.viewer.figure import add_body, put
+from lerobot_robot_yam.viewer.figure import Place, add_body, put
 from lerobot_robot_yam.viewer.live.placement import origin_of
 from lerobot_robot_yam.viewer.live.rig_world import RenderedPictures, RigWorld
 
@@ -152,6 +152,15 @@ class WatchedRigs:
     def cameras(self, now_s: float) -> list[str]:
         """Return a line of text for each open rendered camera."""
         return [line for scenery in self._sceneries.values() for line in scenery.cameras(now_s)]
+
+    def base(self, rig: str, channel: str) -> tuple[Place, Place] | None:
+        """Return where the mobile base of a channel and its mount are drawn; None if the rig has no such base."""
+        world = self.worlds.get(rig)
+        if world is None or world.scene.base is None or world.scene.base.channel != channel:
+            return None
+        origin = origin_of(list(self.worlds).index(rig))
+        (base, turned), (mount, mount_turned) = world.body(channel), world.body(f"{channel}/mount")
+        return (base + origin, turned), (mount + origin, mount_turned)
 
     def _forget(self, name: str) -> None:
         self._sceneries.pop(name).close()

@@ -10,7 +10,7 @@ import viser
 from lerobot_robot_yam.arm.kinematics import YamKinematics
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ActionError
-from lerobot_robot_yam.viewer.live.placement import Place
+from lerobot_robot_yam.viewer.figure import Place
 from lerobot_robot_yam.viewer.moving.driver import Driver
 from lerobot_robot_yam.viewer.serving.handles import kept, pressed, put
 

@@ -15,7 +15,7 @@ from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import find_lockstep
 from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 from lerobot_robot_yam.session.arm_session import Isolation
-from lerobot_robot_yam.viewer.live.placement import Place
+from lerobot_robot_yam.viewer.figure import Place
 from lerobot_robot_yam.viewer.moving.arm_controls import JointSliders, ToolHandle
 from lerobot_robot_yam.viewer.moving.control_desk import Stage
 from lerobot_robot_yam.viewer.moving.driver import Driver

@@ -33,7 +33,7 @@ def test_a_rig_stands_with_its_arms_after_another_has_ended(rigs):
         arms = {name: Watched(name) for name in names}
         return {
             name: position - rigs._sceneries[name]._root.position - rigs.worlds[name].base("follower_left")[0]
-            for name, (position, _) in places(arms, rigs.worlds).items()
+            for name, (position, _) in places(arms, rigs.worlds, {}).items()
         }
 
     with shown("one"), shown("two"), shown("three"):
