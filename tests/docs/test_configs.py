@@ -95,8 +95,9 @@ def test_what_is_trained_fits_what_is_evaluated():
         env = parse(f"train/{task}_eval").env
         assert env.lockstep and env.task == task and task in {row.name for row in load_scene(task).tasks}
         assert set(features_of(env)) == set(env_to_policy_features(env))
-    train = parse("train/lift_and_place_train")
-    assert train.policy.n_action_steps <= train.policy.chunk_size and not train.policy.push_to_hub
+        train = parse(f"train/{task}_train")
+        assert train.dataset.repo_id == f"local/{task}" and not train.policy.push_to_hub
+        assert train.policy.n_action_steps <= train.policy.chunk_size
 
 
 @pytest.mark.parametrize("name", [name for name in OF_DEVICES if name.startswith("sim/")])
