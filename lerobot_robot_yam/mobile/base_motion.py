@@ -62,6 +62,8 @@ class BaseMotion:
         self.velocity = np.zeros(3)
         self._acceleration = np.zeros(3)
         self.slowed = 1.0
+        self._planner, self._trajectory, self._given = ruckig.Ruckig(3), ruckig.Trajectory(3), ruckig.InputParameter(3)
+        self._given.synchronization = ruckig.Synchronization.No
 
     def measure(self, steer: np.ndarray, rates: np.ndarray, dt: float) -> None:
         """Integrate measured rates (8,), rad/s, at steering angles (4,), rad, over the measured time `dt`, s."""
@@ -111,35 +113,34 @@ class BaseMotion:
         fastest = np.sign(away) * self._limits.velocity * most_speed
         self.slowed = self._casters.slow_down(steer, to_body(fastest, heading))
         given = self._input(ruckig.ControlInterface.Position)
-        given.target_position = away
+        given.target_position, given.target_velocity = away.tolist(), (0.0, 0.0, 0.0)
         given.max_velocity = np.maximum(np.array(self._limits.velocity) * most_speed * self.slowed, 1e-3)
         self._follow(given, dt)
 
     def _within(self, twist: np.ndarray) -> np.ndarray:
         """Limit a body twist without changing its direction: by speed, and by the acceleration of a curve."""
-        share = max(float((np.abs(twist) / self._limits.velocity).max()), 1.0)
-        twist = twist / share
-        sideways = abs(float(twist[2])) * math.hypot(twist[0], twist[1])  # m/s², towards the middle of the curve
-        most = min(self._limits.acceleration[:2])
-        return twist if sideways <= most else twist * math.sqrt(most / sideways)
+        x, y, spin = twist.tolist()
+        most = self._limits.velocity
+        share = max(abs(x) / most[0], abs(y) / most[1], abs(spin) / most[2], 1.0)
+        sideways = abs(spin) * math.hypot(x, y) / share**2  # m/s², towards the middle of the curve
+        most_sideways = min(self._limits.acceleration[:2])
+        return twist / share if sideways <= most_sideways else twist / share * math.sqrt(most_sideways / sideways)
 
-    def _clipped(self, velocity: np.ndarray, most_speed: float) -> np.ndarray:
-        most = np.array(self._limits.velocity) * most_speed
-        return np.clip(velocity, -most, most)
+    def _clipped(self, velocity: np.ndarray, most_speed: float) -> list[float]:
+        most = [limit * most_speed for limit in self._limits.velocity]
+        return [min(max(asked, -limit), limit) for asked, limit in zip(velocity.tolist(), most, strict=True)]
 
     def _input(self, interface: ruckig.ControlInterface) -> ruckig.InputParameter:
-        given = ruckig.InputParameter(3)
+        given = self._given
         given.control_interface = interface
-        given.synchronization = ruckig.Synchronization.No
-        given.current_velocity, given.current_acceleration = self.velocity, self._acceleration
+        given.current_velocity, given.current_acceleration = self.velocity.tolist(), self._acceleration.tolist()
         given.max_velocity, given.max_acceleration = self._limits.velocity, self._limits.acceleration
         given.max_jerk = self._limits.jerk or (_NO_JERK,) * 3
         return given
 
     def _follow(self, given: ruckig.InputParameter, dt: float) -> None:
         """Take the plan's velocity after `dt` seconds."""
-        trajectory = ruckig.Trajectory(3)
-        ruckig.Ruckig(3).calculate(given, trajectory)
-        _, velocity, acceleration = trajectory.at_time(dt)
+        self._planner.calculate(given, self._trajectory)
+        _, velocity, acceleration = self._trajectory.at_time(dt)
         self.velocity = np.array(velocity)
         self._acceleration = np.array(acceleration) if self._limits.jerk else np.zeros(3)

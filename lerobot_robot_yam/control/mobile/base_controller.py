@@ -8,6 +8,7 @@ if that takes too long, and then cuts torque. A rail, if there is one, decides b
 import logging
 import math
 from collections.abc import Callable, Iterator
+from statistics import median
 
 import can
 import numpy as np
@@ -160,7 +161,7 @@ class BaseController:
 
     def _measure_way(self) -> None:
         """Integrate the odometry over the time between the samples, not over the nominal period."""
-        stamp_s = float(np.median(self.chain.stamp_s[CASTER_MOTORS]))
+        stamp_s = median(self.chain.stamp_s[CASTER_MOTORS].tolist())
         dt, self._measured_s = stamp_s - self._measured_s, stamp_s
         if 0.0 < dt < math.inf:  # False for NaN
             self.motion.measure(self.motors.q[STEER], self.motors.dq[CASTER_MOTORS], dt)
