@@ -3,12 +3,9 @@
 import itertools
 import logging
 import time
-from collections.abc import Iterator, Mapping
-from functools import cached_property
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-from lerobot.teleoperators.teleoperator import Teleoperator
 from lerobot.utils.constants import HF_LEROBOT_CALIBRATION, TELEOPERATORS
 from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
 
@@ -19,10 +16,9 @@ from lerobot_robot_yam.face.driving.pad_calibration import RATE_HZ, record_map
 from lerobot_robot_yam.face.driving.pad_map import PadMap, load_map
 from lerobot_robot_yam.face.driving.pad_watch import PadWatch
 from lerobot_robot_yam.face.driving.sdl_pads import Pad, Reading, open_pad
-from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
-from lerobot_robot_yam.system.uncopyable import Uncopied
 from lerobot_teleoperator_yam.config_yam_gamepad import YamGamepadConfig
+from lerobot_teleoperator_yam.drive_teleoperator import DriveTeleoperator
 
 logger = logging.getLogger(__name__)
 
@@ -55,37 +51,14 @@ def watch_pad(device: str, options: PadOptions, calibration_dir: Path | None, st
     return PadWatch(find, (zone, zone, zone, options.rail_dead_zone), options.expo, stop)
 
 
-class YamGamepad(Uncopied, Teleoperator):
+class YamGamepad(DriveTeleoperator):
     """Gamepad for a base, with or without a rail. See docs/gamepad.md."""
 
     config_class = YamGamepadConfig
     name = "yam_gamepad"
 
-    def __init__(self, config: YamGamepadConfig):
-        super().__init__(config)
-        self.config = config
-        self._watch: PadWatch | None = None
-        self._drive: BaseDrive | None = None
-
-    @cached_property
-    def action_features(self) -> dict[str, type]:
-        """Features `x.vel`, `y.vel` (m/s), `theta.vel` (deg/s); with the option `rail`, `height.vel` (m/s)."""
-        return dict.fromkeys(self.config.drive_keys(), float)
-
-    @property
-    def feedback_features(self) -> dict[str, type]:
-        """Empty mapping: feedback cannot move a stick."""
-        return {}
-
-    @property
-    def is_connected(self) -> bool:
-        """Whether `connect` was called and `disconnect` was not. A pad that is unplugged does not count."""
-        return self._drive is not None
-
-    @property
-    def is_calibrated(self) -> bool:
-        """Always True: `connect` refuses a pad that needs a calibration."""
-        return True
+    config: YamGamepadConfig
+    _driver: PadWatch | None = None
 
     @check_if_already_connected
     def connect(self, calibrate: bool = True) -> None:
@@ -107,13 +80,13 @@ class YamGamepad(Uncopied, Teleoperator):
                 watch.close()
                 raise
             watch.start()
-            self._watch = watch
+            self._driver = watch
         self._drive = BaseDrive(self.name, self.config, stop)
         logger.info("%s connected", self)
 
     def disconnect(self) -> None:
         """Release the gamepad. Idempotent."""
-        watch, self._watch, self._drive = self._watch, None, None
+        watch, self._driver, self._drive = self._driver, None, None
         if watch is not None:
             watch.close()
 
@@ -132,19 +105,6 @@ class YamGamepad(Uncopied, Teleoperator):
             logger.info("%s: sticks and buttons stored in %s", pad.name, path)
         finally:
             pad.close()
-
-    def configure(self) -> None:
-        """Do nothing: there is nothing to configure."""
-
-    @check_if_not_connected
-    @saves_finished_episode
-    def get_action(self) -> dict[str, float]:
-        """Return the velocities that the sticks ask for; zeros while the pad is unplugged, see `BaseDrive`."""
-        assert self._drive is not None and self._watch is not None
-        return self._drive.action(self._watch.asked())
-
-    def send_feedback(self, feedback: Mapping[str, Any]) -> None:
-        """Do nothing: feedback cannot move a stick."""
 
 
 def _readings(pad: Pad) -> Iterator[Reading]:
