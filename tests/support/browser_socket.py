@@ -80,6 +80,10 @@ class BrowserSocket:
         """A button of the page, or of a question."""
         self.send("GuiUpdateMessage", uuid=self._uuid(label), updates={"value": True})
 
+    def hold(self, label):
+        """A button of a base, held down: one of the messages that a browser then sends 20 times a second."""
+        self.send("GuiButtonHoldMessage", uuid=self._uuid(label), frequency=20.0)
+
     def set(self, label, value):
         """A slider, number, text or list."""
         self.send("GuiUpdateMessage", uuid=self._uuid(label), updates={"value": value})

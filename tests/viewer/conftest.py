@@ -26,10 +26,10 @@ class Station:
         parts: of the page, that are updated in each round, too.
     """
 
-    def __init__(self, rig, tmp_path):
+    def __init__(self, rig, tmp_path, plan=None):
         self.rig, self._browsers, self.pace_s, self.parts = rig, [], 0.002, []
         self.page = Page(port=_PORT)
-        plan = plan_of([sim_config(rig, ARM)], tmp_path / "poses.json")
+        plan = plan or plan_of([sim_config(rig, ARM)], tmp_path / "poses.json")
         self.moving = Moving(self.page.server, plan, lambda key: _PLACE, "lockstep")
         self.driver = self.moving.driver
 
@@ -60,8 +60,9 @@ class Station:
         if not self.driver.session.running:
             browser.press("connect …")
             browser.press("energise")
-            while not self.driver.arms:
-                self.rig.set_pose(ARM, RAISED)  # in a hand, until it is energised
+            while not self.driver.session.running:
+                if ARM in self.rig.state()["arms"]:
+                    self.rig.set_pose(ARM, RAISED)  # in a hand, until it is energised
                 self.round()
         told = len(browser.notices)
         browser.press("take control")

@@ -111,6 +111,8 @@ def _desktop(args: argparse.Namespace) -> int:
     if plan is None:
         run_desktop()
         return 0
+    if plan.base is not None:
+        raise ConfigError("the window drives no base: leave out --desktop, and drive it from the page")
     channels = " and ".join(config.channel for config in plan.configs)
     tell(
         f"HAZARD: this energises the arms on {channels}. They hold; after SPACE their tools go where you drag them. "

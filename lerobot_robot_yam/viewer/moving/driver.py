@@ -8,9 +8,7 @@ import logging
 import math
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
 
 import numpy as np
 import viser
@@ -18,6 +16,7 @@ import viser
 from lerobot_robot_yam.errors import LifeCycleError, YamError
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
+from lerobot_robot_yam.session.base_client import BaseClient
 from lerobot_robot_yam.session.trajectory import Trajectory
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
@@ -25,26 +24,18 @@ from lerobot_robot_yam.viewer.moving.control_desk import ControlDesk, Stage
 from lerobot_robot_yam.viewer.moving.driven_arms import DrivenArm, HeldBack, Replay
 from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
 from lerobot_robot_yam.viewer.moving.heartbeat import Heartbeat, Order, Orders, too_old
+from lerobot_robot_yam.viewer.moving.notices import Notices
 
 logger = logging.getLogger(__name__)
 
 _PERIOD_S = 0.02
-_MOST_NOTICES = 50
-_REPEATED_S = 2.0  # minimum time between two identical notices, s
-
-
-class Notice(NamedTuple):
-    """Text for one browser, or for all browsers if `browser` is None."""
-
-    browser: int | None
-    text: str
 
 
 class Driver:
     """Driver of a plan's arms.
 
     Args:
-        plan: plan with the configs of the arms.
+        plan: plan with the configs of the arms and of the base.
         server: viser's server.
         isolation: see `ArmSession`.
 
@@ -62,15 +53,15 @@ class Driver:
 
     def __init__(self, plan: DrivingPlan, server: viser.ViserServer, isolation: Isolation = "process"):
         self.plan = plan
-        self.session = ArmSession(plan.configs, isolation)
+        self.session = ArmSession(plan.parts, isolation)
         self.desk = ControlDesk()
         self.arms: dict[str, DrivenArm] = {}
         self.replayed: Replay | None = None
-        self.notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
+        self.notices = Notices()
+        self.say = self.notices.say
         self.held_back: dict[str, str] = {}
         self._guard = HeldBack([self.session.hardware(config.name) for config in plan.configs])
         self._orders = Orders()
-        self._said: dict[Notice, float] = {}
         self.heartbeat = Heartbeat(server, lambda: self.desk.holder)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="yam-view-driver", daemon=True)
@@ -104,20 +95,12 @@ class Driver:
         if not self._orders.add(order):
             self.say(order.browser, "nothing was done: too many of your commands wait; give it again")
 
-    def say(self, browser: int | None, text: str) -> None:
-        """Add a notice, unless an identical notice was added within the last `_REPEATED_S`."""
-        notice, now = Notice(browser, text), time.monotonic()
-        if now - self._said.get(notice, -np.inf) < _REPEATED_S:
-            return
-        self._said = {told: when for told, when in self._said.items() if now - when < _REPEATED_S} | {notice: now}
-        self.notices.append(notice)
-
     # requests
 
     def connect(self) -> None:
         """Energise the arms, which then hold. A person must have confirmed. Raises YamError: an arm cannot start."""
         self.desk.begin()
-        self._said = {}  # forget old notices, so that the new session may show them again
+        self.notices.forget()
         try:
             self.session.start()
             self.arms = {config.name: DrivenArm(self.session[config.name]) for config in self.plan.configs}
@@ -160,12 +143,12 @@ class Driver:
     def hold(self) -> None:
         """Hold each arm at its set-point; a floating arm holds its current pose."""
         self._stay()
-        self._each(ArmClient.hold)
+        self._each(lambda client: client.hold())
 
     def let_float(self) -> None:
-        """Let all arms float, so that a person can move them by hand."""
+        """Let all arms float, so that a person can move them by hand. A base brakes."""
         self._stay()
-        self._each(ArmClient.float)
+        self._each(lambda client: client.hold() if isinstance(client, BaseClient) else client.float())
 
     def rearm(self) -> None:
         """Enable faulted arms again. Raises YamError: an arm is still in fault."""
@@ -173,16 +156,20 @@ class Driver:
         self.session.rearm()
 
     def land(self) -> None:
-        """Start landing all arms. Raises YamError: an arm cannot start landing."""
+        """Start landing all arms; a base brakes, and loses torque after them. Raises YamError: one cannot start."""
         self._stay()
-        self._each(ArmClient.land)
+        self._each(lambda client: client.land())
 
-    def _each(self, work: Callable[[ArmClient], None]) -> None:
-        """Call `work` for each arm, even if it fails for one of them. Raises YamError: the first error of `work`."""
+    @property
+    def _clients(self) -> list[ArmClient | BaseClient]:
+        return [*(arm.client for arm in self.arms.values()), *self.session.bases]
+
+    def _each(self, work: Callable[[ArmClient | BaseClient], None]) -> None:
+        """Call `work` for arms and base, even if it fails for one. Raises YamError: the first error of `work`."""
         failures: list[YamError] = []
-        for arm in self.arms.values():
+        for client in self._clients:
             try:
-                work(arm.client)
+                work(client)
             except YamError as error:
                 failures.append(error)
         if failures:
@@ -271,7 +258,7 @@ class Driver:
             self.say(order.browser, "the command failed: see the terminal of yam-view")
 
     def _drive(self) -> None:
-        if all(arm.client.off for arm in self.arms.values()):
+        if all(client.off for client in self._clients):
             self._finish()
             return
         now = self.session.clock.now()
@@ -331,12 +318,13 @@ class Driver:
             arm.stay()
 
     def _freeze(self) -> None:
-        """Make all tracking or floating arms hold. Arms that are landing continue."""
+        """Make all tracking or floating arms hold, and a base, whose rail may be homing. Landing goes on."""
         self._stay()
-        for arm in self.arms.values():
+        for client in self._clients:
+            busy = (Mode.TRACK, Mode.HOLD) if isinstance(client, BaseClient) else (Mode.TRACK, Mode.FLOAT)
             try:
-                if arm.client.mode() in (Mode.TRACK, Mode.FLOAT):
-                    arm.client.hold()
+                if client.mode() in busy:
+                    client.hold()
             except YamError as error:
                 self.say(None, str(error))
 

@@ -1,4 +1,4 @@
-"""Choice of the arms that the page or the desktop window drives, from a config or from the options of one arm."""
+"""Choice of the arms and the base that the page or the desktop window drives: of a config, or an arm's options."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lerobot_robot_yam.arm.config import ArmConfig, check_together, passive_of
-from lerobot_robot_yam.doctor.kit.targets import calibration_root, from_config
+from lerobot_robot_yam.doctor.kit.targets import BaseTarget, calibration_root, from_config
 from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.mobile.base_config import BaseConfig
 
 MARGIN_M = 0.02  # default collision margin between the parts of an arm, m, as in docs/workspace.md
 _APART_M = 2.0  # distance between arms without a position in the config, m: out of each other's reach
@@ -15,10 +16,11 @@ _APART_M = 2.0  # distance between arms without a position in the config, m: out
 
 @dataclass(frozen=True)
 class DrivingPlan:
-    """Arms to drive.
+    """Arms and base to drive.
 
     Attributes:
         configs: configs of the arms.
+        base: config of the mobile base, if there is one.
         poses: path of the file with saved poses.
         notes: deviations from the config, shown to the person who has to confirm them.
     """
@@ -26,20 +28,27 @@ class DrivingPlan:
     configs: tuple[ArmConfig, ...]
     poses: Path
     notes: tuple[str, ...] = ()
+    base: BaseConfig | None = None
+
+    @property
+    def parts(self) -> tuple[ArmConfig | BaseConfig, ...]:
+        """Configs of the arms and of the base."""
+        return (*self.configs, *([] if self.base is None else [self.base]))
 
 
 def plan_of_file(path: Path, rig: str | None) -> DrivingPlan:
-    """Return the plan for the followers in a rig file or run config, or for the leaders if there are no followers.
+    """Return the plan for the robot in a rig file or run config, or for the leaders if there is no robot.
 
     Raises:
-        ConfigError: the file is unreadable, has no arm with motors, or its arms cannot be used in one session.
+        ConfigError: the file is unreadable, has no arm with motors and no base, or they cannot be used in one session.
     """
     plan = from_config(path, rig)
-    driven = plan.followers or plan.arms
+    base = next((target.config for target in plan.targets if isinstance(target, BaseTarget)), None)
+    driven = plan.followers or (() if base else plan.arms)
     configs = [target.driven for target in driven if passive_of(target.config) is None]
-    if not configs:
-        raise ConfigError(f"{path} has no arm with motors")
-    return plan_of(configs, path.with_name(f"{path.stem}.poses.json"))
+    if not configs and base is None:
+        raise ConfigError(f"{path} has no arm with motors, and no base")
+    return plan_of(configs, path.with_name(f"{path.stem}.poses.json"), base)
 
 
 def plan_of_arm(config: ArmConfig) -> DrivingPlan:
@@ -47,8 +56,8 @@ def plan_of_arm(config: ArmConfig) -> DrivingPlan:
     return plan_of([config], calibration_root() / "yam" / f"{config.channel}.poses.json")
 
 
-def plan_of(configs: Sequence[ArmConfig], poses: Path) -> DrivingPlan:
-    """Return the plan for these arms. They hold when energised.
+def plan_of(configs: Sequence[ArmConfig], poses: Path, base: BaseConfig | None = None) -> DrivingPlan:
+    """Return the plan for these arms and this base. Arms hold when energised.
 
     If no config sets a collision margin, all arms get `MARGIN_M`. The exception is arms without positions but with
     keep-out boxes: collision checking then stays off, with a note.
@@ -57,7 +66,7 @@ def plan_of(configs: Sequence[ArmConfig], poses: Path) -> DrivingPlan:
         ConfigError: the arms cannot be used together.
     """
     notes: list[str] = []
-    if not any(config.workspace.collision_margin_m is not None for config in configs):
+    if configs and not any(config.workspace.collision_margin_m is not None for config in configs):
         places = [tuple(config.workspace.base_position_m) for config in configs]
         unplaced = len(set(places)) < len(places)
         if unplaced and any(config.workspace.keep_out for config in configs):
@@ -69,8 +78,9 @@ def plan_of(configs: Sequence[ArmConfig], poses: Path) -> DrivingPlan:
             apart_m = _APART_M if unplaced else 0.0
             configs = [_guarded(config, apart_m * number) for number, config in enumerate(configs)]
     configs = [dataclasses.replace(config, start="hold") for config in configs]
-    check_together(configs)
-    return DrivingPlan(tuple(configs), poses, tuple(notes))
+    found = DrivingPlan(tuple(configs), poses, tuple(notes), base)
+    check_together(found.parts)
+    return found
 
 
 def _guarded(config: ArmConfig, aside_m: float) -> ArmConfig:

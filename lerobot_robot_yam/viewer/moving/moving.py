@@ -11,12 +11,14 @@ import viser
 from lerobot_robot_yam.arm.config import VIRTUAL
 from lerobot_robot_yam.arm.validation import finite_vector
 from lerobot_robot_yam.errors import ActionError
+from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import find_lockstep
 from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
 from lerobot_robot_yam.session.arm_session import Isolation
 from lerobot_robot_yam.viewer.figure import Place
 from lerobot_robot_yam.viewer.moving.arm_controls import JointSliders, ToolHandle
+from lerobot_robot_yam.viewer.moving.base_pad import BasePad
 from lerobot_robot_yam.viewer.moving.control_desk import Stage
 from lerobot_robot_yam.viewer.moving.driver import Driver
 from lerobot_robot_yam.viewer.moving.driving_plan import DrivingPlan
@@ -27,6 +29,7 @@ _HAZARD = (
     "**HAZARD: this energises {arms}.** Each arm holds where it is. Whoever takes control moves it from a browser. "
     "Keep clear of its way, and the emergency stop within reach."
 )
+_DRIVES = "The base stands with torque, and drives while its buttons are held: keep its way and what it carries clear."
 _SEEKS = "The gripper of {arms} closes and opens fully to find its stops."
 _CHANNEL = "the whole channel"
 _FAULTS: dict[str, tuple[str, Any, bool]] = {  # label → kind, value, whether it is a motor's fault
@@ -105,8 +108,8 @@ class ControlPanel:
     def hazard(self) -> str:
         """Return the warning that a person must confirm."""
         plan = self._driver.plan
-        names = [f"{config.name} ({config.channel})" for config in plan.configs]
-        lines = [_HAZARD.format(arms=" and ".join(names))]
+        names = [f"{config.name} ({config.channel})" for config in plan.parts]
+        lines = [_HAZARD.format(arms=" and ".join(names)), *([] if plan.base is None else [_DRIVES])]
         seeks = [
             config.name
             for config in plan.configs
@@ -203,7 +206,10 @@ class Moving:
             with gui.add_folder("move") as folder:
                 self._control = ControlPanel(server, driver)
                 self._sliders = [JointSliders(gui, driver, arm) for arm in hardware]
-                PosePanel(gui, driver, poses)
+                if plan.base is not None:
+                    BasePad(gui, driver, ResolvedBase(plan.base))
+                if hardware:
+                    PosePanel(gui, driver, poses)
                 self._rig = _rig_of(driver)
                 if self._rig is not None:
                     RigPanel(gui, driver, self._rig, [config.channel for config in plan.configs])
