@@ -1,4 +1,4 @@
-"""Reader of rig files for yam-host. It decodes them as LeRobot's parser does, but loads no LeRobot and no torch."""
+"""Reader of rig files for yam-host and yam-doctor. It decodes them as LeRobot's parser does, but loads no LeRobot and no torch."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -15,11 +15,12 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.doctor.kit.targets import calibration_root
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.base_part import with_rail_file
+from lerobot_robot_yam.face.lerobot_command import config_refusal
 from lerobot_robot_yam.face.lerobot_command.config_refusal import arm_config
 from lerobot_robot_yam.mobile.base_config import BASE_PREFIX, BaseConfig
 from lerobot_robot_yam.robot_options import BaseOptions, FollowerOptions, MobileOptions, RobotOptions
 from lerobot_robot_yam.system.paths import user_path
-from lerobot_robot_yam.system.rig_file import RIG_TYPE, device_of
+from lerobot_robot_yam.system.rig_file import ARMS_OF_TWO, BASE, RIG_TYPE, device_of
 from lerobot_robot_yam.system.strict_yaml import read_yaml
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig, LeaderOptions, check_leaders
 
@@ -122,6 +123,18 @@ def _device(path: Path, section: str) -> Device:
             configs[prefix] = with_rail_file(base, calibration_dir, device.id)
     options = {prefix: {**_options(part), "name": configs[prefix].name} for prefix, part in parts.items()}
     return Device(section, kind, configs, options)
+
+
+def check_options(section: str, device: Mapping[str, Any], where: str) -> None:
+    """Check option names as `config_refusal.check_options` does; without LeRobot for the types of this module."""
+    _, _, types = _SECTIONS[section]
+    kind = str(device["type"]).replace("i2rt_", "")
+    known = _class_of(kind, *types[kind]) if kind in types else None
+    if known is not None and section == "robot":  # cameras, which LeRobot's classes declare
+        places = [name for name in (*ARMS_OF_TWO, BASE) if isinstance(device.get(name), Mapping)]
+        device = {name: value for name, value in device.items() if name != "cameras"}
+        device |= {name: {key: v for key, v in device[name].items() if key != "cameras"} for name in places}
+    config_refusal.check_options(section, device, where, known)
 
 
 def _class_of(kind: str, whole: Any, parts: Mapping[str, Any]) -> Any:

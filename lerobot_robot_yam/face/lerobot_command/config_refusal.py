@@ -99,22 +99,24 @@ def rig_device[C](registry: type[C], section: str, given: Mapping[str, Any]) -> 
         raise RefusedConfigError(f"{given.get('file')}, {section}: {error}") from error
 
 
-def check_options(section: str, device: Mapping[str, Any], where: str) -> None:
+def check_options(section: str, device: Mapping[str, Any], where: str, config: Any = None) -> None:
     """Check that LeRobot's parser knows all options of a device.
 
     Args:
         section: "robot" or "teleop".
         device: options of one of this package's types.
         where: location of the device, for messages.
+        config: dataclass with the options; None: LeRobot's class of that type, which takes seconds to load.
 
     Raises:
         ConfigError: an option is unknown; the message names the option and the most similar known option.
     """
-    from lerobot.robots.config import RobotConfig  # only LeRobot's commands have already loaded this module
-    from lerobot.teleoperators.config import TeleoperatorConfig
+    if config is None:
+        from lerobot.robots.config import RobotConfig  # only LeRobot's commands have already loaded this module
+        from lerobot.teleoperators.config import TeleoperatorConfig
 
-    registry: Any = RobotConfig if section == "robot" else TeleoperatorConfig
-    config = registry.get_choice_class(device["type"])
+        registry: Any = RobotConfig if section == "robot" else TeleoperatorConfig
+        config = registry.get_choice_class(device["type"])
     places: list[tuple[str, Any, Mapping[str, Any]]] = [(where, config, device)]
     hints = typing.get_type_hints(config)
     places += [
