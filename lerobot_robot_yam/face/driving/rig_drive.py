@@ -7,6 +7,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import RigError
 from lerobot_robot_yam.face.driving.base_drive import Asked
+from lerobot_robot_yam.face.lerobot_command.running_command import Phase, recording
 from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import find_lockstep
 from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
@@ -31,7 +32,7 @@ class RigDrive:
         try:
             if self._rig is None:
                 self._rig = find_lockstep(self._name) or RigControl(self._name, hold=False)
-            velocity = np.array(self._rig.asked_drive()["velocity"])
+            velocity = np.array(self._rig.asked_drive(_episode())["velocity"])
         except RigError as error:
             return Asked(trouble=str(error))
         x, y, theta = np.clip(velocity / self._full, -1.0, 1.0).tolist()
@@ -42,3 +43,11 @@ class RigDrive:
         rig, self._rig = self._rig, None
         if isinstance(rig, RigControl):
             rig.close()
+
+
+def _episode() -> float | None:
+    """Return the number of the episode that is being recorded; 0 without a recording, None between two episodes."""
+    now = recording()
+    if now is None:
+        return 0.0
+    return now.turn if now.phase is Phase.RECORDING else None

@@ -28,6 +28,8 @@ class MobileTables(Script):
     in the frame of the mount, of which the height is not used.
     """
 
+    drives = True
+
     def __init__(self, hands: Hands, setup: Setup):
         super().__init__(hands, setup)
         missing = {"start", "first", "between", "second"} - set(setup.stands)

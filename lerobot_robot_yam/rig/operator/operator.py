@@ -4,7 +4,9 @@
 
 The operator moves the leaders only by hand: with limited force, added to the leaders' own gravity compensation. The
 operator begins when all arms are energised, stops when an arm is not, and begins again; it ends with the rig.
-`pick_and_place` runs endlessly. A task of the scene is attempted repeatedly, each time laid out with the next seed.
+`pick_and_place` runs endlessly. A task of the scene is attempted repeatedly, each time laid out with the next seed. A
+base moves only when a teleoperator reads what the operator asks. With a base there is one attempt in each recorded
+episode, from its beginning, and the things are laid out between episodes.
 """
 
 import argparse
@@ -18,7 +20,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ConfigError, RigError
 from lerobot_robot_yam.rig.control import RigControl
-from lerobot_robot_yam.rig.operator.hands import Interrupted, Sight, sight_of
+from lerobot_robot_yam.rig.operator.hands import Interrupted, Sight, pause, sight_of
 from lerobot_robot_yam.rig.operator.script import SIDES, Script, sides_of
 from lerobot_robot_yam.rig.operator.task_scripts import make_script
 from lerobot_robot_yam.rig.simulation.rig_operations import RigOperations
@@ -80,8 +82,22 @@ def _work(rig: RigControl, script: Script, seed: int) -> int:
     return seed + 1
 
 
+def _due(rig: RigControl, last: float | None) -> bool:
+    """Return whether somebody reads what is asked of the base, in another episode than the last attempt's."""
+    return rig.drive_reader()["episode"] not in (None, last)
+
+
+def _await_episode(rig: RigControl, script: Script, seed: int, last: float | None) -> None:
+    """Wait for the end of the last attempt's episode, lay the things out for the next one, and wait for it."""
+    while last is not None and rig.drive_reader()["episode"] == last:
+        pause(script.hands, _POLL_S)
+    rig.task(script.setup.task.name, seed)
+    while not _due(rig, last):
+        pause(script.hands, _POLL_S)
+
+
 def operate(rig: RigControl, task: str) -> None:
-    """Perform the task whenever all arms are energised, until the rig ends.
+    """Perform the task whenever all arms are energised, and with a base when it is read, until the rig ends.
 
     Raises:
         ConfigError: the task is unknown, or the scene lacks something that the task needs.
@@ -90,17 +106,23 @@ def operate(rig: RigControl, task: str) -> None:
     scene = rig.scene()
     hands = RigHands(rig, scene)
     script, seed = make_script(hands, scene, task), scene["seed"]
+    last: float | None = None  # recorded episode of the last attempt
     while True:
+        if script.drives:
+            rig.task(task, seed)
         ready_since = time.monotonic()
         while time.monotonic() - ready_since < _READY_S:
             time.sleep(_POLL_S)
-            if not hands.look().willing:
+            if not hands.look().willing or (script.drives and not _due(rig, last)):
                 ready_since = time.monotonic()
         rig.log("operator", did="takes the leaders")
         try:
             script.begin()
             while True:
+                last = rig.drive_reader()["episode"] or None
                 seed = _work(rig, script, seed)
+                if script.drives:
+                    _await_episode(rig, script, seed, last)
         except Interrupted:
             rig.log("operator", did="lets go")
 

@@ -108,11 +108,13 @@ class Script(ABC):
     Attributes:
         height_m: height at which the tool travels over the table.
         endless: whether each `work` continues where the previous one ended, without placing things and without verdict.
+        drives: whether it drives a base, and therefore makes one attempt in each episode of whoever reads what it asks.
         workers: side → worker of that side.
     """
 
     height_m: ClassVar[float] = 0.125
     endless: ClassVar[bool] = False
+    drives: ClassVar[bool] = False
 
     def __init__(self, hands: Hands, setup: Setup):
         self.hands, self.setup = hands, setup

@@ -64,6 +64,7 @@ class RigDevice:
         each_advance: callbacks after each `advance` that has simulated at least one step.
         loaded: files that `RigOperations.load` has run.
         asked_drive: simulated time, s, and velocity (3,) at which the operator last asked to drive the base.
+        drive_reader: simulated time, s, and episode at which a teleoperator last read that.
     """
 
     def __init__(self, scene: Scene, clock: Clock = SYSTEM):
@@ -99,6 +100,7 @@ class RigDevice:
         self.each_advance: list[Callable[[], None]] = []
         self.loaded: set[str] = set()
         self.asked_drive: tuple[float, list[float]] = (-math.inf, [0.0] * 3)
+        self.drive_reader: tuple[float, float | None] = (-math.inf, None)
         self._next_slow_s = 0.0
 
     def _hand(self, row: ArmPlacement, handle: SimHandle | None) -> Hand:

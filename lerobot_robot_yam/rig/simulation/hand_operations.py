@@ -12,6 +12,7 @@ from lerobot_robot_yam.rig.simulation.operation import Operations, number, opera
 
 _PATH_POINTS = 30
 _DRIVE_S = 0.3  # time for which a hand's wish to drive is valid, s: a hand that is gone drives nothing
+_READER_S = 1.0  # time after which a reader of that counts as gone, s: a busy recorder may miss several frames
 _PRESS_S = (0.005, 60.0)  # minimum and maximum press, s; the rig checks for the end every 5 ms
 
 
@@ -106,10 +107,21 @@ class HandOperations(Operations):
         self.device.asked_drive = self.device.world.sim_s, vector(velocity, 3).tolist()
 
     @operation
-    def asked_drive(self) -> dict[str, Any]:
-        """Read what a hand asks the base to do, under the key velocity: (3,), m/s, m/s, rad/s; zeros if nothing."""
+    def asked_drive(self, episode: float | None = 0.0) -> dict[str, Any]:
+        """Read what a hand asks the base to do, under the key velocity: (3,), m/s, m/s, rad/s; zeros if nothing.
+
+        episode: the reader's, for `drive_reader`: another number for each; 0 without episodes, None between two.
+        """
+        now = self.device.world.sim_s
+        self.device.drive_reader = now, None if episode is None else number(episode, 0.0)
         at_s, velocity = self.device.asked_drive
-        return {"velocity": velocity if self.device.world.sim_s - at_s <= _DRIVE_S else [0.0] * 3}
+        return {"velocity": velocity if now - at_s <= _DRIVE_S else [0.0] * 3}
+
+    @operation
+    def drive_reader(self) -> dict[str, Any]:
+        """Read the episode, see `asked_drive`, of who reads what hands ask the base to do; None if nobody does."""
+        at_s, episode = self.device.drive_reader
+        return {"episode": episode if self.device.world.sim_s - at_s <= _READER_S else None}
 
     @operation
     def joints(self, channel: str) -> dict[str, Any]:

@@ -75,3 +75,17 @@ def test_cameras_ride_with_the_base(rig):
     world.data.joint("base").qpos[0] += 0.5
     rig.sleep(0.01)
     assert world.data.camera("base").xpos - before == pytest.approx(np.array([0.5, 0.0, 0.0]), abs=2e-3)
+
+
+def test_the_rig_tells_the_episode_of_who_reads_the_wish(rig):
+    rig.sleep(1.1)
+    assert rig.drive_reader()["episode"] is None
+    rig.asked_drive(12.5)
+    rig.sleep(0.5)
+    assert rig.drive_reader()["episode"] == 12.5
+    rig.asked_drive(None)
+    assert rig.drive_reader()["episode"] is None
+    rig.asked_drive()
+    assert rig.drive_reader()["episode"] == 0.0
+    rig.sleep(1.1)
+    assert rig.drive_reader()["episode"] is None
