@@ -73,6 +73,7 @@ class Trouble(StrEnum):
     LEADER_LOST = "leader of a coupled follower lost"
     FOLLOWER_LOST = "follower of a leader lost"
     STEERING_STALLED = "steering stalled"
+    BASE_BLOCKED = "base blocked"
     RAIL_SILENT = "rail's switches and brake silent"
     RAIL_CABLE = "rail's switch cable off"
     RAIL_SWITCH = "rail switch stuck or off"
@@ -304,6 +305,12 @@ RESPONSES: dict[Trouble, Rule] = {
         "a base's steering motor turns with less than a fifth of the commanded rate for 0.3 s",
         0.4,
         "MotorError that names the motor; the base brakes and holds at velocity 0",
+    ),
+    Trouble.BASE_BLOCKED: _hold(
+        "a base's wheel turns with less than half of the commanded rate, above 0.05 m/s, for 0.5 s: it pushes against "
+        "something, or a wheel is lifted or blocked",
+        0.6,
+        "MotorError that names the wheels; the base brakes and holds at velocity 0",
     ),
     Trouble.RAIL_SILENT: _hold(
         f"switches and brake of a base's rail have not been read for {SILENT_S} s",

@@ -138,6 +138,7 @@ ELSEWHERE = {  # trouble → test that causes it
     Trouble.LEADER_LOST: "tests/control/teleop/test_lost_leader.py",
     Trouble.FOLLOWER_LOST: "tests/control/teleop/test_lead.py",
     Trouble.STEERING_STALLED: "tests/mobile/test_yam_base.py",
+    Trouble.BASE_BLOCKED: "tests/mobile/test_yam_base.py",
     Trouble.RAIL_SILENT: "tests/mobile/test_rail.py",
     Trouble.RAIL_CABLE: "tests/mobile/test_rail.py",
     Trouble.RAIL_SWITCH: "tests/mobile/test_rail.py",

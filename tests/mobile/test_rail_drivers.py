@@ -136,6 +136,24 @@ class LineError(Exception):
     """An error as lgpio has it: it derives from nothing but Exception."""
 
 
+def test_pins_that_fail_later_show_in_the_age_of_the_sample(pins, monkeypatch, caplog):
+    with contextlib.closing(opened(io="gpio")) as driver:
+        before = driver.read()
+
+        def fail(*_):
+            raise LineError("line is gone")
+
+        with monkeypatch.context() as broken:
+            broken.setattr(MockPin, "_get_state", fail)
+            broken.setattr(MockPin, "_set_state", fail)
+            broken.setattr(MockPin, "state", property(fail, fail))
+            driver.set_brake(False)
+            assert driver.read() == driver.read() == before
+        assert caplog.text.count("rail: pins cannot be set: line is gone") == 1
+        driver.set_brake(False)
+        assert driver.read().brake_on is False and driver.read().stamp_s > before.stamp_s
+
+
 class BusyPin(MockPin):
     """A pin, the brake's of which another process holds at first."""
 

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError, MotorError
-from lerobot_robot_yam.mobile.base_profile import FLIP_RAD_S
+from lerobot_robot_yam.mobile.base_profile import CASTERS, FLIP_RAD_S, BaseProfile
+from lerobot_robot_yam.mobile.casters import Casters
+from lerobot_robot_yam.mobile.odometry import Odometry
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.session.yam_base import YamBase
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
@@ -46,6 +48,25 @@ def truth(rig):
 
 def enabled(rig):
     return [motor["enabled"] for motor in rig.state()["base"]["motors"].values()]
+
+
+class Rolled(Odometry):
+    """Where the base would be if its true wheels, read from the world at each of its steps, had not slipped."""
+
+    def __init__(self, rig):
+        super().__init__()
+        data = rig.device.world.data
+        self._joints = [data.joint(f"base/{name}_{kind}") for name in CASTERS for kind in ("steer", "drive")]
+        self._casters, self._q = Casters(BaseProfile()), self._angles()
+        rig.device.each_advance.append(self._roll)
+
+    def _angles(self):
+        return np.array([joint.qpos[0] for joint in self._joints])
+
+    def _roll(self):
+        before, self._q = self._q, self._angles()
+        middle = (before[0::2] + self._q[0::2]) / 2.0
+        self.step(self._casters.twist(middle, self._q - before), 1.0)
 
 
 def test_it_stands_drives_brakes_and_is_off_at_the_end(rig):
@@ -98,12 +119,14 @@ def test_low_limits_let_no_base_roll_on_without_torque(rig):
 
 @pytest.mark.long
 def test_ten_metres_square_closes(rig, base):
+    rolled = Rolled(rig)
     for corner in ((2.5, 0.0, 0.0), (2.5, 2.5, 0.0), (0.0, 2.5, 0.0), (0.0, 0.0, 0.0)):
         for _ in range(180):
             base.set_target_pose(corner)
             base.clock.sleep(0.05)
     measured, true = base.odometry().pose, truth(rig)
     assert math.hypot(*measured[:2]) < 0.005 and abs(measured[2]) < math.radians(0.5)
+    assert math.hypot(*rolled.pose[:2]) < 0.005 and abs(rolled.pose[2]) < math.radians(0.5)  # without slip
     assert math.hypot(*true[:2]) < 0.02 and abs(true[2]) < math.radians(0.5)
 
 
@@ -154,6 +177,28 @@ def test_a_caster_that_does_not_turn_is_named(rig, base):
     rig.fault("base", "front_left_steer", "stuck", True)
     with pytest.raises(MotorError, match="front_left_steer .* does not steer"):
         drive(base, [0.0, 0.5, 0.0], 4.0)
+
+
+@pytest.mark.parametrize("velocity", [0.3, pytest.param(0.08, marks=pytest.mark.long)])
+def test_a_base_that_pushes_against_something_stops(rig, base, velocity):
+    world = rig.device.world
+    push_n = world.data.xfrc_applied[world.model.body("base").id]
+
+    def wall():  # stiff and damped, so that the base does not bounce
+        depth_m, speed = truth(rig)[0] - 0.2, world.data.qvel[world.model.joint("base").dofadr[0]]
+        push_n[0] = min(-5e4 * depth_m - 1e3 * speed, 0.0) if depth_m > 0.0 else 0.0
+
+    rig.device.each_advance.append(wall)
+    with pytest.raises(MotorError, match=r"_drive \(id \d\).* does not turn as commanded: something is in the way"):
+        drive(base, [velocity, 0.0, 0.0], 5.0)
+    there = truth(rig)
+    base.clock.sleep(3.0)
+    assert push_n[0] > -20.0 and truth(rig) == pytest.approx(there, abs=0.02)  # N; it pushed by 500
+    rig.device.each_advance.remove(wall)
+    push_n[0] = 0.0
+    base.rearm()
+    drive(base, [-0.2, 0.0, 0.0], 2.0)
+    assert base.odometry().body_twist[0] == pytest.approx(-0.2, abs=0.02)
 
 
 @pytest.mark.parametrize(

@@ -154,7 +154,7 @@ class BaseController:
         if channel.trouble is not None:
             self._suffer(channel.trouble, channel.message)
             return
-        stalled = self._steering.check(now, self.motors.asked[STEER], self.motors.dq[STEER])
+        stalled = self._steering.check(now, self.motors.asked[CASTER_MOTORS], self.motors.dq[CASTER_MOTORS])
         finding = rail or self._heat.check(now) or stalled
         if finding is not None:
             self._suffer(*finding)

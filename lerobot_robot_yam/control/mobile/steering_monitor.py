@@ -1,4 +1,4 @@
-"""Monitor of the steering motors: one that does not turn although it is commanded to is stalled."""
+"""Monitor of steering and wheels: a motor that does not turn although it is commanded to is stalled."""
 
 import math
 
@@ -9,28 +9,32 @@ from lerobot_robot_yam.mobile.base_profile import CASTERS
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.state.faults import Trouble
 
-_ASKED_RAD_S = 1.0  # commanded rate from which a stall is judged
-_SHARE = 0.2  # share of the commanded rate below which a motor counts as stalled
-_STALL_S = 0.3  # duration of a stall, s; a motor that starts is slow for a shorter time
+_ASKED_RAD_S = 1.0  # commanded rate from which a stall is judged; of a wheel this is 0.05 m/s
+_SHARE = np.array([0.2, 0.5] * len(CASTERS))  # share of the commanded rate below which a motor counts as stalled:
+# steering, wheel. A blocked base still turns some of its wheels, by their slip
+_STALL_S = np.array([0.3, 0.5] * len(CASTERS))  # duration of a stall, s; a motor that starts is slow for a shorter time
 
 
 class SteeringMonitor:
-    """Monitor of four steering motors. Check once per tick."""
+    """Monitor of the eight motors of four casters. Check once per tick."""
 
     def __init__(self, hardware: ResolvedBase):
-        self._name, self._motors = hardware.name, hardware.motors[0:8:2]
-        self._since_s: np.ndarray = np.full(len(CASTERS), math.inf)
+        self._name, self._motors = hardware.name, hardware.motors[: 2 * len(CASTERS)]
+        self._since_s: np.ndarray = np.full(2 * len(CASTERS), math.inf)
 
     def forget(self) -> None:
         """Start anew, after a fault has been cleared."""
         self._since_s[:] = math.inf
 
     def check(self, now: float, asked: np.ndarray, measured: np.ndarray) -> Finding | None:
-        """Return the trouble of stalled motors. asked, measured: (4,) rad/s in joint coordinates."""
+        """Return the trouble of stalled motors. asked, measured: (8,) rad/s in joint coordinates."""
         stalls = (np.abs(asked) > _ASKED_RAD_S) & (measured * np.sign(asked) < _SHARE * np.abs(asked))
         self._since_s = np.where(stalls, np.minimum(self._since_s, now), math.inf)
         stalled = np.flatnonzero(now - self._since_s > _STALL_S)
         if not len(stalled):
             return None
         names = ", ".join(f"{self._motors[i].name} (id {self._motors[i].can_id})" for i in stalled)
-        return Trouble.STEERING_STALLED, f"{self._name}: {names} does not steer; free the caster, then re-arm"
+        if (stalled % 2 == 0).any():
+            return Trouble.STEERING_STALLED, f"{self._name}: {names} does not steer; free the caster, then re-arm"
+        what = "does not turn as commanded: something is in the way, or a wheel is lifted or blocked"
+        return Trouble.BASE_BLOCKED, f"{self._name}: {names} {what}; free it, then re-arm"

@@ -1,12 +1,17 @@
 """Switches and brake on the pins of a Raspberry Pi, by gpiozero, which finds the libraries of each model."""
 
 import contextlib
+import logging
+import math
 import time
+from collections.abc import Iterator
 
 import gpiozero
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.boards.switch_board import BoardSample
+
+logger = logging.getLogger(__name__)
 
 
 class GpioBoard:
@@ -25,14 +30,29 @@ class GpioBoard:
                 gpiozero.DigitalOutputDevice(pins[2], active_high=True, initial_value=False)
             )
             self._opened = opened.pop_all()
+        self._sample = BoardSample(False, False, None, -math.inf)
+        self._failed = False
 
     def read(self) -> BoardSample:
-        # A device with a pull-up counts as active when its pin is low.
-        upper, lower = not self._upper.is_active, not self._lower.is_active
-        return BoardSample(upper, lower, not self._brake.value, time.monotonic())
+        with self._reported("read"):
+            # A device with a pull-up counts as active when its pin is low.
+            upper, lower = not self._upper.is_active, not self._lower.is_active
+            self._sample = BoardSample(upper, lower, not self._brake.value, time.monotonic())
+        return self._sample
 
     def set_brake(self, on: bool) -> None:
-        self._brake.value = not on
+        with self._reported("set"):
+            self._brake.value = not on
+
+    @contextlib.contextmanager
+    def _reported(self, what: str) -> Iterator[None]:
+        """Log the first error of the pins. The age of the sample tells the loop, which goes on to command the motor."""
+        try:
+            yield
+        except Exception as error:  # lgpio and its likes have errors of their own, which derive from nothing else
+            if not self._failed:
+                logger.error("rail: pins cannot be %s: %s", what, error)
+            self._failed = True
 
     def close(self) -> None:
         self._opened.close()
