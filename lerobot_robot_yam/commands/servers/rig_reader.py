@@ -1,4 +1,7 @@
-"""Reader of rig files for yam-host and yam-doctor. It decodes them as LeRobot's parser does, but loads no LeRobot and no torch."""
+"""Reader of rig files for yam-host and yam-doctor.
+
+It decodes them as LeRobot's parser does, but loads no LeRobot and no torch.
+"""
 
 import dataclasses
 from collections.abc import Mapping

@@ -11,10 +11,11 @@ from lerobot.robots.config import RobotConfig
 from lerobot.teleoperators.config import TeleoperatorConfig
 
 from lerobot_robot_yam.arm.config import ArmConfig
-from lerobot_robot_yam.commands.servers.rig_reader import read_rig
+from lerobot_robot_yam.commands.servers.rig_reader import check_options, read_rig
 from lerobot_robot_yam.doctor.kit.targets import calibration_root
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.devices.base_part import with_rail_file
+from lerobot_robot_yam.face.lerobot_command import config_refusal
 from lerobot_robot_yam.face.lerobot_command.config_refusal import arm_config, rig_device
 from lerobot_robot_yam.mobile.base_config import BASE_PREFIX
 from lerobot_robot_yam.system.strict_yaml import read_yaml
@@ -152,6 +153,22 @@ def test_what_lerobot_refuses_is_refused(tmp_path, section, device, said):
     with pytest.raises(ConfigError, match=said):
         by_lerobot(path, section)
     assert str(path) in str(ours.value)
+
+
+@pytest.mark.parametrize("section, kind", [*(("robot", kind) for kind in SERVED[:4]), ("teleop", "yam_leader")])
+@pytest.mark.parametrize(
+    "options",
+    [{"channel": "can0", "cameras": {}}, {"chanel": "can0"}, {"base_config": {"chanel": "c", "rate_hz": 200}}],
+)
+def test_names_of_options_are_checked_as_lerobot_checks_them(section, kind, options):
+    def told(check):
+        try:
+            check(section, {"type": kind, **options}, "rig.yaml")
+        except ConfigError as error:
+            return str(error)
+        return ""
+
+    assert told(check_options) == told(config_refusal.check_options)
 
 
 @pytest.mark.parametrize(
