@@ -122,7 +122,7 @@ def check_options(section: str, device: Mapping[str, Any], where: str, config: A
     places += [
         (f"{where}, {arm}", hints[arm], device[arm])
         for arm in (*ARMS_OF_TWO, BASE)
-        if isinstance(device.get(arm), Mapping)
+        if arm in hints and isinstance(device.get(arm), Mapping)
     ]
     for place, known_by, given in places:
         known = {field.name for field in dataclasses.fields(known_by)} | ({"type"} if known_by is config else set())
