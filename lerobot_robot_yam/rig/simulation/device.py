@@ -102,6 +102,8 @@ class RigDevice:
         self.asked_drive: tuple[float, list[float]] = (-math.inf, [0.0] * 3)
         self.drive_reader: tuple[float, float | None] = (-math.inf, None)
         self._next_slow_s = 0.0
+        if scene.options.operator in (task.name for task in scene.tasks):  # things lie as its first attempt has them
+            self.judge.place(scene.options.operator, scene.options.seed)
 
     def _hand(self, row: ArmPlacement, handle: SimHandle | None) -> Hand:
         firm = FirmGrip(self.world, row.channel) if row.role == "leader" else None
