@@ -6,14 +6,13 @@ at each tick from the odometry's pose, so that wheels that lag behind the plan l
 """
 
 import math
-from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 import ruckig
 
 from lerobot_robot_yam.mobile.base_limits import BaseLimits
 from lerobot_robot_yam.mobile.base_profile import HARD_CAP, HARD_CAP_ACCELERATION, BaseProfile
+from lerobot_robot_yam.mobile.base_target import Frame, Target
 from lerobot_robot_yam.mobile.casters import Casters, wrapped
 from lerobot_robot_yam.mobile.odometry import Odometry, to_body, to_world
 
@@ -21,29 +20,6 @@ _THERE = np.array([0.001, 0.001, 0.003])  # distance from a pose target, m, m, r
 _NO_JERK = math.inf
 
 
-class Frame(IntEnum):
-    """Frame of a target."""
-
-    LOCAL = 0  # the body's
-    GLOBAL = 1  # the odometry's
-
-
-@dataclass(frozen=True)
-class Target:
-    """Target of the base.
-
-    Attributes:
-        values: (3,) twist in m/s, m/s, rad/s, or pose in m, m, rad.
-        frame: frame of a twist; poses are in the global frame.
-        pose: whether `values` is a pose.
-    """
-
-    values: np.ndarray
-    frame: Frame = Frame.LOCAL
-    pose: bool = False
-
-
-REST = Target(np.zeros(3))
 _HARD = BaseLimits(HARD_CAP, HARD_CAP_ACCELERATION)
 
 

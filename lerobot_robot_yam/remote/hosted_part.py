@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.errors import GripperError, LifeCycleError, LinkError, YamError
-from lerobot_robot_yam.mobile.base_motion import Frame
+from lerobot_robot_yam.mobile.base_target import Frame
 from lerobot_robot_yam.session.arm_client import REQUEST_TIMEOUT_S, ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.session.base_client import BaseClient

@@ -9,7 +9,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.validation import finite_number, finite_vector
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError, MotorError, StaleStateError
-from lerobot_robot_yam.mobile.base_motion import Frame
+from lerobot_robot_yam.mobile.base_target import Frame
 from lerobot_robot_yam.mobile.odometry import to_world
 from lerobot_robot_yam.mobile.rail_config import RailConfig
 from lerobot_robot_yam.mobile.rail_profile import SOFT_END_M, RailState, RailTarget

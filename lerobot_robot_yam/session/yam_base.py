@@ -17,7 +17,7 @@ import numpy as np
 
 from lerobot_robot_yam.errors import ActionError, ConfigError
 from lerobot_robot_yam.mobile.base_config import BaseConfig
-from lerobot_robot_yam.mobile.base_motion import Frame
+from lerobot_robot_yam.mobile.base_target import Frame
 from lerobot_robot_yam.mobile.rail_profile import RailState
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.session.base_client import BaseClient

@@ -7,8 +7,9 @@ import pytest
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.mobile.base_limits import BaseLimits
-from lerobot_robot_yam.mobile.base_motion import REST, BaseMotion, Frame, Target
+from lerobot_robot_yam.mobile.base_motion import BaseMotion
 from lerobot_robot_yam.mobile.base_profile import FLIP_RAD_S, BaseProfile
+from lerobot_robot_yam.mobile.base_target import REST, Frame, Target
 
 DT = 0.004
 USUAL = BaseLimits()

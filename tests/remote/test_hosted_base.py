@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, LinkError, MotorError
-from lerobot_robot_yam.mobile.base_motion import Frame
+from lerobot_robot_yam.mobile.base_target import Frame
 from lerobot_robot_yam.mobile.rail_config import RailConfig
 from lerobot_robot_yam.remote import link_messages as wire
 from lerobot_robot_yam.remote.host_question import Host

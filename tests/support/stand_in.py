@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from lerobot_robot_yam.mobile.base_motion import BaseLimits, BaseMotion, Target
+from lerobot_robot_yam.mobile.base_motion import BaseLimits, BaseMotion
+from lerobot_robot_yam.mobile.base_target import Target
 from lerobot_robot_yam.rig.operator.hands import Sight, sight_of
 from lerobot_robot_yam.rig.scene.scene import Scene
 from lerobot_robot_yam.rig.simulation.device import RigDevice

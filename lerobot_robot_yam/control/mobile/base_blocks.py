@@ -8,7 +8,7 @@ import numpy as np
 
 from lerobot_robot_yam.control.mobile.base_controller import BaseController
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.mobile.base_motion import Frame, Target
+from lerobot_robot_yam.mobile.base_target import Frame, Target
 from lerobot_robot_yam.mobile.rail_profile import RailTarget
 from lerobot_robot_yam.state.about import forget_about, tell_about
 from lerobot_robot_yam.state.base_records import BASE_STATE_DTYPE, BaseRequest

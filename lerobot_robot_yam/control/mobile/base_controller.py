@@ -23,7 +23,8 @@ from lerobot_robot_yam.control.mobile.rail_monitor import Finding
 from lerobot_robot_yam.control.mobile.steering_monitor import SteeringMonitor
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import BusError, LifeCycleError
-from lerobot_robot_yam.mobile.base_motion import REST, BaseMotion, Frame, Target
+from lerobot_robot_yam.mobile.base_motion import BaseMotion
+from lerobot_robot_yam.mobile.base_target import REST, Frame, Target
 from lerobot_robot_yam.mobile.rail_profile import RailTarget
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.state.base_records import BaseRequest
