@@ -1,15 +1,18 @@
-"""A mobile base is recorded and replayed by LeRobot's own commands, by velocity and by the recorded odometry."""
+"""A mobile base, alone and with arms, is recorded, replayed and rolled out by LeRobot's own commands."""
 
 import contextlib
 import math
 
 import numpy as np
 import pytest
+import yaml
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_robot_yam.rig.control import running_rig
 from tests.cli.conftest import Commands, one_episode, options
+from tests.policy_plugin.checkpoints import save_scripted
 from tests.support.hosted import mobile_rig_file, running_host
+from tests.support.paths import ROOT
 
 pytestmark = [pytest.mark.alone, pytest.mark.long]
 
@@ -82,3 +85,81 @@ def test_a_recorded_drive_is_replayed_by_velocity_and_by_poses(commands, tmp_pat
     )
     assert by_velocity[:2] == pytest.approx(recorded[:2], abs=0.25)
     assert by_poses[:2] == pytest.approx(recorded[:2], abs=0.03) and by_poses[2] == pytest.approx(recorded[2], abs=3.0)
+
+
+FOLLOWERS = ("follower_left", "follower_right")
+
+
+@pytest.mark.parametrize("where", ["local", "link"])
+def test_a_recorded_attempt_carries_the_block_again(tmp_path, where):
+    """As the shipped configs do it, once with the robot on this computer, once with the robot at a host."""
+    root = tmp_path / "carried"
+    with tables(tmp_path, where) as (commands, config):
+        recorded = commands.run(
+            "lerobot-record",
+            f"--config_path={config('mobile_record')}",
+            *options(dataset={"root": root, "no_stamp": "true"}),
+        )
+        assert recorded == 0, commands.output()[-4000:]
+        (attempt,) = [event for event in commands.rig.events() if event["kind"] == "attempt"]
+        assert attempt["success"] and not energised(commands.rig)
+    dataset = LeRobotDataset("local/yam_mobile_sim", root=root)
+    names = dataset.features["action"]["names"]
+    assert dataset.meta.robot_type == "yam_mobile" and names[-3:] == ["x.vel", "y.vel", "theta.vel"]
+    first = dataset.select_columns("observation.state")[0]["observation.state"].numpy()
+    assert np.abs(first[-3:]).max() < 0.05  # the attempt is in it from its beginning: odometry at zero
+    with tables(tmp_path, where) as (commands, config):
+        commands.rig.task("mobile_tables", 0, 600.0)  # the same places, and more time until the verdict
+        replayed = commands.run(
+            "lerobot-replay", f"--config_path={config('mobile_replay')}", *options(dataset={"root": root})
+        )
+        assert replayed == 0, commands.output()[-4000:]
+        assert commands.rig.task_state()["success"] and not energised(commands.rig)
+
+
+@pytest.mark.parametrize("where", ["local", "link"])
+def test_a_policy_drives_arms_and_base(tmp_path, where):
+    policy = save_scripted(tmp_path / "policy", "sines", arms=2, more=3, fps=15, chunk_size=15, amplitude=0.1)
+    with tables(tmp_path, where) as (commands, config):
+        before = commands.rig.state()["base"]["pose"]
+        rolled = commands.run(
+            "lerobot-rollout",
+            f"--config_path={config('mobile_rollout', cameras=False)}",
+            "--robot.discover_packages_path=tests.policy_plugin",
+            f"--policy.path={policy}",
+            "--duration=8",
+        )
+        assert rolled == 0, commands.output()[-4000:]
+        gone = np.array(commands.rig.state()["base"]["pose"]) - before
+        assert np.abs(gone).max() > 0.005 and not energised(commands.rig)
+
+
+@contextlib.contextmanager
+def tables(directory, where):
+    """Commands on a rig with two tables, and a function: path of a shipped config, the robot there or over a link."""
+    with contextlib.ExitStack() as stack:
+        rig = stack.enter_context(running_rig(scene="mobile_tables", operator="mobile_tables"))
+        host = None
+        if where == "link":
+            file = mobile_rig_file(directory, rig, FOLLOWERS, rate_hz=100)
+            host = stack.enter_context(running_host(file, directory))
+
+        def config(name, cameras=True):
+            document = yaml.safe_load((ROOT / "configs" / "sim" / f"{name}.yaml").read_text())
+            robot = document["robot"]
+            if not cameras:
+                del robot["cameras"], robot["observe_odometry"]  # the policy has 7 numbers of each arm, 3 of the base
+            if host is not None:
+                kept = {key: robot[key] for key in ("id", "cameras", "observe_odometry") if key in robot}
+                document["robot"] = {"type": "yam_mobile_remote", "host": str(host.address), **kept}
+            path = directory / f"{name}.yaml"
+            path.write_text(yaml.safe_dump(document))
+            return path
+
+        yield stack.enter_context(contextlib.closing(Commands(rig, directory, ()))), config
+
+
+def energised(rig):
+    state = rig.state()
+    parts = (*state["arms"].values(), state["base"])
+    return [name for part in parts for name, motor in part["motors"].items() if motor["enabled"]]

@@ -16,18 +16,21 @@ REACH_RAD = [2.0, 2.5, 2.2, 1.2, 1.0, 1.5]  # how far the joints of the "trainin
 RAD_PER_DEGREE = torch.pi / 180.0
 
 
-def statistics(arms, degrees=False):
-    """Statistics of a data set of so many arms; its normalisation does nothing, so that a test can read the actions."""
+def statistics(arms, degrees=False, more=0):
+    """Statistics of a data set of so many arms and `more` numbers of a base.
+
+    Its normalisation does nothing, so that a test can read the actions.
+    """
     joints = torch.tensor(REACH_RAD) / (RAD_PER_DEGREE if degrees else 1.0)
-    most = torch.cat([joints, torch.ones(1)]).repeat(arms)
+    most = torch.cat([torch.cat([joints, torch.ones(1)]).repeat(arms), torch.ones(more)])
     n = len(most)
     of_each = {"min": torch.zeros(n), "max": most, "mean": torch.zeros(n), "std": torch.ones(n)}
     return {"action": of_each, "observation.state": dict(of_each)}
 
 
-def save_scripted(directory, behaviour, arms, stats=None, **fields):
-    """A checkpoint of that behaviour for so many arms; returns its directory."""
-    n = 7 * arms
+def save_scripted(directory, behaviour, arms, stats=None, more=0, **fields):
+    """A checkpoint of that behaviour for so many arms and `more` numbers of a base; returns its directory."""
+    n = 7 * arms + more
     config = ScriptedConfig(
         behaviour=behaviour,
         device="cpu",
@@ -36,7 +39,7 @@ def save_scripted(directory, behaviour, arms, stats=None, **fields):
         **fields,
     )
     ScriptedPolicy(config).save_pretrained(directory)
-    for pipeline in make_scripted_pre_post_processors(config, statistics(arms) if stats is None else stats):
+    for pipeline in make_scripted_pre_post_processors(config, statistics(arms, more=more) if stats is None else stats):
         pipeline.save_pretrained(directory)
     return directory
 

@@ -63,9 +63,9 @@ def rig_file(directory, rig, arms=FOLLOWERS + LEADERS, **leads):
     return path
 
 
-def mobile_rig_file(directory, rig, arms=()):
-    """The file of a rig with a base, alone or with these two followers."""
-    on_rig = {"interface": "yam_sim", "can_options": {"rig": rig.name}}
+def mobile_rig_file(directory, rig, arms=(), **fields):
+    """The file of a rig with a base, alone or with these two followers. `fields`: options of each part."""
+    on_rig = {"interface": "yam_sim", "can_options": {"rig": rig.name}, **fields}
     base = {"channel": BASE_CHANNEL, **on_rig}
     robot = {"type": "yam_base", **base}
     if arms:
