@@ -139,11 +139,11 @@ ELSEWHERE = {  # trouble → test that causes it
     Trouble.FOLLOWER_LOST: "tests/control/teleop/test_lead.py",
     Trouble.STEERING_STALLED: "tests/mobile/test_yam_base.py",
     Trouble.BASE_BLOCKED: "tests/mobile/test_yam_base.py",
-    Trouble.RAIL_SILENT: "tests/mobile/test_rail.py",
-    Trouble.RAIL_CABLE: "tests/mobile/test_rail.py",
-    Trouble.RAIL_SWITCH: "tests/mobile/test_rail.py",
+    Trouble.RAIL_SILENT: "tests/mobile/test_rail_faults.py",
+    Trouble.RAIL_CABLE: "tests/mobile/test_rail_faults.py",
+    Trouble.RAIL_SWITCH: "tests/mobile/test_rail_faults.py",
     Trouble.RAIL_BRAKE: "tests/mobile/test_rail.py",
-    Trouble.RAIL_BLOCKED: "tests/mobile/test_rail.py",
+    Trouble.RAIL_BLOCKED: "tests/mobile/test_rail_faults.py",
     Trouble.RAIL_HOMING: "tests/mobile/test_rail.py",
 }
 

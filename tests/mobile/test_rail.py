@@ -117,27 +117,6 @@ def test_an_emergency_stop_in_motion_brakes_and_engages(rail, base):
     assert rail.height_m > there + 0.03 and rail.fallen_m < 2e-3
 
 
-@pytest.mark.parametrize(
-    "velocity, kind, value",
-    [
-        (0.3, "power", False),
-        (0.0, "silent", True),
-        pytest.param(0.0, "nibble", 0xA, marks=pytest.mark.long),
-        pytest.param(0.0, "power", False, marks=pytest.mark.long),
-        pytest.param(0.3, "nibble", 0xA, marks=pytest.mark.long),
-        pytest.param(0.3, "silent", True, marks=pytest.mark.long),
-    ],
-)
-def test_a_motor_without_torque_is_caught_by_the_brake(rail, base, kind, value, velocity):
-    lift(base, velocity, 0.5)
-    rail.watch_fall()
-    rail.rig.fault("base", "rail", kind, value)
-    base.clock.sleep(1.0)
-    with pytest.raises(MotorError, match=r"rail \(id 9\)"):
-        base.observe()
-    assert rail.board.brake_on and rail.fallen_m < MOST_FALL_M
-
-
 @pytest.mark.parametrize("kind", ["cable_out", "link_down"])
 def test_a_lost_channel_is_noticed_by_the_brake(rail, base, kind):
     lift(base, 0.0, 0.2)
@@ -145,41 +124,6 @@ def test_a_lost_channel_is_noticed_by_the_brake(rail, base, kind):
     rail.rig.fault("base", None, kind, True)
     base.clock.sleep(1.0)
     assert rail.board.brake_on and not rail.enabled and rail.fallen_m < MOST_FALL_M
-
-
-@pytest.mark.parametrize(
-    "trouble, channel, kind, value, why",
-    [
-        (Trouble.RAIL_SWITCH, "base_io", "switches", {"upper": True}, "the upper switch reads as triggered: .* stuck"),
-        (Trouble.RAIL_SWITCH, "base_io", "switches", {"lower": True}, "the lower switch reads as triggered: .* wire"),
-        (Trouble.RAIL_CABLE, "base_io", "switches", {"upper": True, "lower": True}, "both switches .* cable is off"),
-        (Trouble.RAIL_SILENT, "base_io", "handle_silent", True, "switches and brake not heard for"),
-        (Trouble.RAIL_SILENT, "base_io", "cable_out", True, "switches and brake not heard for"),
-        (Trouble.RAIL_SILENT, "base_io", "link_down", True, "switches and brake not heard for"),
-        (Trouble.RAIL_BLOCKED, "base", "stuck", True, "motor 9 is .* rad from where it should be"),
-    ],
-)
-def test_a_fault_in_motion_stops_and_is_named(rail, base, trouble, channel, kind, value, why):
-    lift(base, 0.3, 0.5)
-    rail.rig.fault(channel, "rail" if channel == "base" else None, kind, value)
-    base.clock.sleep(0.5)
-    state = base._client.published()
-    assert state.trouble is trouble and state.mode is Mode.FAULT
-    with pytest.raises(MotorError, match=why):
-        base.set_rail_velocity(0.1)
-    there = rail.height_m
-    rail.watch_fall()
-    base.clock.sleep(1.0)
-    assert rail.height_m == pytest.approx(there, abs=1e-3) and rail.fallen_m < MOST_FALL_M
-    rail.rig.clear_faults(channel)
-    base.clock.sleep(0.1)
-    base.rearm()
-    base.clock.sleep(0.5)
-    if trouble is Trouble.RAIL_SWITCH:
-        assert not base.rail_state().homed  # switch or height may be wrong
-        return
-    lift(base, 0.3, 0.5)
-    assert rail.height_m > there + 0.05
 
 
 @pytest.mark.parametrize("heavy", [pytest.param(False, marks=pytest.mark.long), True])

@@ -1,8 +1,8 @@
 """The rail of a base: plan, brake and homing of its motor, which ticks as the ninth of the base's channel.
 
 A velocity servo creeps under load. So the planned angle is held by an outer loop, rate = plan' + K (plan − q), except
-where the brake holds: against a brake a servo would wind up. The brake is engaged at once when the motor does not
-answer, and released only while it does.
+where the brake holds: against a brake a servo would wind up. When the motor does not answer, the output of the brake
+engages it at once; the plan stops two ticks later, since a brake takes longer to grip, and replies may get lost.
 """
 
 import logging
@@ -40,7 +40,9 @@ logger = logging.getLogger(__name__)
 
 _K = 10.0  # gain of the outer loop, 1/s: a tenth of what the loop's delay of 8 ms would make unstable
 _CORRECTION_RAD_S = 5.0  # maximum rate that the outer loop adds, rad/s
-_MISSED = 3  # commands in a row without a reply after which the brake is engaged, long before that is a fault
+_MISSED = 2  # commands in a row without a reply after which the brake is engaged, long before that is a fault
+_SURE = 3  # ticks of this after which the plan stops, too: two lost replies may leave the motor out of a third tick
+_LONGEST_S = 0.012  # longest step that the loop plans, s
 _REST_RAD_S = 0.2  # rate below which the carriage counts as at rest, rad/s
 _SLIP_M, _USUAL_M_PER_RAD = 0.001, 0.03  # motion without torque that means that the brake slips, m; scale before homing
 _WATCH_S = 0.4  # time that the carriage is watched after torque was cut, s
@@ -61,7 +63,7 @@ class RailController:
         self._motion, self._brake = RailMotion(), RailBrake()
         self._monitor = RailMonitor(self.name, self._config.stroke_m)
         self._io: SwitchBoard = LostBoard()
-        self.sample = self._io.read()
+        self._raw = self.sample = self._io.read()
         self.scale: RailScale | None = None
         self._calibration: RailCalibration | None = None
         self._target, self.target_s = RailTarget(0.0), -math.inf
@@ -70,6 +72,7 @@ class RailController:
         self._failure: Finding | None = None
         self._writer: threading.Thread | None = None
         self._suspect = self._leaving = self._slipped = False
+        self._doubts, self._planned_s = 0, math.inf
 
     @property
     def q(self) -> float:
@@ -117,7 +120,7 @@ class RailController:
                     what = f"switches and brake ({self._config.io}) do not answer; check cable and power"
                     raise MotorError(f"{self.name}: rail: {what}")
                 self._clock.sleep(0.005)
-                self.sample = self._io.read()
+                self._raw = self.sample = self._io.read()
             if self.sample.upper and self.sample.lower:
                 what = "both switches read as triggered: their cable is off (an open wire reads so)"
                 raise MotorError(f"{self.name}: rail: {what}")
@@ -157,11 +160,16 @@ class RailController:
 
     def measure(self, now: float) -> Finding | None:
         """Read the driver; engage the brake at once if the motor does not answer. Return what is wrong."""
-        self.sample = self._io.read()
-        self._brake.look(self.sample, now)
-        self._suspect = not self._enabled or bool(self._chain.missed[RAIL] >= _MISSED)
-        if self._suspect:
-            self._brake.set(self._io, True, now)
+        self._read()
+        late_s = now - self._planned_s - _LONGEST_S
+        if late_s > 0.0:  # after a pause of the loop: the motor went on, and so does its plan
+            self._motion.position += self._motion.velocity * late_s
+        doubt = not self._enabled or bool(self._chain.missed[RAIL] >= _MISSED)
+        self._doubts = self._doubts + 1 if doubt else 0
+        self._suspect = self._doubts >= _SURE
+        self._brake.look(self.sample, now, doubt)
+        if doubt:
+            self._brake.set(self._io, self._suspect or self._brake.engaged, now)
         failure, self._failure = self._failure, None
         if self._slips() and not self._slipped:
             self._slipped = True
@@ -175,6 +183,17 @@ class RailController:
         if finding is not None and finding[0] is Trouble.RAIL_SWITCH:
             self.scale = None  # the height may be wrong, too
         return finding
+
+    def _read(self) -> None:
+        """Read the driver. A switch has changed once two samples agree: contacts bounce, and wires pick up noise."""
+        before, self._raw = self._raw, self._io.read()
+        if self._raw.stamp_s == before.stamp_s:
+            return
+        upper, lower = (
+            new if new == old else said
+            for new, old, said in zip(self._raw[:2], before[:2], self.sample[:2], strict=True)
+        )
+        self.sample = self._raw._replace(upper=upper, lower=lower)
 
     def set_target(self, target: RailTarget, given_s: float) -> None:
         """Accept a target, given at `given_s`, unless the rail homes or has not been homed."""
@@ -206,6 +225,7 @@ class RailController:
 
     def advance(self, now: float, dt: float, mode: Mode) -> float:
         """Plan `dt` seconds in this mode of the base, set brake and motor; return the share of speed for the base."""
+        self._planned_s = now
         self._brake.set(self._io, self._wants_brake(mode), now)
         if self._brake.holds(now) and not self._slipped:
             self._place = self.q if self._place is None else self._place

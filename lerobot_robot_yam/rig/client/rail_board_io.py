@@ -28,11 +28,17 @@ class SimBoard:
             while (message := self._bus.recv(0.0)) is not None:
                 if message.arbitration_id == REPORT_ID:
                     self._sample = BoardSample(*decode_report(bytes(message.data)), message.timestamp)
-            self._bus.send(encode_request(self._brake_on))
+        self._ask()
         return self._sample
 
     def set_brake(self, on: bool) -> None:
-        self._brake_on = on
+        if on != self._brake_on:
+            self._brake_on = on
+            self._ask()
+
+    def _ask(self) -> None:
+        with contextlib.suppress(can.CanError, OSError):
+            self._bus.send(encode_request(self._brake_on))
 
     def close(self) -> None:
         self._bus.shutdown()

@@ -30,7 +30,7 @@ class SimRailBoard(SimHandle):
         self._q, self._brake = int(joint.qposadr[0]), int(world.model.equality(f"{base}/brake").id)
         self.brake_on, self._changed_s = True, -1.0
         self.stuck: dict[str, bool] = {}
-        self.slips = False
+        self.slips, self._closed = False, True
         self._grip()
 
     @property
@@ -57,8 +57,9 @@ class SimRailBoard(SimHandle):
         return []
 
     def _grip(self) -> None:
-        delay_s = _CLOSING_S if self.brake_on else _OPENING_S
-        grips = self.brake_on != (self._world.sim_s - self._changed_s < delay_s) and not self.slips
+        since_s = self._world.sim_s - self._changed_s
+        self._closed = self._closed or since_s >= _CLOSING_S if self.brake_on else self._closed and since_s < _OPENING_S
+        grips = self._closed and not self.slips
         if grips and not self._world.data.eq_active[self._brake]:
             self._world.model.eq_data[self._brake, 0] = self.height_m
         self._world.data.eq_active[self._brake] = grips
