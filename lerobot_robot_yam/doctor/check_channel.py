@@ -15,6 +15,7 @@ from lerobot_robot_yam.damiao.round_trip import SLOW_S
 from lerobot_robot_yam.doctor.check_encoders import handle_firmware, inspect_handle, inspect_passive
 from lerobot_robot_yam.doctor.check_link import Link
 from lerobot_robot_yam.doctor.check_motors import inspect_motors
+from lerobot_robot_yam.doctor.check_rail import inspect_rail
 from lerobot_robot_yam.doctor.check_session import driver_of, watch_session
 from lerobot_robot_yam.doctor.kit.findings import Report, Section
 from lerobot_robot_yam.doctor.kit.questions import Questions
@@ -89,6 +90,9 @@ def _ask(questions: Questions, target: Examined, samples: int, report: Report, s
     if isinstance(target, BaseTarget):
         if not _is_other(questions, target, report["channels"]):
             _ask_motors(questions, target, False, samples, report, say)
+            if target.config.rail is not None:
+                say(f"{channel}: reading the rail's switches")
+                inspect_rail(target, questions.clock, report)
         return target
     if (passive := passive_of(target.config)) is not None:
         say(f"{channel}: listening to encoders")

@@ -10,8 +10,9 @@ from lerobot_robot_yam.damiao.registers import Register, agrees
 from lerobot_robot_yam.damiao.tables import MOTOR_TYPES, TIMEOUT_COUNT_S, Fault, fault_text
 from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.questions import Answer, Questions
-from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, Examined, Target
+from lerobot_robot_yam.doctor.kit.targets import LEADER_GRIPPER, BaseTarget, Examined, Target
 from lerobot_robot_yam.mobile.base_config import BASE
+from lerobot_robot_yam.mobile.rail_profile import RAIL_MOTOR
 
 _ROUNDS = 3
 _TIMEOUT_S, _SETTLE_S = 0.25, 0.03
@@ -58,6 +59,10 @@ def inspect_motors(questions: Questions, target: Examined, handle_answers: bool,
     missing = [spec for spec in specs if spec.can_id not in answers]
     _check_missing(target, specs, missing, handle_answers, section)
     for can_id in sorted(set(answers) - {spec.can_id for spec in specs}):
+        if isinstance(target, BaseTarget) and can_id == RAIL_MOTOR.can_id:
+            remedy = "give the base `rail` in its config, and name it by --config_path FILE"
+            section.note(f"{target.channel} motor id {can_id}", "a rail's motor answers; it was not looked at", remedy)
+            continue
         remedy = f"name the profile that has it (--channel {target.channel}:ARM:GRIPPER), or take the motor off the bus"
         if len(missing) == 1:
             remedy = f"if it is {missing[0].name}: {_set_id(target, can_id, missing[0].can_id)}"

@@ -15,6 +15,7 @@ from lerobot_robot_yam.mobile.base_profile import BaseProfile
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.session.yam_base import YamBase
+from tests.mobile.rails import Rail
 from tests.support.base_rig import motors
 from tests.support.doctor_desk import examine_arm, examine_target, found
 
@@ -25,8 +26,8 @@ def rig():
         yield rig
 
 
-def examine(rig, channel="base", samples=0):
-    config = BaseConfig(channel=channel, interface="yam_lockstep", can_options={"rig": rig.name})
+def examine(rig, channel="base", samples=0, rail=None):
+    config = BaseConfig(channel=channel, interface="yam_lockstep", can_options={"rig": rig.name}, rail=rail)
     return examine_target(BaseTarget(config), samples)
 
 
@@ -56,6 +57,25 @@ def test_defects_of_motors_are_named_with_the_command_that_repairs_them(rig):
     assert found(report, "problem", "front_right_steer", "overload")
     (silent,) = found(report, "problem", "rear_right_drive", "no answer")
     assert "the base's power" in silent["remedy"]
+
+
+def test_a_rail_its_board_and_its_switches(tmp_path):
+    with contextlib.closing(Rail(tmp_path, height_m=0.0).rig) as rig:
+        status, report = examine(rig)
+        (note,) = found(report, "note", "base motor id 9", "a rail's motor answers")
+        assert status == 0 and "`rail`" in note["remedy"] and not report["rails"]
+        status, report = examine(rig, rail={"io": "sim"})
+        (row,) = report["rails"]
+        assert status == 0 and row["lower"] and not row["upper"] and row["brake_on"] and not row["homed"]
+        assert found(report, "note", "base rail", "its height is not known") and len(report["motors"]) == 9
+        status, report = examine(rig, rail={"io": "sim", "calibration_path": str(tmp_path / "rail.json")})
+        assert status == 0 and report["rails"][0]["homed"] and not found(report, "note", "base rail")
+        rig.fault("base_io", None, "switches", {"upper": True, "lower": True})
+        assert found(examine(rig, rail={"io": "sim"})[1], "problem", "base rail", "both switches read as triggered")
+        rig.fault("base_io", None, "handle_silent", True)
+        assert found(
+            examine(rig, rail={"io": "sim"})[1], "problem", "base rail", "switches and brake (sim) do not answer"
+        )
 
 
 def test_a_channel_with_the_other_kind_is_said_in_one_problem(rig):

@@ -3,9 +3,11 @@
 import importlib
 from types import ModuleType
 
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.control.mobile.rail_brake import CONFIRM_S
+from lerobot_robot_yam.errors import ConfigError, MotorError
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
-from lerobot_robot_yam.system.boards.switch_board import SwitchBoard
+from lerobot_robot_yam.system.boards.switch_board import BoardSample, SwitchBoard
+from lerobot_robot_yam.system.clock import Clock
 from lerobot_robot_yam.system.own_commands import install_extra
 
 _DRIVERS = {
@@ -34,3 +36,21 @@ def open_board(hardware: ResolvedBase) -> SwitchBoard:
     else:
         opened = driver.open_board(f"{hardware.name}: rail", rail.port, rail.wiring)
     return opened
+
+
+def open_checked(hardware: ResolvedBase, clock: Clock) -> tuple[SwitchBoard, BoardSample]:
+    """Open the board and check the switches; nothing moves. Raises YamError: no answer, or both are triggered."""
+    assert hardware.config.rail is not None
+    board, name, until_s = open_board(hardware), f"{hardware.name}: rail", clock.now() + CONFIRM_S
+    try:
+        while (sample := board.read()).brake_on is not True:
+            if clock.now() > until_s:
+                what = f"switches and brake ({hardware.config.rail.io}) do not answer; check cable and power"
+                raise MotorError(f"{name}: {what}")
+            clock.sleep(0.005)
+        if sample.upper and sample.lower:
+            raise MotorError(f"{name}: both switches read as triggered: their cable is off (an open wire reads so)")
+    except BaseException:
+        board.close()
+        raise
+    return board, sample

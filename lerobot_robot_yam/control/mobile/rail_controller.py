@@ -13,8 +13,8 @@ from collections.abc import Generator
 import numpy as np
 
 from lerobot_robot_yam.control.mobile.base_motors import RAIL, BaseMotors
-from lerobot_robot_yam.control.mobile.rail_boards import open_board
-from lerobot_robot_yam.control.mobile.rail_brake import CONFIRM_S, RailBrake
+from lerobot_robot_yam.control.mobile.rail_boards import open_board, open_checked
+from lerobot_robot_yam.control.mobile.rail_brake import RailBrake
 from lerobot_robot_yam.control.mobile.rail_calibration import RailCalibration, check_travel, load, store
 from lerobot_robot_yam.control.mobile.rail_homing import seek
 from lerobot_robot_yam.control.mobile.rail_monitor import Finding, RailMonitor
@@ -112,21 +112,8 @@ class RailController:
 
     def inspect(self) -> None:
         """Open the board and check the switches; nothing moves. Raises YamError: no answer, or both are triggered."""
-        self._io = open_board(self._hardware)
-        try:
-            until_s = self._clock.now() + CONFIRM_S
-            while self.sample.brake_on is not True:
-                if self._clock.now() > until_s:
-                    what = f"switches and brake ({self._config.io}) do not answer; check cable and power"
-                    raise MotorError(f"{self.name}: rail: {what}")
-                self._clock.sleep(0.005)
-                self._raw = self.sample = self._io.read()
-            if self.sample.upper and self.sample.lower:
-                what = "both switches read as triggered: their cable is off (an open wire reads so)"
-                raise MotorError(f"{self.name}: rail: {what}")
-        except BaseException:
-            self.close()
-            raise
+        self._io, self._raw = open_checked(self._hardware, self._clock)
+        self.sample = self._raw
         self._calibration = load(self.name, self._config.calibration_path, self._config.stroke_m)
         self.scale = None if self._calibration is None else self._calibration.scale(self.q)
 

@@ -57,6 +57,7 @@ _TABLES = {
         "Passive leaders",
         "channel, silent, quiet=report when asked, q_rad=joints rad, trigger, buttons",
     ),
+    "rails": ("Rails", "channel, io, upper=upper switch, lower=lower switch, brake_on=brake engaged, homed"),
     "sessions": (
         "Live sessions (watched, not asked)",
         "channel, driver=driven by, mode, rate_hz=Hz, age_ms=age ms, name=motor, state, motor_age_ms=reply ms ago, "
