@@ -7,14 +7,17 @@ import numpy as np
 import pytest
 from lerobot.robots import make_robot_from_config
 
-from lerobot_robot_yam.config_yam_mobile import YamBaseRobotConfig
+from lerobot_robot_yam.config_yam_mobile import YamBaseRemoteConfig, YamBaseRobotConfig
 from lerobot_robot_yam.face.devices.device_session import DeviceSession
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.yam_mobile import YamBaseRemote
 from lerobot_teleoperator_yam.config_yam_gamepad import YamGamepadConfig
 from lerobot_teleoperator_yam.yam_gamepad import YamGamepad
 from tests.mobile.rails import Rail
+from tests.support.hosted import ServedArms
+from tests.support.link_in_step import LinkInStep
 from tests.support.virtual_pad import VirtualPad
 
 
@@ -49,6 +52,18 @@ class Pair:
     def truth(self):
         return np.array(self.rig.state()["base"]["pose"])
 
+    @classmethod
+    @contextlib.contextmanager
+    def connected(cls, rig, robot, calibration_dir):
+        teleop = YamGamepad(YamGamepadConfig(calibration_dir=calibration_dir, expo=0.0))
+        teleop.connect()
+        robot.connect()
+        try:
+            yield cls(rig, robot, teleop)
+        finally:
+            robot.disconnect()
+            teleop.disconnect()
+
 
 @pytest.fixture
 def pair(rig, pad, tmp_path):
@@ -56,14 +71,18 @@ def pair(rig, pad, tmp_path):
     robot = make_robot_from_config(
         YamBaseRobotConfig(**base, calibration_dir=tmp_path, velocity_limit=[0.3, 0.5, 1.57])
     )
-    teleop = YamGamepad(YamGamepadConfig(calibration_dir=tmp_path, expo=0.0))
-    teleop.connect()
-    robot.connect()
-    try:
-        yield Pair(rig, robot, teleop)
-    finally:
-        robot.disconnect()
-        teleop.disconnect()
+    with Pair.connected(rig, robot, tmp_path) as pair:
+        yield pair
+
+
+@pytest.fixture
+def far_pair(rig, pad, tmp_path):
+    """The base is another computer's."""
+    with ServedArms(rig, "base") as served:
+        config = YamBaseRemoteConfig(host=str(served.address), calibration_dir=tmp_path)
+        config.runs = lambda: LinkInStep.on(served, config.hosted)
+        with Pair.connected(rig, YamBaseRemote(config), tmp_path) as pair:
+            yield pair
 
 
 def test_sticks_drive_the_base_and_what_is_recorded_is_what_it_does(pair, pad):
@@ -103,6 +122,28 @@ def test_in_the_global_frame_forward_stays_forward_while_it_turns(pair, pad):
     pair.run(3.0)
     x, y, theta = pair.truth - before
     assert x > 0.5 and abs(y) < 0.1 and theta > 0.5
+
+
+def test_frame_and_reset_reach_a_base_that_another_computer_drives(far_pair, pad):
+    pad.push("rightx", -1.0)
+    far_pair.run(1.0)
+    pad.push("rightx", 0.0)
+    far_pair.run(1.0)
+    for button in ("back", "start"):
+        pad.press(button)
+        far_pair.run(0.1)
+    before = far_pair.truth
+    assert before[2] > 0.6 and far_pair.robot._base.client.observe().pose == pytest.approx(np.zeros(3), abs=0.01)
+    pad.push("lefty", -1.0)
+    pad.push("rightx", -0.5)
+    action, _ = far_pair.run(2.0)
+    moved = far_pair.truth - before
+    assert moved[2] > 0.5 and action["y.vel"] < -0.1  # forward is where it looked at the reset
+    assert math.atan2(moved[1], moved[0]) == pytest.approx(before[2], abs=0.1)
+    pad.press("b")
+    far_pair.run(0.5)
+    assert far_pair.robot._base.client.mode() is Mode.STOPPED
+    EmergencyStop().release()
 
 
 @pytest.mark.long

@@ -9,8 +9,14 @@ import pytest
 from lerobot_robot_yam.config_yam_mobile import YamBaseRemoteConfig, YamMobileRemoteConfig
 from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 from lerobot_robot_yam.rig.control import running_rig
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.yam_mobile import YamBaseRemote, YamMobileRemote
+from lerobot_teleoperator_yam.config_yam_gamepad import YamGamepadConfig
+from lerobot_teleoperator_yam.yam_gamepad import YamGamepad
 from tests.support.hosted import FOLLOWERS, mobile_rig_file, running_host
+from tests.support.virtual_pad import VirtualPad
+from tests.support.waiting import wait
 
 pytestmark = [pytest.mark.long, pytest.mark.alone]
 
@@ -27,11 +33,14 @@ def mapped(host):
 
 
 def drive(robot, action, until):
-    """Send an action until an observation satisfies `until`: on a busy machine the base brakes now and then."""
+    """Send an action, or what it returns, until an observation satisfies `until`.
+
+    On a busy machine the base brakes now and then.
+    """
     deadline = time.monotonic() + 20.0
     while not until(seen := robot.get_observation()):
         assert time.monotonic() < deadline, seen
-        robot.send_action(action)
+        robot.send_action(action() if callable(action) else action)
         time.sleep(0.03)
 
 
@@ -77,4 +86,37 @@ def test_a_base_with_arms_drives_and_moves_over_the_link(tmp_path):
             assert np.linalg.norm((np.array(rig.state()["base"]["pose"]) - before)[:2]) > 0.1
         finally:
             robot.disconnect()
+        assert not enabled(rig)
+
+
+def test_the_pads_emergency_stop_reaches_the_base_over_the_link(tmp_path, monkeypatch):
+    """The workstation is a computer of its own, with a runtime directory of its own."""
+    there, pad = EmergencyStop(), VirtualPad()
+    rigs = running_rig(scene="mobile")
+    with rigs as rig, running_host(mobile_rig_file(tmp_path, rig), tmp_path) as host, monkeypatch.context() as patch:
+        (tmp_path / "workstation").mkdir(mode=0o700)
+        patch.setenv("YAM_RUNTIME_DIR", str(tmp_path / "workstation"))
+        robot = YamBaseRemote(YamBaseRemoteConfig(host=str(host.address), observe_odometry=True))
+        teleop, stop = YamGamepad(YamGamepadConfig(calibration_dir=tmp_path)), EmergencyStop()
+        try:
+            teleop.connect()
+            robot.connect()
+            pad.push("lefty", -1.0)
+            drive(robot, teleop.get_action, lambda seen: seen["x.vel"] > 0.2)
+            pad.press("b")
+            drive(robot, teleop.get_action, lambda _: robot._base.client.mode() is Mode.STOPPED)
+            assert there.reason().startswith("workstation ") and there.directory != stop.directory
+            drive(robot, teleop.get_action, lambda seen: abs(seen["x.vel"]) < 0.01)
+            stop.release()
+            wait(lambda: not there.latched)
+            drive(robot, teleop.get_action, lambda _: robot._base.client.mode() is not Mode.STOPPED)
+            before = robot.get_observation()["x.pos"]
+            until = time.monotonic() + 1.0
+            drive(robot, teleop.get_action, lambda _: time.monotonic() > until)  # the stick is still pushed
+            assert robot.get_observation()["x.pos"] == pytest.approx(before, abs=0.01)
+        finally:
+            stop.release()
+            robot.disconnect()
+            teleop.disconnect()
+            pad.unplug()
         assert not enabled(rig)
