@@ -4,7 +4,6 @@ yam_base, yam_base_remote        the base alone, on this or another computer
 yam_mobile, yam_mobile_remote    the base with two arms
 """
 
-import dataclasses
 from dataclasses import dataclass
 
 from lerobot.robots.config import RobotConfig
@@ -32,7 +31,7 @@ class YamBaseRobotConfig(RobotConfig, CameraOptions, RobotOptions, BaseOptions, 
         _refuse_base("yam_base", self)
 
     def base(self) -> BaseConfig:
-        return base_config(self)
+        return self.checked()
 
 
 @register_as(RobotConfig, "yam_base_remote")
@@ -43,9 +42,6 @@ class YamBaseRemoteConfig(RobotConfig, RemoteOptions, CameraOptions, RobotOption
     def __post_init__(self) -> None:
         self.ask_host("robot", (BASE_PREFIX,))
         _refuse_base("yam_base_remote", self)
-
-    def base(self) -> BaseConfig:
-        return BaseConfig(**self.hosted.options[BASE_PREFIX])
 
 
 def _refuse_base(device: str, config: YamBaseRobotConfig | YamBaseRemoteConfig) -> None:
@@ -84,7 +80,7 @@ class YamMobileConfig(BiYamFollowerConfig, MobileOptions):
     def base(self) -> BaseConfig:
         if self.base_config is None:
             raise ConfigError("yam_mobile: base_config is empty: give it at least a channel")
-        return base_config(self.base_config)
+        return self.base_config.checked()
 
 
 @register_as(RobotConfig, "yam_mobile_remote")
@@ -95,11 +91,3 @@ class YamMobileRemoteConfig(RobotConfig, RemoteFollowers, MobileOptions):
     def __post_init__(self) -> None:
         self.ask_host("robot", ("left_", "right_", BASE_PREFIX))
         refuse_follower("yam_mobile_remote", self)
-
-    def base(self) -> BaseConfig:
-        return BaseConfig(**self.hosted.options[BASE_PREFIX])
-
-
-def base_config(options: BaseConfig) -> BaseConfig:
-    """Check a LeRobot config that extends `BaseConfig`, and return the base's part of it. Raises ConfigError."""
-    return BaseConfig(**{field.name: getattr(options, field.name) for field in dataclasses.fields(BaseConfig)})

@@ -243,7 +243,7 @@ class YamMobile(FollowerBase):
         return {**sent, **self._base.send(driven, repeats)}
 
 
-class YamBaseRemote(YamBaseRobot):
+class YamBaseRemote(RemoteDevice, YamBaseRobot):
     """A mobile base driven by another computer."""
 
     config_class = YamBaseRemoteConfig

@@ -1,7 +1,7 @@
 """Configuration of a base: its channel, limits and sizes. All values are plain: they travel as JSON."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from lerobot_robot_yam.arm.config import channel_options
@@ -58,6 +58,10 @@ class BaseConfig:
         within(f"{self.name}: track_factor", self.track_factor, 0.5, 2.0)
         self.limits()
         self.profile()
+
+    def checked(self) -> "BaseConfig":
+        """Return the base's own options out of those of a subclass, checked. Raises ConfigError."""
+        return BaseConfig(**{field.name: getattr(self, field.name) for field in fields(BaseConfig)})
 
     @property
     def on_command_line(self) -> str:

@@ -14,6 +14,7 @@ from lerobot_robot_yam.mobile.rail_profile import (
     SOFT_END_M,
     STROKE_M,
 )
+from lerobot_robot_yam.system.paths import user_path
 
 RailDriver = Literal["gpio", "usb_gpio", "sim"]
 
@@ -64,6 +65,11 @@ class RailConfig:
             raise ConfigError(
                 f"rail: pins are three numbers, of upper switch, lower switch and brake, not {self.pins!r}"
             )
+
+    @property
+    def stored(self) -> bool:
+        """Whether the file with travel and last height is there."""
+        return self.calibration_path is not None and user_path(self.calibration_path).is_file()
 
     @property
     def wiring(self) -> tuple[int, ...]:

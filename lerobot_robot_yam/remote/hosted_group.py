@@ -57,8 +57,10 @@ class HostedGroup:
         self.role, self.device, self.options = role, device, options
         self._session = ArmSession(list(configs.values()), isolation)
         self.parts: Sequence[HostedArm | HostedBase] = [
-            (HostedBase if isinstance(config, BaseConfig) else HostedArm)(first + number, self._session, config.name)
-            for number, config in enumerate(configs.values())
+            HostedBase(number, self._session, config)
+            if isinstance(config, BaseConfig)
+            else HostedArm(number, self._session, config.name)
+            for number, config in enumerate(configs.values(), first)
         ]
         self.prefixes = list(configs)
         self.channels = {

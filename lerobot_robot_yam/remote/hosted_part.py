@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_robot_yam.errors import GripperError, LifeCycleError, LinkError, YamError
+from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.mobile.base_target import Frame
 from lerobot_robot_yam.session.arm_client import REQUEST_TIMEOUT_S, ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession
@@ -60,9 +61,9 @@ class HostedPart[Client: (ArmClient, BaseClient)](ABC):
         """
 
     @property
+    @abstractmethod
     def calibrated(self) -> bool:
         """Whether the part needs no calibration."""
-        return True
 
     @property
     def in_a_hand(self) -> bool:
@@ -198,6 +199,15 @@ class HostedBase(HostedPart[BaseClient]):
     """Base on the host, see `HostedPart`."""
 
     _states, _commands = BASE_STATE_DTYPE, BASE_COMMAND_DTYPE
+
+    def __init__(self, number: int, session: ArmSession, config: BaseConfig):
+        super().__init__(number, session, config.name)
+        self._rail = config.rail
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the rail's travel and height are stored, or there is no rail."""
+        return self._rail is None or self._rail.stored
 
     def _client(self) -> BaseClient:
         return self._session.base(self._name)

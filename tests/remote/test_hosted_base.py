@@ -5,6 +5,7 @@ import contextlib
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.config_yam_mobile import YamBaseRemoteConfig
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, LinkError, MotorError
 from lerobot_robot_yam.mobile.base_target import Frame
 from lerobot_robot_yam.mobile.rail_config import RailConfig
@@ -20,6 +21,7 @@ from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, PUBLISHED, STATE_DTYPE
 from lerobot_robot_yam.system.clock import SYSTEM
+from lerobot_robot_yam.yam_mobile import YamBaseRemote
 from tests.mobile.rails import Rail
 from tests.support.hosted import ServedArms, configs_of
 from tests.support.link_in_step import LinkInStep
@@ -183,13 +185,14 @@ def test_another_type_is_named(served):
         HostedDevice(Host(served.address), "robot", ("",))
 
 
-def test_its_rail_goes_over_the_link(tmp_path):
+def test_its_rail_goes_over_the_link(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
     rail = Rail(tmp_path, 0.3)
-    config = RailConfig(io="sim", calibration_path=str(rail.path), stroke_m=rail.stroke_m)
+    config = RailConfig(io="sim", calibration_path=f"~/{rail.path.name}", stroke_m=rail.stroke_m)
     with contextlib.closing(rail.rig), ServedArms(rail.rig, "base", rail=config) as served:
         device = HostedDevice(Host(served.address), "robot", ("base_",))
         (own,) = configs_of(device)
-        assert own.rail.calibration_path is None and own.rail.stroke_m == rail.stroke_m
+        assert device.calibrated and own.rail.calibration_path is None and own.rail.stroke_m == rail.stroke_m
         session = ArmSession([own], LinkInStep.on(served, device))
         session.start()
         try:
@@ -205,6 +208,26 @@ def test_its_rail_goes_over_the_link(tmp_path):
             assert abs(base.rail_state().velocity_m_s) < 0.005
         finally:
             session.stop()
+
+
+def test_a_rail_is_homed_on_its_own_computer(tmp_path):
+    rail = Rail(tmp_path, 0.3, known=False)
+    config = RailConfig(io="sim", calibration_path=str(rail.path), stroke_m=rail.stroke_m)
+    with contextlib.closing(rail.rig), ServedArms(rail.rig, "base", rail=config) as served:
+        options = YamBaseRemoteConfig(host=str(served.address), calibration_dir=tmp_path)
+        options.runs = lambda: LinkInStep.on(served, options.hosted)
+        robot = YamBaseRemote(options)
+        assert not robot.is_calibrated
+        with pytest.raises(LifeCycleError, match="not homed.* on the robot's own computer"):
+            robot.connect()
+        assert not robot.is_connected
+        robot.connect(calibrate=False)
+        try:
+            with pytest.raises(ConfigError, match="on its own computer"):
+                robot.calibrate()
+            assert rail.height_m == pytest.approx(0.3, abs=0.002)
+        finally:
+            robot.disconnect()
 
 
 def test_all_times_of_the_records_are_known():

@@ -159,10 +159,8 @@ def _part(device: Any, prefix: str) -> Any:
     return getattr(device, _field(prefix), device)
 
 
-def _config(part: Any, name: str) -> ArmConfig | BaseConfig:
-    if isinstance(part, ArmConfig):
-        return arm_config(part, name)
-    return BaseConfig(**{field.name: getattr(part, field.name) for field in dataclasses.fields(BaseConfig)})
+def _config(part: ArmConfig | BaseConfig, name: str) -> ArmConfig | BaseConfig:
+    return part.checked() if isinstance(part, BaseConfig) else arm_config(part, name)
 
 
 def _options(part: Any) -> dict[str, Any]:

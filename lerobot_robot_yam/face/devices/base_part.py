@@ -113,14 +113,14 @@ class BasePart:
         if self._session.connected:
             rail = self.client.published().rail
             return rail is not None and rail.homed
-        return Path(self._config.rail.calibration_path or "").is_file()
+        return self._config.rail.stored
 
     def check_homed(self) -> None:
         """Raise LifeCycleError if the rail is not homed: its height would be no number."""
         if not self.calibrated:
             raise LifeCycleError(
-                f"{self._name}: the rail is not homed, and nothing homes by itself: run lerobot-calibrate with this "
-                "robot, with the rail's way free"
+                f"{self._name}: the rail is not homed, and nothing homes by itself: run lerobot-calibrate on the "
+                "robot's own computer, with the rail's way free"
             )
 
     def calibrate(self) -> None:

@@ -1,4 +1,4 @@
-"""Devices whose arms another computer drives: their options, and the calls that need files of that computer.
+"""Devices that another computer drives: their options, and the calls that need files of that computer.
 
 LeRobot loads this module at its start, so slow imports are delayed.
 """
@@ -10,6 +10,7 @@ from lerobot.utils.decorators import check_if_not_connected
 
 from lerobot_robot_yam.arm.option import option
 from lerobot_robot_yam.errors import ConfigError, YamError
+from lerobot_robot_yam.mobile.base_config import BASE_PREFIX, BaseConfig
 
 if TYPE_CHECKING:
     from lerobot_robot_yam.remote.hosted_device import HostedDevice
@@ -45,6 +46,11 @@ class RemoteOptions:
         except YamError as error:
             raise RefusedConfigError(str(error)) from error
 
+    def base(self) -> BaseConfig | None:
+        """Return the config of the host's base, if it has one."""
+        options = self.hosted.options.get(BASE_PREFIX)
+        return None if options is None else BaseConfig(**options)
+
     @property
     def hosted(self) -> "HostedDevice":
         """The host's description of the device."""
@@ -62,10 +68,10 @@ class RemoteDevice:
 
     @property
     def is_calibrated(self) -> bool:
-        """Whether the host knows the stops of all gripper motors."""
+        """Whether the host knew the stops of all gripper motors, and its rail's height, when it was asked."""
         return bool(self.config.hosted.calibrated)
 
     @check_if_not_connected
     def calibrate(self) -> None:
         """Raise ConfigError: only the host has the calibration files."""
-        raise ConfigError("calibrate the arms on their own computer: lerobot-calibrate with the rig's file there")
+        raise ConfigError("calibrate it on its own computer: lerobot-calibrate with the rig's file there")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.config_yam_mobile import YamBaseRemoteConfig, YamMobileRemoteConfig
+from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigError
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
@@ -76,6 +77,8 @@ def test_a_base_with_arms_drives_and_moves_over_the_link(tmp_path):
         before = np.array(rig.state()["base"]["pose"])
         robot.connect()
         try:
+            with pytest.raises(ConfigError, match="on its own computer"):
+                robot.calibrate()
             seen = robot.get_observation()
             arms = {name: seen[name] for name in robot.action_features if name.endswith(".pos")}
             arms["left_joint_2.pos"] += 0.3

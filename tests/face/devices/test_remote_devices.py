@@ -39,7 +39,7 @@ def test_followers_follow_leaders_at_loop_rate_and_their_keys_are_those_of_local
     robot.connect()
     try:
         leader.connect()
-        with pytest.raises(ConfigError, match="on their own computer"):
+        with pytest.raises(ConfigError, match="on its own computer"):
             robot.calibrate()
         begin = time.monotonic()
         while time.monotonic() - begin < 2.0:
