@@ -30,10 +30,11 @@ def map_path(pad: Pad, calibration_dir: Path | None) -> Path:
 
 
 def watch_pad(device: str, options: PadOptions, calibration_dir: Path | None, stop: EmergencyStop) -> PadWatch:
-    """Open the gamepad of a device.
+    """Open the gamepad of a device, and watch it.
 
     Raises:
         ConfigError: pygame-ce is missing; there is no pad, or more than one; or the pad is not calibrated.
+        LifeCycleError: a stick is off its rest.
     """
     wanted = options.pad
 
@@ -48,7 +49,14 @@ def watch_pad(device: str, options: PadOptions, calibration_dir: Path | None, st
             raise
 
     zone = options.dead_zone
-    return PadWatch(find, (zone, zone, zone, options.rail_dead_zone), options.expo, stop)
+    watch = PadWatch(find, (zone, zone, zone, options.rail_dead_zone), options.expo, stop)
+    try:
+        watch.check_rest(device)
+    except BaseException:
+        watch.close()
+        raise
+    watch.start()
+    return watch
 
 
 class YamGamepad(DriveTeleoperator):
@@ -68,19 +76,11 @@ class YamGamepad(DriveTeleoperator):
             calibrate: False before a calibration (lerobot-calibrate): the pad may be unknown, and is opened later.
 
         Raises:
-            ConfigError: pygame-ce is missing; there is no pad, or more than one; or the pad is not calibrated.
-            LifeCycleError: a stick is off its rest.
+            ConfigError, LifeCycleError: see `watch_pad`.
         """
         stop = EmergencyStop()
         if calibrate:
-            watch = watch_pad(self.name, self.config, self.config.calibration_dir, stop)
-            try:
-                watch.check_rest(self.name)
-            except BaseException:
-                watch.close()
-                raise
-            watch.start()
-            self._driver = watch
+            self._driver = watch_pad(self.name, self.config, self.config.calibration_dir, stop)
         self._drive = BaseDrive(self.name, self.config, stop)
         logger.info("%s connected", self)
 

@@ -26,11 +26,8 @@ class YamMobileLeader(LeaderBase):
 
     def __init__(self, config: YamMobileLeaderConfig):
         super().__init__(config)
-        self._watch: PadWatch | None = None
+        self._driver: PadWatch | RigDrive | None = None
         self._handle: HandleDrive | None = None
-        self._rig: RigDrive | None = None
-        if config.drive == "rig":
-            self._rig = RigDrive(config.left_arm_config.can_options.get("rig"), config.speed)
         self._prefix = f"{config.drive}_"
         if (driver := config.driver) is not None:
             models = resolve_profiles(driver.arm, driver.gripper)
@@ -54,15 +51,14 @@ class YamMobileLeader(LeaderBase):
         self._drive, self._frozen = BaseDrive(self.name, self.config, stop), {}
         if self._handle is not None:
             self._handle.forget()
-        elif self.config.drive == "pad" and calibrate:
-            self._watch = watch_pad(self.name, self.config, self.config.calibration_dir, stop)
+        elif self.config.drive == "rig":
+            self._driver = RigDrive(self.config.left_arm_config.can_options.get("rig"), self.config.speed)
+        elif calibrate:
+            self._driver = watch_pad(self.name, self.config, self.config.calibration_dir, stop)
         try:
-            if self._watch is not None:
-                self._watch.check_rest(self.name)
-                self._watch.start()
             super().connect(calibrate)
         except BaseException:
-            self._close_pad()
+            self._close_driver()
             raise
 
     def disconnect(self) -> None:
@@ -70,14 +66,12 @@ class YamMobileLeader(LeaderBase):
         try:
             super().disconnect()
         finally:
-            self._close_pad()
-            if self._rig is not None:
-                self._rig.close()
+            self._close_driver()
 
-    def _close_pad(self) -> None:
-        watch, self._watch = self._watch, None
-        if watch is not None:
-            watch.close()
+    def _close_driver(self) -> None:
+        driver, self._driver = self._driver, None
+        if driver is not None:
+            driver.close()
 
     @check_if_not_connected
     @saves_finished_episode
@@ -94,10 +88,8 @@ class YamMobileLeader(LeaderBase):
         return action | self._drive.action(self._asked(action)) | self._frozen
 
     def _asked(self, action: Mapping[str, float]) -> Asked:
-        if self._rig is not None:
-            return self._rig.asked()
-        if self._watch is not None:
-            return self._watch.asked()
+        if self._driver is not None:
+            return self._driver.asked()
         if self._handle is None:  # connected for a calibration
             return Asked()
         asked = self._handle.asked(self.arm_states()[self._prefix])
