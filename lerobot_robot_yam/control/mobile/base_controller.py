@@ -14,13 +14,11 @@ import can
 import numpy as np
 
 from lerobot_robot_yam.control.arm_status import ArmStatus
-from lerobot_robot_yam.control.mobile.base_exit import BaseExit
-from lerobot_robot_yam.control.mobile.base_heat import BaseHeat
+from lerobot_robot_yam.control.mobile.base_monitor import BaseHeat, SteeringMonitor
 from lerobot_robot_yam.control.mobile.base_motors import CASTER_MOTORS, STEER, BaseMotors
-from lerobot_robot_yam.control.mobile.base_rearm import BaseRearm
+from lerobot_robot_yam.control.mobile.base_steps import BaseExit, BaseRearm
 from lerobot_robot_yam.control.mobile.rail_controller import RailController
 from lerobot_robot_yam.control.mobile.rail_monitor import Finding
-from lerobot_robot_yam.control.mobile.steering_monitor import SteeringMonitor
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import BusError, LifeCycleError
 from lerobot_robot_yam.mobile.base_motion import BaseMotion
