@@ -91,7 +91,12 @@ class BaseMotion:
         given = self._input(ruckig.ControlInterface.Position)
         given.target_position, given.target_velocity = away.tolist(), (0.0, 0.0, 0.0)
         given.max_velocity = np.maximum(np.array(self._limits.velocity) * most_speed * self.slowed, 1e-3)
-        self._follow(given, dt)
+        try:
+            self._follow(given, dt)
+        except ruckig.RuckigError:  # the way left is what braking takes: its solver finds no root there
+            given = self._input(ruckig.ControlInterface.Velocity)
+            given.target_velocity = (0.0, 0.0, 0.0)
+            self._follow(given, dt)
 
     def _within(self, twist: np.ndarray) -> np.ndarray:
         """Limit a body twist without changing its direction: by speed, and by the acceleration of a curve."""

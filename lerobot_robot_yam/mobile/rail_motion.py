@@ -43,5 +43,9 @@ class RailMotion:
         given.target_position = [position]
         given.max_velocity, given.max_acceleration, given.max_jerk = [speed], [acceleration], [math.inf]
         trajectory = ruckig.Trajectory(1)
-        ruckig.Ruckig(1).calculate(given, trajectory)
+        try:
+            ruckig.Ruckig(1).calculate(given, trajectory)
+        except ruckig.RuckigError:  # the way left is what braking takes: its solver finds no root there
+            self.brake(acceleration, dt)
+            return
         (self.position,), (self.velocity,), _ = trajectory.at_time(dt)

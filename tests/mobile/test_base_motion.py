@@ -10,6 +10,7 @@ from lerobot_robot_yam.mobile.base_limits import BaseLimits
 from lerobot_robot_yam.mobile.base_motion import BaseMotion
 from lerobot_robot_yam.mobile.base_profile import FLIP_RAD_S, BaseProfile
 from lerobot_robot_yam.mobile.base_target import REST, Frame, Target
+from lerobot_robot_yam.mobile.rail_motion import RailMotion
 
 DT = 0.004
 USUAL = BaseLimits()
@@ -158,3 +159,15 @@ def test_a_share_of_the_speed():
 def test_limits_that_are_none(wrong):
     with pytest.raises(ConfigError, match="base: "):
         BaseLimits(**wrong)
+
+
+def test_a_way_that_braking_just_takes_is_braked():
+    """There ruckig's solver finds no root, for some numbers; these stopped the base in a soak, or would have."""
+    base = BaseMotion(BaseProfile(), USUAL)
+    base.velocity = np.array([0.0, 0.0, 0.4410025596224707])
+    base.advance(Target(np.array([0.0, 0.0, 0.1230906693630195]), Frame.GLOBAL, pose=True), np.full(4, 0.5), DT)
+    assert base.velocity == pytest.approx([0.0, 0.0, 0.4410025596224707 - 0.79 * DT])
+    rail = RailMotion()
+    rail.restart(6.86765274124345, -12.34011103081948)
+    rail.reach(2.307495994506752, 12.43693304737811, 16.69661249713893, DT)
+    assert rail.velocity == pytest.approx(-12.34011103081948 + 16.69661249713893 * DT)

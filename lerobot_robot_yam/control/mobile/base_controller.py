@@ -256,7 +256,7 @@ class BaseController:
             if self.rail is None or status.mode not in (Mode.HOLD, Mode.TRACK) or status.halted:
                 raise LifeCycleError(f"{self.name}: cannot home a rail in mode {status.mode.name.lower()}")
             self._rest(Mode.HOLD)
-            self.rail.start_homing(now)
+            self.rail.start_homing()
 
     def _rest(self, mode: Mode) -> None:
         """Enter a mode, or stay in it, in which base and rail brake to rest."""

@@ -20,7 +20,7 @@ from lerobot_robot_yam.control.mobile.rail_homing import seek
 from lerobot_robot_yam.control.mobile.rail_monitor import Finding, RailMonitor
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.errors import LifeCycleError, MotorError
+from lerobot_robot_yam.errors import MotorError
 from lerobot_robot_yam.mobile.rail_motion import RailMotion
 from lerobot_robot_yam.mobile.rail_profile import (
     HOMING_RAD_S,
@@ -191,10 +191,8 @@ class RailController:
         """Give up target and homing: brake and stay."""
         self.target_s, self._homing = -math.inf, None
 
-    def start_homing(self, now: float) -> None:
-        """Begin to home. Raises LifeCycleError: the brake has not been released."""
-        if not self._brake.free(now):
-            raise LifeCycleError(f"{self.name}: rail: cannot home while its brake is engaged")
+    def start_homing(self) -> None:
+        """Begin to home, as soon as the brake is free: after a fault it takes a moment."""
         self.stop()
         self._homing = self._home()
 
