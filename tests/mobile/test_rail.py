@@ -274,6 +274,10 @@ def test_a_motor_that_forgot_its_turns_has_to_home_again(rail, base):
     assert not base.rail_state().homed
     with pytest.raises(LifeCycleError, match="is not homed"):
         base.set_rail_height(0.1)
+    base._client.ask(BaseRequest.HOME_RAIL)  # at once, while the brake is being released
+    before = base.rail_state().q
+    base.clock.sleep(1.0)
+    assert base.rail_state().homing and abs(base.rail_state().q - before) > 1.0
 
 
 def test_the_base_takes_no_target_while_its_rail_homes(rail, base):
