@@ -14,13 +14,13 @@ from lerobot_robot_yam.config_yam_mobile import (
     YamMobileConfig,
     YamMobileRemoteConfig,
 )
-from lerobot_robot_yam.face.devices.base_part import BasePart, completed, with_rail_file
+from lerobot_robot_yam.face.devices.base_part import BasePart, completed
 from lerobot_robot_yam.face.devices.device_session import DeviceSession
 from lerobot_robot_yam.face.devices.recorded_robot import RecordedRobot
 from lerobot_robot_yam.face.devices.remote_device import RemoteDevice
 from lerobot_robot_yam.face.devices.replayed_path import replayed_path
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
-from lerobot_robot_yam.mobile.base_config import BaseConfig
+from lerobot_robot_yam.mobile.base_config import BaseConfig, with_rail_file
 from lerobot_robot_yam.session.target_limits import validate_action
 from lerobot_robot_yam.system.clock import Clock
 from lerobot_robot_yam.yam_follower import FollowerBase

@@ -20,7 +20,8 @@ def inspect_rail(target: BaseTarget, clock: Clock, report: Report) -> None:
         return
     board.close()
     known = load(target.config.name, rail.calibration_path, rail.stroke_m)
-    angles = [row["position_rad"] for row in report["motors"].rows if row["name"] == RAIL_MOTOR.name and "fault" in row]
+    rows = [row for row in report["motors"].rows if row["name"] == RAIL_MOTOR.name and "fault" in row]
+    angles = [row["position_rad"] for row in rows if row["channel"] == target.channel]
     homed = known is not None and any(known.scale(rail.direction * q) for q in angles)
     row = {"channel": target.channel, "io": rail.io, "upper": sample.upper, "lower": sample.lower}
     section.rows.append({**row, "brake_on": sample.brake_on, "homed": homed})

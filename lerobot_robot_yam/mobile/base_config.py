@@ -1,7 +1,8 @@
 """Configuration of a base: its channel, limits and sizes. All values are plain: they travel as JSON."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 from lerobot_robot_yam.arm.config import channel_options
@@ -76,3 +77,14 @@ class BaseConfig:
     def profile(self) -> BaseProfile:
         """Return the vendor's base with this one's measured size. Raises ConfigError: a size is out of range."""
         return BaseProfile().resized(real(self.wheel_radius_m), real(self.track_factor))
+
+
+def with_rail_file(config: BaseConfig, directory: Path, ident: str | None) -> BaseConfig:
+    """Return a base's config whose rail keeps its height in a file; by default in LeRobot's calibration directory.
+
+    ident: LeRobot's id of the robot.
+    """
+    if config.rail is None or config.rail.calibration_path is not None:
+        return config
+    path = directory / "yam" / f"{ident or config.channel}_rail.json"  # a subdirectory, whose files LeRobot never reads
+    return replace(config, rail=replace(config.rail, calibration_path=str(path)))

@@ -94,6 +94,8 @@ class BaseMotion:
         try:
             self._follow(given, dt)
         except ruckig.RuckigError:  # the way left is what braking takes: its solver finds no root there
+            if not self.velocity.any():
+                raise
             given = self._input(ruckig.ControlInterface.Velocity)
             given.target_velocity = (0.0, 0.0, 0.0)
             self._follow(given, dt)

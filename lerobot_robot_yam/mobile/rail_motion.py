@@ -46,6 +46,8 @@ class RailMotion:
         try:
             ruckig.Ruckig(1).calculate(given, trajectory)
         except ruckig.RuckigError:  # the way left is what braking takes: its solver finds no root there
+            if self.velocity == 0.0:
+                raise
             self.brake(acceleration, dt)
             return
         (self.position,), (self.velocity,), _ = trajectory.at_time(dt)

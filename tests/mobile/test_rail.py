@@ -280,6 +280,16 @@ def test_a_motor_that_forgot_its_turns_has_to_home_again(rail, base):
     assert base.rail_state().homing and abs(base.rail_state().q - before) > 1.0
 
 
+def test_a_carriage_that_went_on_while_its_channel_was_silent_has_no_slipping_brake(rail, base):
+    lift(base, 0.4, 1.0)
+    rail.rig.fault("base", None, "cable_out", True)
+    base.clock.sleep(0.3)  # shorter than the motors' watchdog
+    rail.rig.clear_faults("base")
+    base.clock.sleep(0.5)
+    assert base._client.published().trouble is Trouble.BUS_SILENT
+    assert base._session.stop() and rail.board.brake_on and not rail.enabled
+
+
 def test_the_base_takes_no_target_while_its_rail_homes(rail, base):
     client = base._client
     client.ask(BaseRequest.HOME_RAIL)

@@ -17,10 +17,9 @@ from lerobot_robot_yam.arm.config_checks import check_switches
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.doctor.kit.targets import calibration_root
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices.base_part import with_rail_file
 from lerobot_robot_yam.face.lerobot_command import config_refusal
 from lerobot_robot_yam.face.lerobot_command.config_refusal import arm_config
-from lerobot_robot_yam.mobile.base_config import BASE_PREFIX, BaseConfig
+from lerobot_robot_yam.mobile.base_config import BASE_PREFIX, BaseConfig, with_rail_file
 from lerobot_robot_yam.robot_options import BaseOptions, FollowerOptions, MobileOptions, RobotOptions
 from lerobot_robot_yam.system.paths import user_path
 from lerobot_robot_yam.system.rig_file import ARMS_OF_TWO, BASE, RIG_TYPE, device_of

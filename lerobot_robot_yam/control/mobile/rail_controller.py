@@ -42,9 +42,11 @@ _K = 10.0  # gain of the outer loop, 1/s: a tenth of what the loop's delay of 8 
 _CORRECTION_RAD_S = 5.0  # maximum rate that the outer loop adds, rad/s
 _MISSED = 2  # commands in a row without a reply after which the brake is engaged, long before that is a fault
 _SURE = 3  # ticks of this after which the plan stops, too: two lost replies may leave the motor out of a third tick
+_FORGOTTEN = 0.1  # ticks of this that a tick without makes up for: a motor heard now and then is no sound one
 _LONGEST_S = 0.012  # longest step that the loop plans, s
 _REST_RAD_S = 0.2  # rate below which the carriage counts as at rest, rad/s
 _SLIP_M, _USUAL_M_PER_RAD = 0.001, 0.03  # motion without torque that means that the brake slips, m; scale before homing
+_FRESH_S = 0.05  # age of a reading that is surely from after the brake has gripped, s
 _WATCH_S = 0.4  # time that the carriage is watched after torque was cut, s
 _KNOWN_RAD = 0.5  # motion in a fault beyond which the height is unknown, rad: a motor without power forgets turns
 _REGAIN_S = 0.5  # time for enabling the motor again once the brake slips, s; a motor that fails is off by then
@@ -68,11 +70,12 @@ class RailController:
         self._calibration: RailCalibration | None = None
         self._target, self.target_s = RailTarget(0.0), -math.inf
         self._homing: Generator[float, None, None] | None = None
-        self._place: float | None = None  # angle at which the brake has taken the carriage
+        self._place: float | None = None  # angle at which the brake has taken the carriage; of a silent motor the last
+        self._held: float | None = None  # the same, as surely read after that
         self._failure: Finding | None = None
         self._writer: threading.Thread | None = None
         self._suspect = self._leaving = self._slipped = False
-        self._doubts, self._planned_s = 0, math.inf
+        self._doubts, self._planned_s = 0.0, math.inf
 
     @property
     def q(self) -> float:
@@ -104,7 +107,7 @@ class RailController:
     def _slips(self) -> bool:
         """Return whether the carriage has moved since its brake has taken it."""
         metres_per_rad = self.scale.metres_per_rad if self.scale else _USUAL_M_PER_RAD
-        return self._place is not None and abs(self.q - self._place) * metres_per_rad > _SLIP_M
+        return self._held is not None and abs(self.q - self._held) * metres_per_rad > _SLIP_M
 
     def is_up(self, now: float) -> bool:
         """Return whether the motor holds and the brake has let go."""
@@ -152,7 +155,7 @@ class RailController:
         if late_s > 0.0:  # after a pause of the loop: the motor went on, and so does its plan
             self._motion.position += self._motion.velocity * late_s
         doubt = not self._enabled or bool(self._chain.missed[RAIL] >= _MISSED)
-        self._doubts = self._doubts + 1 if doubt else 0
+        self._doubts = min(self._doubts + 1.0, _SURE) if doubt else max(self._doubts - _FORGOTTEN, 0.0)
         self._suspect = self._doubts >= _SURE
         self._brake.look(self.sample, now, doubt)
         if doubt:
@@ -214,13 +217,15 @@ class RailController:
         self._brake.set(self._io, self._wants_brake(mode), now)
         if self._brake.holds(now) and not self._slipped:
             self._place = self.q if self._place is None else self._place
+            if self._held is None and now - self._chain.stamp_s[RAIL] < _FRESH_S:  # else it is from before
+                self._held = self.q
             self._motion.restart(self.q)
         elif self._brake.free(now) and mode in _MOVES:
             self._move(now, dt)
         else:
             self._motion.brake(STOP_RAD_S2, dt)
         if not self._brake.engaged:
-            self._place = None
+            self._place = self._held = None
         correction = _K * (self._motion.position - self.q)
         limit = _CORRECTION_RAD_S
         self._motors.asked[RAIL] = self._motion.velocity + min(max(correction, -limit), limit)
@@ -297,7 +302,7 @@ class RailController:
         """Hold with the motor and release the brake again, after a fault; a motor that lost its turns has to home."""
         if self._place is not None and abs(self.q - self._place) > _KNOWN_RAD:
             self.scale = None
-        self._slipped, self._leaving, self._place = False, False, None
+        self._slipped, self._leaving, self._place, self._held = False, False, None, None
         self._motion.restart(self.q)
 
     def _store(self, q: float | None) -> None:

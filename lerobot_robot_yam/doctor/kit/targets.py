@@ -14,7 +14,7 @@ from lerobot_robot_yam.arm.config import SOCKETCAN, VIRTUAL, ArmConfig, LeadArmC
 from lerobot_robot_yam.arm.leaders.passive_config import JOINT_SIGNS, PassiveConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.mobile.base_config import BASE, BaseConfig
+from lerobot_robot_yam.mobile.base_config import BASE, BaseConfig, with_rail_file
 from lerobot_robot_yam.mobile.resolved_base import ResolvedBase
 from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.paths import user_path
@@ -197,7 +197,9 @@ def from_config(
             targets.append(dataclasses.replace(target, calibrate=calibrate))
             cameras.update({f"{prefix}{name}": camera for name, camera in _cameras(arm).items() if prefix})
         if (base := _base(device)) is not None:
-            targets.append(_base_target(base, BASE, rig))
+            plain = _base_target(base, BASE, rig)
+            ident = str(device["id"]) if device.get("id") else None
+            targets.append(BaseTarget(with_rail_file(plain.config, directory, ident)))
         if arms or base:  # a hand guide has none
             check_together([target.config for target in targets[first:]])
     if not targets:

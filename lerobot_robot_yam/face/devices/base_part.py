@@ -18,8 +18,6 @@ Two habits of LeRobot suit arms, not bases:
 
 import logging
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,17 +50,6 @@ def action_keys(rail_action: str | None) -> list[str]:
 def extra_keys(rail_action: str | None, odometry: bool, wheels: bool) -> list[str]:
     """Return the keys of the other numbers that are observed. odometry, wheels: whether these are enabled."""
     return [*[HEIGHT] * (rail_action == "vel"), *ODOMETRY_KEYS * odometry, *WHEEL_KEYS * wheels]
-
-
-def with_rail_file(config: BaseConfig, directory: Path, ident: str | None) -> BaseConfig:
-    """Return a base's config whose rail keeps its height in a file; by default in LeRobot's calibration directory.
-
-    ident: LeRobot's id of the robot.
-    """
-    if config.rail is None or config.rail.calibration_path is not None:
-        return config
-    path = directory / "yam" / f"{ident or config.channel}_rail.json"  # a subdirectory, whose files LeRobot never reads
-    return replace(config, rail=replace(config.rail, calibration_path=str(path)))
 
 
 def completed(action: Mapping[str, Any], keys: Collection[str], observed: Collection[str]) -> Mapping[str, Any]:
@@ -120,7 +107,7 @@ class BasePart:
         if not self.calibrated:
             raise LifeCycleError(
                 f"{self._name}: the rail is not homed, and nothing homes by itself: run lerobot-calibrate on the "
-                "robot's own computer, with the rail's way free"
+                "robot's own computer, with the rail's way free; end a yam-host there first"
             )
 
     def calibrate(self) -> None:

@@ -68,10 +68,12 @@ class RemoteDevice:
 
     @property
     def is_calibrated(self) -> bool:
-        """Whether the host knew the stops of all gripper motors, and its rail's height, when it was asked."""
+        """Whether the host had files with the stops of all gripper motors, and of its rail, when it was asked."""
         return bool(self.config.hosted.calibrated)
 
     @check_if_not_connected
     def calibrate(self) -> None:
         """Raise ConfigError: only the host has the calibration files."""
-        raise ConfigError("calibrate it on its own computer: lerobot-calibrate with the rig's file there")
+        raise ConfigError(
+            "calibrate it on its own computer: end yam-host there, then run lerobot-calibrate with the rig's file"
+        )

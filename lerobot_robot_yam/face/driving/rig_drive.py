@@ -32,7 +32,7 @@ class RigDrive:
         try:
             if self._rig is None:
                 self._rig = find_lockstep(self._name) or RigControl(self._name, hold=False)
-            velocity = np.array(self._rig.asked_drive(_episode())["velocity"])
+            velocity = np.array(self._rig.asked_drive(True, _episode())["velocity"])
         except RigError as error:
             return Asked(trouble=str(error))
         x, y, theta = np.clip(velocity / self._full, -1.0, 1.0).tolist()

@@ -1,5 +1,6 @@
 """Carry a prop from one table to another with an arm on a mobile base: drive, grasp, drive, put down, drive back."""
 
+import logging
 import math
 
 import numpy as np
@@ -9,6 +10,8 @@ from lerobot_robot_yam.mobile.casters import wrapped
 from lerobot_robot_yam.mobile.odometry import to_body
 from lerobot_robot_yam.rig.operator.hands import Hands, pause, see
 from lerobot_robot_yam.rig.operator.script import PUT_DOWN_M, Script, Setup, lifted
+
+logger = logging.getLogger(__name__)
 
 # Of x and y together, then of the heading. All are below the limits of `BaseLimits`, which the base would keep anyway.
 _SPEED = (0.35, 0.8)  # m/s, rad/s
@@ -38,7 +41,10 @@ class MobileTables(Script):
 
     def attempt(self) -> None:
         super().attempt()
-        self.drive("between", "start")
+        try:
+            self.drive("between", "start")
+        except RigError as error:  # something is in the way, or nobody reads where it wants to go
+            logger.warning("%s", error)
 
     def work(self) -> bool:
         name = self.setup.last.prop

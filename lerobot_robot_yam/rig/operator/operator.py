@@ -38,6 +38,7 @@ class RigHands:
     def __init__(self, rig: RigOperations, scene: dict[str, Any]):
         self._rig, self._sides = rig, sides_of(scene)
         self._prop = scene["props"][0]["name"] if scene["props"] else ""
+        self.episode: float | None = None  # recorded episode of the attempt, with whose end it ends
         channels = [row["channel"] for row in scene["arms"]]
         needed = [f"{role}_{side}" for role in ("leader", "follower") for side in self._sides or SIDES]
         if missing := [channel for channel in needed if channel not in channels]:
@@ -50,6 +51,10 @@ class RigHands:
         time.sleep(seconds)
 
     def look(self) -> Sight:
+        """Return the sight. Raises Interrupted: the recorded episode of this attempt has ended."""
+        if self.episode is not None and _left(self._rig, self.episode):
+            self.let_go()
+            raise Interrupted
         return sight_of(self._rig.state(brief=True), self._sides)
 
     def pull(self, side: str, times_s: np.ndarray, q_rad: np.ndarray, trigger: np.ndarray) -> None:
@@ -82,18 +87,27 @@ def _work(rig: RigControl, script: Script, seed: int) -> int:
     return seed + 1
 
 
-def _due(rig: RigControl, last: float | None) -> bool:
-    """Return whether somebody reads what is asked of the base, in another episode than the last attempt's."""
-    return rig.drive_reader()["episode"] not in (None, last)
+def _left(rig: RigOperations, episode: float) -> bool:
+    """Return whether whoever reads what is asked of the base has ended this episode; a reader's pause ends none."""
+    reader = rig.drive_reader()
+    return bool(reader["reads"] and reader["episode"] != episode)
 
 
-def _await_episode(rig: RigControl, script: Script, seed: int, last: float | None) -> None:
-    """Wait for the end of the last attempt's episode, lay the things out for the next one, and wait for it."""
-    while last is not None and rig.drive_reader()["episode"] == last:
+def _begun(rig: RigControl, last: float | None) -> float | None:
+    """Return the episode in which somebody reads what is asked of the base; None if nobody does, or it is `last`."""
+    reader = rig.drive_reader()
+    episode: float | None = reader["episode"]
+    return episode if reader["reads"] and (episode != last or episode == 0.0) else None
+
+
+def _await_episode(rig: RigControl, script: Script, seed: int, last: float) -> float:
+    """Wait for the end of an episode, lay the things out for the next one, wait for that; return its number."""
+    while last != 0.0 and not _left(rig, last):
         pause(script.hands, _POLL_S)
     rig.task(script.setup.task.name, seed)
-    while not _due(rig, last):
+    while (episode := _begun(rig, last)) is None:
         pause(script.hands, _POLL_S)
+    return episode
 
 
 def operate(rig: RigControl, task: str) -> None:
@@ -106,23 +120,26 @@ def operate(rig: RigControl, task: str) -> None:
     scene = rig.scene()
     hands = RigHands(rig, scene)
     script, seed = make_script(hands, scene, task), scene["seed"]
-    last: float | None = None  # recorded episode of the last attempt
+    episode: float | None = None
     while True:
+        last, hands.episode = episode, None
         if script.drives:
             rig.task(task, seed)
         ready_since = time.monotonic()
         while time.monotonic() - ready_since < _READY_S:
             time.sleep(_POLL_S)
-            if not hands.look().willing or (script.drives and not _due(rig, last)):
+            episode = _begun(rig, last) if script.drives else None
+            if not hands.look().willing or (script.drives and episode is None):
                 ready_since = time.monotonic()
         rig.log("operator", did="takes the leaders")
         try:
+            hands.episode = episode
             script.begin()
             while True:
-                last = rig.drive_reader()["episode"] or None
                 seed = _work(rig, script, seed)
-                if script.drives:
-                    _await_episode(rig, script, seed, last)
+                if episode is not None:
+                    hands.episode = None
+                    hands.episode = episode = _await_episode(rig, script, seed, episode)
         except Interrupted:
             rig.log("operator", did="lets go")
 

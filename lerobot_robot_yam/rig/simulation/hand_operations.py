@@ -107,21 +107,23 @@ class HandOperations(Operations):
         self.device.asked_drive = self.device.world.sim_s, vector(velocity, 3).tolist()
 
     @operation
-    def asked_drive(self, episode: float | None = 0.0) -> dict[str, Any]:
+    def asked_drive(self, reads: bool = False, episode: float | None = None) -> dict[str, Any]:
         """Read what a hand asks the base to do, under the key velocity: (3,), m/s, m/s, rad/s; zeros if nothing.
 
-        episode: the reader's, for `drive_reader`: another number for each; 0 without episodes, None between two.
+        reads: whether the caller drives the base so, for `drive_reader`. episode: that it records, with another number
+        for each; 0 if it records none, None between two episodes.
         """
         now = self.device.world.sim_s
-        self.device.drive_reader = now, None if episode is None else number(episode, 0.0)
+        if reads:
+            self.device.drive_reader = now, None if episode is None else number(episode, 0.0)
         at_s, velocity = self.device.asked_drive
         return {"velocity": velocity if now - at_s <= _DRIVE_S else [0.0] * 3}
 
     @operation
     def drive_reader(self) -> dict[str, Any]:
-        """Read the episode, see `asked_drive`, of who reads what hands ask the base to do; None if nobody does."""
+        """Read whether somebody reads what hands ask the base to do, and the episode, see `asked_drive`."""
         at_s, episode = self.device.drive_reader
-        return {"episode": episode if self.device.world.sim_s - at_s <= _READER_S else None}
+        return {"reads": self.device.world.sim_s - at_s <= _READER_S, "episode": episode}
 
     @operation
     def joints(self, channel: str) -> dict[str, Any]:

@@ -14,10 +14,9 @@ from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.commands.servers.rig_reader import check_options, read_rig
 from lerobot_robot_yam.doctor.kit.targets import calibration_root
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.face.devices.base_part import with_rail_file
 from lerobot_robot_yam.face.lerobot_command import config_refusal
 from lerobot_robot_yam.face.lerobot_command.config_refusal import arm_config, rig_device
-from lerobot_robot_yam.mobile.base_config import BASE_PREFIX
+from lerobot_robot_yam.mobile.base_config import BASE_PREFIX, with_rail_file
 from lerobot_robot_yam.system.strict_yaml import read_yaml
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig
 from tests.support.hosted import rig_file

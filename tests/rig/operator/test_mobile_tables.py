@@ -78,14 +78,12 @@ def test_cameras_ride_with_the_base(rig):
 
 
 def test_the_rig_tells_the_episode_of_who_reads_the_wish(rig):
-    rig.sleep(1.1)
-    assert rig.drive_reader()["episode"] is None
-    rig.asked_drive(12.5)
+    assert not rig.drive_reader()["reads"]
+    rig.asked_drive(True, 12.5)
     rig.sleep(0.5)
-    assert rig.drive_reader()["episode"] == 12.5
-    rig.asked_drive(None)
-    assert rig.drive_reader()["episode"] is None
-    rig.asked_drive()
-    assert rig.drive_reader()["episode"] == 0.0
+    rig.asked_drive()  # who only looks is no reader
+    assert rig.drive_reader() == {"reads": True, "episode": 12.5}
+    rig.asked_drive(True)
+    assert rig.drive_reader() == {"reads": True, "episode": None}
     rig.sleep(1.1)
-    assert rig.drive_reader()["episode"] is None
+    assert not rig.drive_reader()["reads"]

@@ -95,9 +95,8 @@ def test_a_base_brakes_at_once_when_the_browser_that_drives_it_is_lost(station, 
     begin_s = clock.now()
     while clock.now() < begin_s + 0.3:
         station.round()
-    slower = state(station).planned[1]
     station.run(rests(station))
-    assert slower < 0.21 and clock.now() - begin_s < 0.3 + 0.25 + 0.2 / 0.25
+    assert clock.now() - begin_s < 0.3 + 0.25 + 0.2 / 0.25
     place = state(station).pose
     browser.stalled = False
     for _ in range(20):
@@ -112,10 +111,13 @@ def test_an_emergency_stop_reaches_a_base_and_a_button_that_is_still_held_does_n
     station.run(lambda: state(station).mode is Mode.STOPPED)
     EmergencyStop().release()
     held(station, browser, "forward", lambda: browser.was_told("let go of the button first"))
-    for _ in range(10):
+    for _ in range(round(1.0 / ROUND_S)):  # longer than the time after which a button counts as let go
         browser.hold("forward")
         station.round()
     assert rests(station)()
+    for _ in range(round(0.6 / ROUND_S)):
+        station.round()
+    held(station, browser, "forward", lambda: state(station).planned[0] > 0.1)
 
 
 @pytest.mark.parametrize("railed", [True], indirect=True)
