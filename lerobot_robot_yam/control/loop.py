@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from lerobot_robot_yam.control.arm_controller import ArmController
-from lerobot_robot_yam.control.loop_timing import LoopStatistics
+from lerobot_robot_yam.control.loop_timing import MOST_DT_S, LoopStatistics
 from lerobot_robot_yam.control.part_controller import Blocks, Controller
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
@@ -29,7 +29,6 @@ _EARLY_S = 0.0002  # lead time of decoding before the bus is idle, s, while the 
 _WAKE_UP_S = 0.00006  # typical wake-up delay after a sleep, s
 _LAWS_S = 0.0008  # time reserved for states and laws, s: twice the need of two arms on an idle machine
 _BREATH_S = 0.0001  # minimum sleep per tick, s: the kernel stops real-time processes that never sleep, for 50 ms
-_MOST_DT_S = 0.012  # maximum step of the set-points, s: no leap after a pause
 _STOPPED_EARLY = (
     "the emergency stop was latched while the arms came up; they land when it is released: look at them, then "
     "`yam-estop release`, and connect again"
@@ -162,7 +161,7 @@ class ControlLoop:
             self._guard(controller, self._measure, blocks, collect_until, self._tick)
         self._tell_peers()
         now = self._clock.now()
-        dt, self._last = min(now - self._last, _MOST_DT_S), now
+        dt, self._last = min(now - self._last, MOST_DT_S), now
         stopped = self._stopped(now)
         for controller, blocks in arms:
             self._guard(controller, self._decide, blocks, now, stopped)

@@ -7,6 +7,7 @@ import numpy as np
 
 logger = logging.getLogger(__name__)
 
+MOST_DT_S = 0.012  # maximum time that a loop plans in one tick, s: set-points do not leap after a pause
 _BIN_S = 1e-5
 _WINDOW_S = 1.0
 _SLOW_SHARE = 0.2

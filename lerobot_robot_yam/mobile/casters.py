@@ -7,7 +7,7 @@ radius r, each caster has two rows of rates = C @ twist:
     steer   s/bx                −c/bx               (−hx c − hy s)/bx − 1
     drive   c/r − by s/(bx r)   s/r + by c/(bx r)   (hx s − hy c)/r + by (hx c + hy s)/(bx r)
 
-The code is in plain numbers: for four casters that takes a sixth of the time of the same in numpy.
+The code is in plain numbers: for four casters that takes a quarter of the time of the same in numpy, or less.
 """
 
 import math

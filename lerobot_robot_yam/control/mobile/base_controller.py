@@ -14,7 +14,7 @@ import can
 import numpy as np
 
 from lerobot_robot_yam.control.arm_status import ArmStatus
-from lerobot_robot_yam.control.mobile.base_monitor import BaseHeat, SteeringMonitor
+from lerobot_robot_yam.control.mobile.base_monitor import BaseHeat, StallMonitor
 from lerobot_robot_yam.control.mobile.base_motors import CASTER_MOTORS, STEER, BaseMotors
 from lerobot_robot_yam.control.mobile.base_steps import BaseExit, BaseRearm
 from lerobot_robot_yam.control.mobile.rail_controller import RailController
@@ -61,7 +61,7 @@ class BaseController:
         self.complaints = self.motors.complaints
         self.motion = BaseMotion(hardware.profile, hardware.limits)
         self.rail = None if hardware.config.rail is None else RailController(hardware, self.motors)
-        self._steering, self._heat = SteeringMonitor(hardware), BaseHeat(self.name, self.chain)
+        self._stalls, self._heat = StallMonitor(hardware), BaseHeat(self.name, self.chain)
         self._target, self._target_s = REST, -math.inf
         self._measured_s = math.nan  # time of the samples that the odometry took last
         self._rests_s = math.inf  # time since which a landing base is at rest
@@ -153,7 +153,7 @@ class BaseController:
         if channel.trouble is not None:
             self._suffer(channel.trouble, channel.message)
             return
-        stalled = self._steering.check(now, self.motors.asked[CASTER_MOTORS], self.motors.dq[CASTER_MOTORS])
+        stalled = self._stalls.check(now, self.motors.asked[CASTER_MOTORS], self.motors.dq[CASTER_MOTORS])
         finding = rail or self._heat.check(now) or stalled
         if finding is not None:
             self._suffer(*finding)
@@ -337,7 +337,7 @@ class BaseController:
 
     def _restart(self) -> None:
         """Plan anew from where the base is."""
-        self._steering.forget()
+        self._stalls.forget()
         self.motion.restart()
         if self.rail is not None:
             self.rail.rearm()

@@ -18,13 +18,13 @@ from lerobot_robot_yam.state.faults import Trouble
 
 _PERIOD_S = 0.1  # period of temperature checks, s: temperatures change slowly
 _ASKED_RAD_S = 1.0  # commanded rate from which a stall is judged; of a wheel this is 0.05 m/s
-_SHARE = np.array([0.2, 0.5] * len(CASTERS))  # share of the commanded rate below which a motor counts as stalled:
-# steering, wheel. A blocked base still turns some of its wheels, by their slip
+# Share of the commanded rate below which steering and wheel count as stalled: a blocked base still turns some wheels.
+_SHARE = np.array([0.2, 0.5] * len(CASTERS))
 _STALL_S = np.array([0.3, 0.5] * len(CASTERS))  # duration of a stall, s; a motor that starts is slow for a shorter time
 _STEP_S = 0.02  # maximum time that one check counts for, s: while the loop pauses, nothing is known
 
 
-class SteeringMonitor:
+class StallMonitor:
     """Monitor of the eight motors of four casters. Check once per tick.
 
     Time in which a motor turns is subtracted from its stalls: a base that bounces off an obstacle stalls repeatedly.

@@ -12,6 +12,7 @@ from collections.abc import Generator
 
 import numpy as np
 
+from lerobot_robot_yam.control.loop_timing import MOST_DT_S
 from lerobot_robot_yam.control.mobile.base_motors import RAIL, BaseMotors
 from lerobot_robot_yam.control.mobile.rail_boards import open_board, open_checked
 from lerobot_robot_yam.control.mobile.rail_brake import RailBrake
@@ -43,7 +44,6 @@ _CORRECTION_RAD_S = 5.0  # maximum rate that the outer loop adds, rad/s
 _MISSED = 2  # commands in a row without a reply after which the brake is engaged, long before that is a fault
 _SURE = 3  # ticks of this after which the plan stops, too: two lost replies may leave the motor out of a third tick
 _FORGOTTEN = 0.1  # ticks of this that a tick without makes up for: a motor heard now and then is no sound one
-_LONGEST_S = 0.012  # longest step that the loop plans, s
 _REST_RAD_S = 0.2  # rate below which the carriage counts as at rest, rad/s
 _SLIP_M, _USUAL_M_PER_RAD = 0.001, 0.03  # motion without torque that means that the brake slips, m; scale before homing
 _FRESH_S = 0.05  # age of a reading that is surely from after the brake has gripped, s
@@ -151,7 +151,7 @@ class RailController:
     def measure(self, now: float) -> Finding | None:
         """Read the driver; engage the brake at once if the motor does not answer. Return what is wrong."""
         self._read()
-        late_s = now - self._planned_s - _LONGEST_S
+        late_s = now - self._planned_s - MOST_DT_S
         if late_s > 0.0:  # after a pause of the loop: the motor went on, and so does its plan
             self._motion.position += self._motion.velocity * late_s
         doubt = not self._enabled or bool(self._chain.missed[RAIL] >= _MISSED)

@@ -31,7 +31,7 @@ class GpioBoard:
             )
             self._opened = opened.pop_all()
         self._sample = BoardSample(False, False, None, -math.inf)
-        self._failed = False
+        self._failed: set[str] = set()
 
     def read(self) -> BoardSample:
         with self._reported("read"):
@@ -46,13 +46,17 @@ class GpioBoard:
 
     @contextlib.contextmanager
     def _reported(self, what: str) -> Iterator[None]:
-        """Log the first error of the pins. The age of the sample tells the loop, which goes on to command the motor."""
+        """Log an error of the pins once, until they work again.
+
+        The age of the sample tells the loop, which goes on to command the motor.
+        """
         try:
             yield
+            self._failed.discard(what)
         except Exception as error:  # lgpio and its likes have errors of their own, which derive from nothing else
-            if not self._failed:
+            if what not in self._failed:
                 logger.error("rail: pins cannot be %s: %s", what, error)
-            self._failed = True
+            self._failed.add(what)
 
     def close(self) -> None:
         self._opened.close()

@@ -8,7 +8,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import viser
@@ -282,7 +282,7 @@ class Driver:
             said = f"replayed; the arms hold{f', but {late} has not got there' if late else ''}"
         except YamError as error:
             said = str(error)
-        self._freeze()
+        self._end_replay()
         self.say(None, said)
 
     def _note_held_back(self, name: str) -> None:
@@ -308,8 +308,9 @@ class Driver:
         self.say(None, "the arms have landed; torque is off")
 
     def _end_replay(self) -> None:
+        """End a replay if there is one; the arms hold, and a base goes on, whose rail may be homing."""
         if self.replayed is not None:
-            self._freeze()
+            self._freeze([arm.client for arm in self.arms.values()])
 
     def _stay(self) -> None:
         """End all motions and the replay. No further targets are sent."""
@@ -317,10 +318,10 @@ class Driver:
         for arm in self.arms.values():
             arm.stay()
 
-    def _freeze(self) -> None:
-        """Make all tracking or floating arms hold, and a base, whose rail may be homing. Landing goes on."""
+    def _freeze(self, clients: Sequence[ArmClient | BaseClient] | None = None) -> None:
+        """Make tracking or floating arms hold, and a base, whose rail may be homing; None: all. Landing goes on."""
         self._stay()
-        for client in self._clients:
+        for client in self._clients if clients is None else clients:
             busy = (Mode.TRACK, Mode.HOLD) if isinstance(client, BaseClient) else (Mode.TRACK, Mode.FLOAT)
             try:
                 if client.mode() in busy:
