@@ -15,6 +15,7 @@ from lerobot.robots.config import RobotConfig
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 
 from lerobot_robot_yam.arm.option import option
+from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.registration import register_as
 
@@ -77,6 +78,22 @@ class YamEnvConfig(EnvConfig):
             key = f"{OBS_IMAGES}.{name}"
             self.features[key] = PolicyFeature(FeatureType.VISUAL, (camera.height, camera.width, 3))
             self.features_map[key] = key
+
+    def check_reset_pose(self, motors: list[str]) -> None:
+        """Check that `motors`, those of the robot in canonical order, can reach the reset pose."""
+        if self.reset_pose is None:
+            return
+        limits: list[tuple[float, float]] = []
+        for arm in cast(Any, self.robot).arms().values():
+            hardware = ResolvedArm(arm)
+            limits += zip(hardware.lower.tolist(), hardware.upper.tolist(), strict=True)
+        if len(self.reset_pose) != len(limits):
+            raise ConfigError(f"env.reset_pose: {len(self.reset_pose)} values, not {len(limits)}: {', '.join(motors)}")
+        for motor, value, (low, high) in zip(motors, self.reset_pose, limits, strict=True):
+            if not low <= value <= high:
+                raise ConfigError(
+                    f"env.reset_pose: {motor} is {value:g}, outside {low:.3f} … {high:.3f} (rad; grippers 0 … 1)"
+                )
 
     @property
     def virtual(self) -> bool:

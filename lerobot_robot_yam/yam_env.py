@@ -13,9 +13,8 @@ import numpy as np
 from lerobot.robots.utils import make_robot_from_config
 
 from lerobot_robot_yam.arm.profile_files import load_gripper
-from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.config_yam_env import AGENT_POS, YamEnvConfig, eyes_of
-from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
+from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError, MotorError
 from lerobot_robot_yam.face.devices.feature_names import motors_of
 from lerobot_robot_yam.face.referee import CallableReferee, OperatorReferee, Referee, RigReferee, find_judge
 from lerobot_robot_yam.rig.client.rendered_camera import RigCamera
@@ -75,7 +74,7 @@ class YamEnv(gym.Env):
         self.action_space = box(-np.inf, np.inf, (len(self._action_keys),), np.float32)
         self._motors = motors_of(self._robot_config.arms())
         self._is_joint = np.array([not motor.endswith("gripper") for motor in self._motors])
-        self._check_reset_pose()
+        config.check_reset_pose(self._motors)
         name, there = config.render_camera, list(dict.fromkeys([*self._cameras, *self._scene_cameras()]))
         if name is not None and name not in there:
             raise ConfigError(f"env.render_camera: there is no camera '{name}'; there are {', '.join(there) or 'none'}")
@@ -85,6 +84,7 @@ class YamEnv(gym.Env):
         self._robot: FollowerBase | None = None
         self._referee: Referee | None = None
         self._frame: np.ndarray | None = None
+        self._observation: dict[str, Any] | None = None  # newest observation
         self._spectator: RigCamera | LockstepCamera | None = None
         self._deadline_s = 0.0
         self._steps = 0
@@ -114,9 +114,21 @@ class YamEnv(gym.Env):
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Send one action, wait for 1 / fps, observe and judge; the reward is 1 for success.
 
+        If a part of the robot stops with a fault in lock-step, its actions have caused this, as by driving a base into
+        a table: the episode ends without success, and the next `reset` restarts the world.
+
         Raises:
-            YamError: the action is not finite or has a wrong length (nothing moves), or the robot fails.
+            YamError: the action is not finite or has a wrong length (nothing moves), or a robot out of lock-step fails.
         """
+        try:
+            return self._step(action)
+        except MotorError as error:
+            if not self._config.lockstep or self._observation is None:
+                raise
+            logger.warning("the episode has failed: %s", error)
+            return self._observation, 0.0, True, False, {"is_success": False}
+
+    def _step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         robot, referee = self._connected()
         sent = robot.send_action(self._named(action))
         self.sent = np.array([sent[key] for key in self._action_keys])
@@ -305,22 +317,6 @@ class YamEnv(gym.Env):
                     "is something in its way, or the emergency stop latched (yam-estop)?"
                 )
 
-    def _check_reset_pose(self) -> None:
-        """Check that the arms can reach the configured reset pose."""
-        if (pose := self._config.reset_pose) is None:
-            return
-        limits: list[tuple[float, float]] = []
-        for arm in self._robot_config.arms().values():
-            hardware = ResolvedArm(arm)
-            limits += zip(hardware.lower.tolist(), hardware.upper.tolist(), strict=True)
-        if len(pose) != len(limits):
-            raise ConfigError(f"env.reset_pose: {len(pose)} values, not {len(limits)}: {', '.join(self._motors)}")
-        for motor, value, (low, high) in zip(self._motors, pose, limits, strict=True):
-            if not low <= value <= high:
-                raise ConfigError(
-                    f"env.reset_pose: {motor} is {value:g}, outside {low:.3f} … {high:.3f} (rad; grippers 0 … 1)"
-                )
-
     def _reset_pose(self) -> np.ndarray | None:
         """Return the joints and grippers at which episodes begin; None if they begin anywhere."""
         if self._config.reset_pose is not None:
@@ -344,4 +340,5 @@ class YamEnv(gym.Env):
         pixels = {name: seen[name] for name in self._cameras}
         self._frame = pixels.get(self._config.render_camera or next(iter(pixels), ""))
         state = np.array([seen[key] for key in self._state_keys], np.float32)
-        return {AGENT_POS: state, "pixels": pixels}, seen
+        self._observation = {AGENT_POS: state, "pixels": pixels}
+        return self._observation, seen

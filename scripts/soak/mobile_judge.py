@@ -18,6 +18,7 @@ STEP_S = 0.05  # period of the caller and of the judge, s
 REST_M_S, _REST_RAD_S = 0.02, 0.05  # speed below which a base stands
 _REST_S = 4.5  # by then a base that brakes from any speed is at rest, s
 _SINKS_M, _HOLDS_S = 0.02, 1.0  # maximum sinking of the tool of an arm that holds, m, once it has come to rest
+_BRAKES_M = 0.06  # maximum sinking of the tool until then, m: braking takes 40 mrad at 0.6 m, the delay at most as much
 _FALLS_M, _SETTLES_S = 0.005, 1.5  # maximum fall of the rail, m, once it has had time to brake, s
 _LONGEST_TICK_S = 0.012  # the loop plans no longer step than this, s
 
@@ -37,6 +38,7 @@ class MobileJudge:
     def forget(self) -> None:
         """Start anew, after the robot was connected."""
         self._since: dict[str, tuple[Mode, float, float]] = {}  # mode, since when, height of tool or carriage then
+        self._rests_m: dict[str, float] = {}  # height of the tool of an arm that has come to rest
         self._planned: tuple[int, np.ndarray] | None = None
         self._pose: np.ndarray | None = None
         self._settled_m = 0.0  # height of the carriage since it has to stay
@@ -48,6 +50,7 @@ class MobileJudge:
             height = carriage_m if name == BASE else world["arms"][name]["tcp_site"]["pos"][2] - carriage_m
             if name not in self._since or self._since[name][0] is not state.mode:
                 self._since[name] = state.mode, now, height
+                self._rests_m.pop(name, None)
             since_s, begin = self._since[name][1:]
             self._judge_trouble(name, state, now, now - since_s)
             if name == BASE:
@@ -55,8 +58,13 @@ class MobileJudge:
                 self._judge_rest(state, now, now - since_s, np.array(world[BASE]["pose"]))
                 self._judge_rail(state, now - since_s, height)
             elif state.trouble is None and state.mode in (Mode.HOLD, Mode.STOPPED) and now - since_s > _HOLDS_S:
-                if begin - height > _SINKS_M and not self._faults.cut(name, now):
-                    self._violate("holds", name, f"the tool has sunk by {(begin - height) * 1e3:.0f} mm")
+                if self._faults.cut(name, now):
+                    self._rests_m[name] = height
+                rests = name in self._rests_m
+                sunk_m = (self._rests_m[name] if rests else begin) - height
+                self._rests_m.setdefault(name, height)
+                if sunk_m > (_SINKS_M if rests else _BRAKES_M):
+                    self._violate("holds", name, f"the tool has sunk by {sunk_m * 1e3:.0f} mm")
 
     def _judge_trouble(self, name: str, state: Any, now: float, for_s: float) -> None:
         if state.trouble is Trouble.INTERNAL_ERROR:

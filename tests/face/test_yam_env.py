@@ -16,7 +16,7 @@ from lerobot_robot_yam.config_yam_camera import YamSimCameraConfig
 from lerobot_robot_yam.config_yam_env import YamEnvConfig
 from lerobot_robot_yam.config_yam_follower import BiYamFollowerConfig, FollowerArmConfig, YamFollowerConfig
 from lerobot_robot_yam.config_yam_mobile import MobileBaseConfig, YamMobileConfig
-from lerobot_robot_yam.errors import ActionError, ConfigError, MotorError
+from lerobot_robot_yam.errors import ActionError, ConfigError
 from lerobot_robot_yam.yam_env import YamEnv
 from tests.support.tiers import spread
 
@@ -245,10 +245,17 @@ def test_real_arms_without_cameras_have_black_videos(tmp_path):
     assert env.render().shape == (240, 320, 3) and not env.render().any()
 
 
-def test_an_arm_that_loses_its_torque_ends_the_episode_with_an_error(lockstep):
+def test_a_part_that_stops_with_a_fault_ends_the_episode_without_success(lockstep, caplog):
     observation, _ = lockstep.reset(seed=3)
     rig, _ = lockstep.lockstep_task()
     rig.cut_torque("follower_left")
-    with pytest.raises(MotorError, match="follower_left"):
-        for _ in range(30):
-            lockstep.step(observation["agent_pos"])
+    for _ in range(30):
+        seen, reward, terminated, truncated, info = lockstep.step(observation["agent_pos"])
+        if terminated:
+            break
+    assert (reward, terminated, truncated, info) == (0.0, True, False, {"is_success": False})
+    assert lockstep.observation_space.contains(seen)
+    assert "the episode has failed: follower (follower_left)" in caplog.text
+    lockstep.reset(seed=4)
+    *_, terminated, _, _ = lockstep.step(observation["agent_pos"])
+    assert not terminated
