@@ -84,6 +84,7 @@ class MobileSoak:
     def _step(self) -> None:
         self.faults.advance(self.now, self._session is not None)
         if self._session is None and not self.faults.pending(self.now):
+            self.faults.clear()  # replies still to be lost or falsified would hit the start, which refuses such a motor
             self._connect()
         session = self._session
         if session is None:

@@ -97,9 +97,13 @@ class MobileFaults:
         self._schedule.clear()
         self._open.clear()
         self._rail_fault = ""
+        self.clear()
+        EmergencyStop().release()
+
+    def clear(self) -> None:
+        """Clear what is left of faults in the rig."""
         for channel in (*FOLLOWERS, BASE, BOARD):
             self._rig.clear_faults(channel)
-        EmergencyStop().release()
 
     def _rows(self, name: str, now: float, for_s: float) -> list[Injection]:
         recent = [row for at_s, row in self._recent if now - at_s < for_s]
