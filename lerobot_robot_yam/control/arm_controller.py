@@ -238,6 +238,7 @@ class ArmController:
         if status.mode is Mode.TRACK:
             if now - arm.estimate.oldest_s() > _UNHEARD_S + arm.chain.round_trip.one_way_s:
                 arm.setpoint.stop()  # else the set-point runs ahead of an unreachable arm, which rushes to it later
+                status.limited |= Limited.UNHEARD
         if arm.landing is not None:
             self.landing.advance(now)
         elif status.mode in (Mode.HOLD, Mode.TRACK):

@@ -39,6 +39,7 @@ class Limited(IntFlag):
     WORKSPACE = 256
     HEAT = 512
     CAME_FREE = 1024  # a joint came free of an obstacle and was stopped
+    UNHEARD = 2048  # motors have not replied for some ticks; the set-point brakes until they do
 
 
 class Request(IntEnum):

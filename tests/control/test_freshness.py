@@ -5,8 +5,10 @@ import contextlib
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.errors import StaleStateError
-from tests.support.rigged import lockstep_rig, session_on, sim_config
+from lerobot_robot_yam.errors import MotorError, StaleStateError
+from lerobot_robot_yam.state.records import Limited
+from scripts import recorders
+from tests.support.rigged import STOPS, lockstep_rig, session_on, sim_config
 
 CHANNEL = "follower_left"
 MAX_AGE_S = 0.03
@@ -54,3 +56,22 @@ def test_who_is_refused_is_told_which_arm_and_how_old(rig, session):
     session.clock.sleep(0.05)
     with pytest.raises(StaleStateError, match=rf"{CHANNEL} \({CHANNEL}\): newest state is 0\.0\d s old"):
         session[CHANNEL].observe()
+
+
+def test_an_arm_that_is_heard_again_does_not_rush_after_its_set_point(rig):
+    session = session_on(rig, sim_config(rig, CHANNEL))
+    session.start()
+    port = session[CHANNEL]
+    told, silent, begin = Limited.NOTHING, False, session.clock.now()
+    recorders.truth_start(rig, CHANNEL)
+    while (passed_s := session.clock.now() - begin) < 1.5:
+        if silent is not (silent := 1.06 < passed_s < 1.14):
+            rig.fault(CHANNEL, None, "loss_rate", float(silent))
+        with contextlib.suppress(MotorError):
+            port.write_target(POSE, 0.5 if passed_s < 1.0 else 0.95)
+        session.clock.sleep(0.004)
+        told |= port.published().limited
+    session.discard()
+    assert Limited.UNHEARD in told
+    speed = np.abs(recorders.truth(rig, CHANNEL)["dq"])
+    assert speed[:, 6].max() < 1.3 * port.hardware.speed_limit[6] * abs(STOPS[1] - STOPS[0])

@@ -59,6 +59,7 @@ class SetPoint:
         self._target_velocity: np.ndarray = np.zeros(n)
         self._target_at = -math.inf
         self._arrive_at = -math.inf
+        self._brakes = False  # whether the set-point brakes: seeking a target that each `stop` renews, it never would
         self._tracks = False  # whether the target has a known speed, so that the set-point follows without lag
         self._streams = False  # whether a caller sends the targets, at its own rate
         self._told: tuple[np.ndarray, np.ndarray, float] | None = None  # previous target, its speed and its time
@@ -68,7 +69,7 @@ class SetPoint:
         """Restart all coordinates, at rest, from the measured position `q` (n,)."""
         self._change()
         self._plans[:, 0], self._plans[:, 1] = q, 0.0
-        self._rests = True
+        self._rests, self._brakes = True, False
         self.target[:] = q
         self._target_velocity[:] = 0.0
         self._target_at = self._arrive_at = -math.inf
@@ -149,7 +150,7 @@ class SetPoint:
         self._tracks, self._streams, self._told = True, False, None
 
     def _follow(self, target: np.ndarray, velocity: np.ndarray, now: float) -> None:
-        self._rests = False
+        self._rests = self._brakes = False
         # Extrapolating faster than the speed limit would lead the set-point away from the target.
         most = self.speed_limit
         self._target_velocity = np.minimum(np.maximum(velocity, -most), most)
@@ -161,13 +162,13 @@ class SetPoint:
         self.target = np.minimum(np.maximum(moved, self._lower), self._upper)
 
     def stop(self) -> None:
-        """Discard the target and brake to rest within the limits."""
-        self._rests = False
+        """Discard the target and brake to rest within the limits. May be called at each tick until a new target."""
         braking = self.dq * np.abs(self.dq) / (2 * self.acceleration_limit)
         self.target = np.minimum(np.maximum(self.q + braking, self._lower), self._upper)
         self._target_velocity[:] = 0.0
         self._arrive_at = -math.inf
-        self._tracks = False
+        self._rests = self._tracks = False
+        self._brakes = True
 
     def step(self, now: float, dt: float) -> None:
         """Plan the step for the next tick of `dt` s; see `_next` for the law of one coordinate."""
@@ -175,6 +176,9 @@ class SetPoint:
             return
         self._took_s = dt, self._took_s[0]
         if self._rests:
+            return
+        if self._brakes:
+            self._plan_braking(dt)
             return
         if now - self._target_at > _STREAM_GAP * self._period:
             self._target_velocity[:] = 0.0
@@ -187,8 +191,21 @@ class SetPoint:
         gap = self.target + self._target_velocity * ahead - self.q
         place = gap.tolist(), self._target_velocity.tolist(), self.q.tolist(), self.dq.tolist()
         moved = [_next(left, dt, *row) for row in zip(*place, *self._limits.tolist(), strict=True)]
+        self._plan(np.array(moved).T)
+
+    def _plan_braking(self, dt: float) -> None:
+        """Plan a step that brakes with the maximum deceleration; the set-point rests where it comes to rest."""
+        slower = np.maximum(np.abs(self.dq) - self.acceleration_limit * dt, 0.0) * np.sign(self.dq)
+        ahead = self.q + slower * dt
+        q = np.minimum(np.maximum(ahead, np.minimum(self._lower, self.q)), np.maximum(self._upper, self.q))
+        self._plan(np.array((q, np.where(q == ahead, slower, 0.0))))
+        if not self.dq.any():
+            self.target = q
+            self._brakes = self._plans[:, 1].any()  # until the mean of the plans rests, too
+
+    def _plan(self, plan: np.ndarray) -> None:
         self._plans[1:] = self._plans[:-1]
-        self._plans[0] = np.array(moved).T
+        self._plans[0] = plan
         self._asked = None
 
     def hold_back(self, share: np.ndarray) -> None:

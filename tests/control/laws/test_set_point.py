@@ -151,12 +151,20 @@ def test_what_starts_again_is_asked_for_at_once(change):
     assert setpoint.asked[1, 0] == (speed if change == "shift" else 0.0)
 
 
-def test_stop_brakes_within_the_acceleration_limit():
+@pytest.mark.parametrize("again", [False, True])
+def test_stop_brakes_within_the_acceleration_limit(again):
+    """Also if it is called at each tick, and if targets keep coming."""
     setpoint = make()
     run(setpoint, 1.0, target=lambda t: 1.2 * t)
-    before = setpoint.q[0]
+    before, speed = setpoint.q[0], setpoint.dq[0]
     setpoint.stop()
-    rows = run(setpoint, 0.5, start=1.0)
-    assert np.abs(np.diff(rows[:, 2])).max() <= ACCELERATION * DT + 1e-9
-    assert abs(setpoint.dq[0]) < 1e-2
-    assert before < setpoint.q[0] < before + 0.05
+    speeds = [speed]
+    for tick in range(int(0.1 / DT)):
+        if again:
+            setpoint.set_target(np.array([1.2 + tick * DT]), 1.0 + tick * DT)
+            setpoint.stop()
+        setpoint.step(1.0 + tick * DT, DT)
+        speeds.append(setpoint.dq[0])
+    assert np.abs(np.diff(speeds)).max() <= ACCELERATION * DT + 1e-9
+    assert setpoint.arrived and not setpoint.asked[1].any()
+    assert before < setpoint.q[0] < before + speed**2 / (2.0 * ACCELERATION)
