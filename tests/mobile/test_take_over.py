@@ -18,13 +18,15 @@ from lerobot_robot_yam.state.modes import Mode
 from tests.mobile.rails import MOST_FALL_M, Rail, lift
 
 
-def taken_over(base):
-    """The loop of the base dies; a new controller adopts its last state."""
+def taken_over(base, cut=lambda down: None):
+    """The loop of the base dies; a new controller adopts its last state. cut: takes the link down, and up again."""
     record, part = base._client._block.read(), resolve(base._session._parts["base"].config)
     base._session.discard()
     bus = open_bus(part.config)
     controller = make_controller(part, bus)
+    cut(True)
     controller.adopt(record, controller.clock.now())
+    cut(False)
     introduce([controller])
     return controller, bus
 
@@ -80,6 +82,21 @@ def test_a_load_that_has_risen_by_turns_is_held_though_its_brake_slips(tmp_path)
         rail.watch_fall()
         tick(controller, 3.0)
         assert controller.status.trouble is Trouble.RAIL_BRAKE and rail.enabled and rail.fallen_m < MOST_FALL_M
+        controller.close()
+        bus.shutdown()
+
+
+def test_a_rail_taken_over_on_a_channel_that_is_down_for_a_moment_stays(tmp_path):
+    rail = Rail(tmp_path, height_m=0.2)
+    with contextlib.closing(rail.rig):
+        base = rail.base().connect()
+        base.clock.sleep(0.5)
+        rail.watch_fall()
+        controller, bus = taken_over(base, lambda down: rail.rig.fault("base", None, "link_down", down))
+        tick(controller, 0.1)
+        assert controller.mode is Mode.LAND and np.abs(controller.motors.asked[8]) < 1.0
+        tick(controller, 3.0)
+        assert controller.mode is Mode.OFF and rail.fallen_m < 1e-3
         controller.close()
         bus.shutdown()
 

@@ -95,10 +95,15 @@ class BaseMotors:
         raise MotorError(f"{self._config.name} ({self._config.channel}): cannot enable {why}")
 
     def adopt(self, record: np.ndarray) -> None:
-        """Take over from a loop that has died: `record` is the last state that it published."""
+        """Take over from a loop that has died: `record` is the last state that it published.
+
+        Raises:
+            BusError: the channel does not take the frames; `q` is as published.
+        """
         n = self._hardware.n
         positions = np.nan_to_num(record["q"][:n]) * self._hardware.sign
         self.chain.feedback.assume(positions, np.zeros(n), record["motor_stamp_s"][:n])
+        self.read()  # else the rail would be held where its angle is 0
         for _ in range(_REFRESHES):
             if all(self.chain.refresh(timeout_s=_REFRESH_S)):
                 break
