@@ -84,6 +84,16 @@ def test_it_stands_drives_brakes_and_is_off_at_the_end(rig):
     assert not any(enabled(rig))
 
 
+def test_a_base_that_rolls_is_not_energised(rig):
+    data = rig.device.world.data
+    data.joint("base").qvel[0] = 0.5
+    for name in CASTERS:
+        data.joint(f"base/{name}_drive").qvel[0] = 0.5 / BaseProfile().radius_m
+    with pytest.raises(MotorError, match="it rolls, and would be stopped with a jerk; hold it still"):
+        made(rig, skip_listen=True).connect()
+    assert not any(enabled(rig)) and truth(rig)[0] > 0.0
+
+
 def test_odometry_agrees_with_the_world_after_all_kinds_of_motion(rig, base):
     for velocity in ([0.4, 0.0, 0.0], [0.0, 0.4, 0.0], [0.0, 0.0, 1.0], [-0.3, 0.2, -0.5]):
         drive(base, velocity, 3.0)

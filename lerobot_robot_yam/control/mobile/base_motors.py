@@ -26,6 +26,7 @@ RAIL = 8
 _DQ = 1  # column of the velocity in the commands of a chain
 _READY_TICKS = 20  # ticks within which every motor must report that it is enabled: a reply may get lost
 _OFF_S = 0.05  # wait for motors to report that they are off, s; the adapter's delay is added
+_ROLLS_RAD_S = 2.0  # rate of a caster's motor from which a base rolls: 0.1 m/s; enabled, it would stop within 20 mm
 _REFRESHES, _REFRESH_S = 3, 0.01  # attempts to read all motors at a take-over, and timeout of each, s
 
 
@@ -68,7 +69,11 @@ class BaseMotors:
                 raise
             what = f"{config.name}: channel {config.channel} carries an arm: are cables or channels swapped?"
             raise MotorError(what) from error
+        chain.refresh()
         self.read()
+        if (np.abs(self.dq[CASTER_MOTORS]) > _ROLLS_RAD_S).any():
+            where = f"{config.name} ({config.channel})"
+            raise MotorError(f"{where}: it rolls, and would be stopped with a jerk; hold it still, then start again")
 
     def check_alone(self) -> None:
         """Raise ChannelInUseError if another driver has commanded these motors since `inspect`."""
