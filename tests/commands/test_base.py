@@ -12,10 +12,12 @@ from lerobot_robot_yam.commands.lib.arm_command import own_bus
 from lerobot_robot_yam.commands.lib.base_tune import BaseSizes, measure_base, write_sizes
 from lerobot_robot_yam.commands.lib.roll_check import RolledBase, roll_check
 from lerobot_robot_yam.damiao.registers import Register
-from lerobot_robot_yam.errors import ConfigError, MotorError
+from lerobot_robot_yam.errors import ConfigError, LifeCycleError, MotorError
 from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.mobile.base_profile import CASTERS, BaseProfile
 from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
+from lerobot_robot_yam.session.yam_base import YamBase
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from tests.support.base_rig import arguments, motors, scene
 
 ID = int(Register.ESC_ID)
@@ -177,6 +179,28 @@ def test_a_measured_drive_finds_the_sizes(made):
     assert sizes.wheel_radius_m == pytest.approx(0.0515, rel=0.005)
     assert sizes.track_factor == pytest.approx(1.04, rel=0.01)
     assert not any(motor["enabled"] for motor in motors(rig).values())
+
+
+def test_a_base_that_was_stopped_in_its_measured_drive_stays_when_the_stop_is_released(made, monkeypatch):
+    rig, stop, written = made(), EmergencyStop(), []
+    drive, close = YamBase.set_target_velocity, YamBase.close
+
+    def driven(base, velocity):
+        written.append(velocity)
+        if len(written) == 20:
+            stop.latch("a test")
+        assert len(written) < 40, "it waits for the release"
+        return drive(base, velocity)
+
+    def closed(base):
+        stop.release()  # a base that is stopped does not leave
+        close(base)
+
+    monkeypatch.setattr(YamBase, "set_target_velocity", driven)
+    monkeypatch.setattr(YamBase, "close", closed)
+    with pytest.raises(LifeCycleError, match="emergency stop was latched; nothing is kept"):
+        measure_base(config(rig), 0.5, lambda question, counted: pytest.fail("it went on"), "lockstep")
+    assert len(written) == 20 and not any(motor["enabled"] for motor in motors(rig).values())
 
 
 def test_a_way_that_cannot_be_is_refused(made):

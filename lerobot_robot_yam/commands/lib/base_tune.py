@@ -7,16 +7,18 @@ from typing import NamedTuple
 
 import yaml
 
-from lerobot_robot_yam.errors import ConfigError
+from lerobot_robot_yam.errors import ConfigError, LifeCycleError
 from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.session.arm_session import Isolation
 from lerobot_robot_yam.session.yam_base import YamBase
+from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.system.paths import write_whole
 
 _SPEED = 0.2, 0.5  # of the straight way, m/s, and of the turn, rad/s: so slow that nothing slips
 _PERIOD_S = 0.05
 _SETTLE_S = 1.0  # time at rest before odometry is read, s
 _MOST_OFF = 0.2  # maximum difference between measured and counted way, as a share: more is a mistake
+_STOPPED = "the emergency stop was latched; nothing is kept. Release it (`yam-estop release`), and begin again"
 
 Ask = Callable[[str, float], float]
 """Function that asks for a number; it gets the question and the likely answer."""
@@ -52,6 +54,8 @@ def _drive(base: YamBase, velocity: list[float], axis: int, goal: float) -> floa
     base.reset_odometry()
     acceleration = base.config.acceleration_limit[axis]
     while base.odometry().pose[axis] < goal - 0.5 * velocity[axis] ** 2 / acceleration:
+        if base.observe().mode is Mode.STOPPED:  # else it would drive on as soon as somebody releases the stop
+            raise LifeCycleError(f"{base.config.name}: {_STOPPED}")
         base.set_target_velocity(velocity)
         base.clock.sleep(_PERIOD_S)
     base.hold()
