@@ -235,10 +235,9 @@ class ArmController:
             logger.info("%s: no target for %g s; it holds", self.name, self.config.command_timeout_s)
             self.coupling.end()
             arm.hold_here()
-        if status.mode is Mode.TRACK:
-            if now - arm.estimate.oldest_s() > _UNHEARD_S + arm.chain.round_trip.one_way_s:
-                arm.setpoint.stop()  # else the set-point runs ahead of an unreachable arm, which rushes to it later
-                status.limited |= Limited.UNHEARD
+        if status.mode is Mode.TRACK and now - arm.estimate.oldest_s() > _UNHEARD_S + arm.chain.round_trip.one_way_s:
+            arm.setpoint.stop()  # else the set-point runs ahead of an unreachable arm, which rushes to it later
+            status.limited |= Limited.UNHEARD
         if arm.landing is not None:
             self.landing.advance(now)
         elif status.mode in (Mode.HOLD, Mode.TRACK):

@@ -201,7 +201,7 @@ class SetPoint:
         self._plan(np.array((q, np.where(q == ahead, slower, 0.0))))
         if not self.dq.any():
             self.target = q
-            self._brakes = self._plans[:, 1].any()  # until the mean of the plans rests, too
+            self._brakes = bool(self._plans[:, 1].any())  # until the mean of the plans rests, too
 
     def _plan(self, plan: np.ndarray) -> None:
         self._plans[1:] = self._plans[:-1]
