@@ -58,8 +58,10 @@ class FaultResponse:
             logger.critical("%s: internal error; it has no torque", arm.name, exc_info=error)
             return
         if status.mode is not Mode.FAULT:
-            logger.critical("%s: internal error, holding", arm.name, exc_info=error)
-            status.trouble, status.message = Trouble.INTERNAL_ERROR, f"internal error, holding: {error!r}"
+            message = f"internal error, holding: {error!r}"
+            if message != status.message:  # else the same error has ended a landing, which is tried again
+                logger.critical("%s: internal error, holding", arm.name, exc_info=error)
+            status.trouble, status.message = Trouble.INTERNAL_ERROR, message
             self._news = status.trouble
             status.enter(Mode.FAULT)
             arm.stop_moving()

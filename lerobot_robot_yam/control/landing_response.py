@@ -11,7 +11,7 @@ from lerobot_robot_yam.control.landing.landing import Landing
 from lerobot_robot_yam.control.landing.landing_move import Phase, Seen
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.tables import Fault
-from lerobot_robot_yam.state.faults import Trouble
+from lerobot_robot_yam.state.faults import SILENT_S, Trouble
 from lerobot_robot_yam.state.modes import Mode
 
 logger = logging.getLogger(__name__)
@@ -56,6 +56,8 @@ class LandingResponse:
     def end(self, now: float) -> None:
         """Land, even from FAULT. Call every tick: after a fault during the landing, the arm retries."""
         status = self._status
+        if status.mode is Mode.FAULT and not status.rearming and self._is_lost(now):
+            return  # also where each tick of the landing fails, or an emergency stop delays it
         if now < self._end_again_at or status.rearming or (status.mode is Mode.FAULT and status.stopped):
             return
         self._end_again_at = now + _END_AGAIN_S
@@ -82,17 +84,9 @@ class LandingResponse:
         arm, status, landing = self._actuation, self._status, self._actuation.landing
         if landing is None:
             return
+        if self._is_lost(now):
+            return
         joints = slice(arm.hardware.joints)
-        if arm.bus_loss.lost or not (arm.estimate.usable.any() or self._obeys_unbelieved()):
-            self._unreachable_since = self._unreachable_since or now
-            if now - self._unreachable_since > _UNREACHABLE_S:
-                status.message = status.message or "nothing reaches the arm; its motors have let go by themselves"
-                logger.error("%s: cannot be landed: %s", arm.name, status.message)
-                self.cancel()
-                status.enter(Mode.OFF)
-                return
-        else:
-            self._unreachable_since = None
         before = landing.phase
         q, dq, usable = arm.q[joints], arm.estimate.dq[joints], arm.estimate.usable[joints]
         explained = arm.impedance.explains(q, np.where(usable, arm.setpoint.q[joints] - q, 0.0))
@@ -103,6 +97,22 @@ class LandingResponse:
             self.cancel()
             logger.info("%s: landed", arm.name)
             self.switch_off()
+
+    def _is_lost(self, now: float) -> bool:
+        """Return whether nothing has reached the arm for `_UNREACHABLE_S`; such an arm is off."""
+        arm, status = self._actuation, self._status
+        heard = arm.chain.silence_s(now).min() < SILENT_S  # False also where each tick fails before a reply is read
+        if heard and not arm.bus_loss.lost and (arm.estimate.usable.any() or self._obeys_unbelieved()):
+            self._unreachable_since = None
+            return False
+        self._unreachable_since = self._unreachable_since or now
+        if now - self._unreachable_since <= _UNREACHABLE_S:
+            return False
+        status.message = status.message or "nothing reaches the arm; its motors have let go by themselves"
+        logger.error("%s: cannot be landed: %s", arm.name, status.message)
+        self.cancel()
+        status.enter(Mode.OFF)
+        return True
 
     def switch_off(self) -> None:
         """Cut torque over the next ticks. Call only in a landed pose, or for an arm that was limp just before.

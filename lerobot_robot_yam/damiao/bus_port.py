@@ -80,7 +80,10 @@ class BusPort:
         self._asked_s = (self._asked_s[1], now)
 
     def send(self, messages: Sequence[can.Message]) -> None:
-        """Queue frames without waiting. Raises BusError: the channel is lost or its transmit queue is full."""
+        """Queue frames without waiting. Raises BusError: the channel is lost or its transmit queue is full.
+
+        python-can's interfaces also raise errors of libusb, pyserial and `struct`, which have no class in common.
+        """
         try:
             if self._send_many is not None:
                 self._send_many(messages)
@@ -89,7 +92,7 @@ class BusPort:
                     self._send_one(message)
         except BusError:
             raise
-        except (can.CanError, OSError) as error:
+        except Exception as error:
             raise self._error("send", error) from error
 
     def recv(self, timeout_s: float) -> can.Message | None:
@@ -98,7 +101,7 @@ class BusPort:
             return self._recv(timeout_s)
         except BusError:
             raise
-        except (can.CanError, OSError) as error:
+        except Exception as error:  # see `send`
             raise self._error("receive", error) from error
 
     def arrival_s(self, message: can.Message) -> float:
@@ -125,6 +128,7 @@ class BusPort:
         else:
             advice = "check that the adapter is plugged in and the link is up (yam-setup-can --list); to bring it up: "
             advice += f"{RESET_LINK} {self.channel}"
-        found = BusError(f"CAN channel {self.channel}: {verb} failed ({error}); {advice}")
-        found.errno = number
+        what = str(error) if isinstance(error, can.CanError | OSError) else repr(error)
+        found = BusError(f"CAN channel {self.channel}: {verb} failed ({what}); {advice}")
+        found.errno = number if isinstance(number, int) else None
         return found

@@ -173,7 +173,7 @@ RESPONSES: dict[Trouble, Rule] = {
     Trouble.BUS_SILENT: _lose(f"no motor of the channel answers for {SILENT_S} s", 0.15),
     Trouble.BUS_OFF: _lose("frames are no longer taken, or no motor answers", 0.15),
     Trouble.LINK_DOWN: _lose("sending fails: network is down", TICK_S),
-    Trouble.ADAPTER_GONE: _lose("sending fails: no such device", TICK_S),
+    Trouble.ADAPTER_GONE: _lose("sending or receiving fails: no such device, or in a way that nobody knows", TICK_S),
     Trouble.IMPLAUSIBLE: _hold(
         "four answers of a motor that its joint cannot have reached since the last good one; single ones are not used",
         0.05,

@@ -54,7 +54,7 @@ def open_bus(config: ChannelConfig, only: Sequence[int] | None = None) -> can.Bu
         )
     except YamError:
         raise
-    except (can.CanError, OSError, ValueError, TypeError, NotImplementedError) as error:
+    except Exception as error:  # interfaces also raise what their own libraries raise
         if isinstance(error, NotImplementedError):
             advice = f"take {SOCKETCAN}, or {VIRTUAL} for the virtual rig"
         elif config.interface == SOCKETCAN:
@@ -68,3 +68,11 @@ def open_bus(config: ChannelConfig, only: Sequence[int] | None = None) -> can.Bu
             f"{config.name}: cannot open CAN channel {config.channel!r} through interface {config.interface!r}: "
             f"{error}; {advice}"
         ) from error
+
+
+def close_bus(bus: can.BusABC) -> None:
+    """Close a channel. An error of an interface that is gone is logged: it must not keep other channels open."""
+    try:
+        bus.shutdown()
+    except Exception as error:
+        logger.warning("%s: closing failed: %r", bus.channel_info, error)

@@ -16,7 +16,7 @@ import can
 from lerobot_robot_yam.arm.config import passive_of
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.preflight.arm_inspection import refuse_stopped
-from lerobot_robot_yam.control.preflight.open_bus import open_bus
+from lerobot_robot_yam.control.preflight.open_bus import close_bus, open_bus
 from lerobot_robot_yam.control.process import stand_by
 from lerobot_robot_yam.control.process.caller import Caller
 from lerobot_robot_yam.control.process.robot_loop import build
@@ -61,7 +61,7 @@ def control(
             ends.callback(lock.release)
         for config in configs:
             buses.append(open_bus(config))
-            ends.callback(buses[-1].shutdown)
+            ends.callback(close_bus, buses[-1])
         passive = passive_of(configs[0]) is not None
         if not passive:
             loop = build(parts, keys, buses, pairs)

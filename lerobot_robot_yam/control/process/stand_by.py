@@ -23,7 +23,7 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.impedance import gravity_model
 from lerobot_robot_yam.control.loop import ControlLoop
 from lerobot_robot_yam.control.mobile import rail_boards
-from lerobot_robot_yam.control.preflight.open_bus import load_driver, open_bus
+from lerobot_robot_yam.control.preflight.open_bus import close_bus, load_driver, open_bus
 from lerobot_robot_yam.control.process.lifeline import ProcessEnd
 from lerobot_robot_yam.control.process.robot_loop import introduce, make_blocks, make_controller
 from lerobot_robot_yam.damiao.handle_encoder import HANDLE_IDS
@@ -169,7 +169,7 @@ class StandBy:
                     loop.close()
         finally:
             for bus in buses:
-                bus.shutdown()
+                close_bus(bus)
             self._poll.poll(_CLEARED_MS)
             _take(self._locks)  # a held lock's file is removed on release
             for lock in self._locks:
