@@ -21,7 +21,7 @@ from lerobot_robot_yam.arm.config_checks import GRAVITY_FACTOR_MOST
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.profile import ArmMotor, ArmProfile, Body, GripperMotor, GripperProfile, Limiter
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
-from lerobot_robot_yam.damiao.tables import motor_type
+from lerobot_robot_yam.damiao.tables import MotorType, motor_type
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.system.strict_yaml import merge, parse, read_yaml
 
@@ -104,8 +104,7 @@ def check_arm(arm: ArmProfile, where: str) -> None:
     position_max = np.array([row.position_max_rad for row in rows])
     lower, upper = arm.joint_limits_rad[:, 0], arm.joint_limits_rad[:, 1]
     ranges: dict[str, tuple[np.ndarray, float | np.ndarray, float | np.ndarray]] = {
-        "kp": (arm.kp, _KP_LEAST, np.array([row.kp_max for row in rows])),
-        "kd": (arm.kd, _KD_LEAST * arm.kp, np.array([row.kd_max for row in rows])),
+        **{key: (getattr(arm, key), *bounds) for key, bounds in gain_ranges(rows, arm.kp).items()},
         "idle_kd": (arm.idle_kd, 0.0, np.array([row.kd_max for row in rows])),
         "gravity_factor": (arm.gravity_factor, 0.0, GRAVITY_FACTOR_MOST),
         "coulomb_friction_nm": (arm.coulomb_friction_nm, 0.0, torque_max),
@@ -127,6 +126,12 @@ def check_arm(arm: ArmProfile, where: str) -> None:
         )
     if not (lower < upper).all():
         raise ConfigError(f"{where}: each row of joint_limits_rad is [lower, upper]: {arm.joint_limits_rad.tolist()}")
+
+
+def gain_ranges(motors: Sequence[MotorType], kp: np.ndarray) -> dict[str, tuple[float | np.ndarray, np.ndarray]]:
+    """Return the smallest and the largest kp (n,) of an arm's joints, and the kd (n,) that suit this `kp`."""
+    most = [np.array([getattr(row, key) for row in motors]) for key in ("kp_max", "kd_max")]
+    return {"kp": (_KP_LEAST, most[0]), "kd": (_KD_LEAST * kp, most[1])}
 
 
 def _check_names(arm: ArmProfile, joints: list[str], where: str) -> None:

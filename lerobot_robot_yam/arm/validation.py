@@ -55,23 +55,22 @@ def finite_number(arm: str, what: str, value: object) -> float:
     return number
 
 
-def check_range(arm: str, what: str, value: np.ndarray, low: float, high: np.ndarray) -> None:
-    """Check that values fit the motor's frames; else the torque limit would be computed from values that get clipped.
+def check_range(arm: str, what: str, value: np.ndarray, low: float | np.ndarray, high: np.ndarray) -> None:
+    """Check that speeds or gains of a target are in range. A motor would clip them, and the torque limit is for these.
 
     Args:
         arm, what: names for messages.
-        value: (n,) values, one per joint.
-        low: lower bound as a fraction of `high`: 0 or -1.
-        high: (n,) upper bound.
+        value, low, high: (n,) values and their bounds, one per joint; a lower bound may be one number for all.
 
     Raises:
         ActionError: a value is outside its range; the message names joint and range.
     """
-    outside = np.flatnonzero((value < low * high) | (value > high))
+    outside = np.flatnonzero((value < low) | (value > high))
     if len(outside):
         i = int(outside[0])
+        low = np.broadcast_to(low, value.shape)
         raise ActionError(
-            f"{arm}: {what} of joint_{i + 1} is {value[i]:g}; its motor takes {low * high[i]:g} … {high[i]:g}; "
+            f"{arm}: {what} of joint_{i + 1} is {value[i]:g}; it has to be within {low[i]:g} … {high[i]:g}; "
             "nothing was sent"
         )
 

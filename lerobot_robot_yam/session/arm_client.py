@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lerobot_robot_yam.arm.profile_files import gain_ranges
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.arm.validation import check_range, finite_floats, finite_number, finite_vector
 from lerobot_robot_yam.control.gripper.gripper_stops import await_stored
@@ -52,12 +53,7 @@ class ArmClient:
         self.await_next = states.await_next
         self._commands = CommandWriter(hardware.name, hardware.n, written)
         self._lower, self._upper = hardware.lower.tolist(), hardware.upper.tolist()
-        types = [motor_type(motor.type) for motor in hardware.motors[: hardware.joints]]
-        self._ranges = {
-            "dq": (-1.0, np.array([row.velocity_max_rad_s for row in types])),
-            "kp": (0.0, np.array([row.kp_max for row in types])),
-            "kd": (0.0, np.array([row.kd_max for row in types])),
-        }
+        self._motors = [motor_type(motor.type) for motor in hardware.motors[: hardware.joints]]
         self._limit_log = LimitLog(hardware.name)
         self.kp, self.kd = hardware.kp[: hardware.joints], hardware.kd[: hardware.joints]
 
@@ -111,7 +107,8 @@ class ArmClient:
             q: (n,) joint target, rad.
             gripper: gripper target, 0 closed … 1 open; None keeps the current set-point.
             dq: (n,) velocity of the target, rad/s; see `YamArm.command`.
-            kp, kd: (n,) gains for this target instead of the default gains, Nm/rad and Nm s/rad.
+            kp, kd: (n,) gains for this target instead of the default gains, Nm/rad and Nm s/rad. They obey the rule
+                of a configuration: kp from 1, kd from a fiftieth of kp, both up to the motor's largest.
             coupled: (channel key of the leader that produced the target, time in s during which the control loop may
                 read later targets directly from that leader).
             given_s: timestamp of a target that another computer sent, in this clock's time, s; None: now.
@@ -150,12 +147,20 @@ class ArmClient:
         return np.array(target[: hw.joints]), target[-1] if hw.has_gripper else None
 
     def _validated_options(self, **given: Vector | None) -> dict[str, np.ndarray]:
-        """Check the speed and gains (n,) of a target. Raises ActionError: a value is outside a motor's range."""
-        options = {}
-        for field, value in given.items():
-            if value is not None:
-                options[field] = finite_vector(self.config.name, field, value, self.hardware.joints)
-                check_range(self.config.name, field, options[field], *self._ranges[field])
+        """Check the speed and gains (n,) of a target; the rule for gains is that of a configuration.
+
+        Raises:
+            ActionError: a speed is outside the motor's range, or a configuration with these gains would be refused.
+        """
+        name, joints = self.config.name, self.hardware.joints
+        options = {key: finite_vector(name, key, value, joints) for key, value in given.items() if value is not None}
+        if "dq" in options:
+            fastest = np.array([row.velocity_max_rad_s for row in self._motors])
+            check_range(name, "dq", options["dq"], -fastest, fastest)
+        if "kp" in options or "kd" in options:  # one alone acts together with the arm's own
+            gains = {"kp": self.kp, "kd": self.kd} | options
+            for key, bounds in gain_ranges(self._motors, gains["kp"]).items():
+                check_range(name, key, gains[key], *bounds)
         return options
 
     def hold(self) -> None:

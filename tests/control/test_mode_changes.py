@@ -48,7 +48,7 @@ def push_away(rig, session):
     class Targets:
         @staticmethod
         def sleep(seconds):
-            session[CHANNEL].write_target(POSE, 0.5, kp=np.zeros(6), kd=np.ones(6))
+            session[CHANNEL].write_target(POSE, 0.5, kp=np.ones(6), kd=np.ones(6))
             session.clock.sleep(seconds)
 
     carry(rig, Targets, CHANNEL, AWAY)
@@ -99,9 +99,9 @@ def test_what_ends_floating_keeps_the_arm_where_a_hand_has_left_it(rig, session,
 @pytest.mark.parametrize("how", spread(["no more targets", "hold", "emergency stop", "land"], 2))
 def test_soft_gains_end_with_their_targets(rig, session, how):
     go(session, POSE)
-    go(session, POSE, 0.3, kp=np.zeros(6), kd=np.ones(6))
+    go(session, POSE, 0.3, kp=np.ones(6), kd=np.ones(6))
     push_away(rig, session)
-    go(session, POSE, 0.1, kp=np.zeros(6), kd=np.ones(6))
+    go(session, POSE, 0.1, kp=np.ones(6), kd=np.ones(6))
     stop = EmergencyStop()
     act = {
         "no more targets": lambda: session.clock.sleep(1.0),
@@ -121,9 +121,9 @@ def test_soft_gains_end_with_their_targets(rig, session, how):
 @pytest.mark.long
 def test_a_target_without_gains_after_one_with_soft_gains_is_followed_at_the_speed_limit(rig, session):
     go(session, POSE)
-    go(session, POSE, 0.2, kp=np.zeros(6), kd=np.ones(6))
+    go(session, POSE, 0.2, kp=np.ones(6), kd=np.ones(6))
     push_away(rig, session)
-    go(session, POSE, 0.1, kp=np.zeros(6), kd=np.ones(6))
+    go(session, POSE, 0.1, kp=np.ones(6), kd=np.ones(6))
     limit = float(controller_of(session).actuation.hardware.speed_limit[0])
     assert fastest(rig, session, lambda: go(session, POSE, 1.0)) < 1.1 * limit
     assert np.abs(q_of(rig) - POSE).max() < 0.03

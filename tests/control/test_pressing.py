@@ -163,7 +163,7 @@ def test_a_landing_that_was_obstructed_does_not_spring_when_the_way_is_freed(rig
 def test_stiffer_gains_take_a_soft_arm_up_where_it_has_gone_to(rig, running, gain):
     session = running()
     track(session, {CHANNEL: NEAR}, 1.2)
-    soft = {"kp": np.zeros(6), "kd": np.ones(6)}
+    soft = {"kp": np.ones(6), "kd": np.ones(6)}
     track(session, {CHANNEL: NEAR}, 0.2, **soft)
     for way in np.linspace(0.0, 0.4, 40):  # a hand pushes it away
         rig.set_pose(CHANNEL, [NEAR[0] + way * (0.4 - NEAR[0]) / 0.4, *NEAR[1:]])

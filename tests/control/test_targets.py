@@ -20,19 +20,23 @@ session = running_arm(CHANNEL)
 
 
 @pytest.mark.parametrize(
-    ("option", "value", "message"),
+    ("options", "message"),
     [
-        ("kd", [0, 50, 0, 0, 0, 0], r"kd of joint_2 is 50; its motor takes 0 … 5"),
-        ("kp", [20000, 0, 0, 0, 0, 0], r"kp of joint_1 is 20000; its motor takes 0 … 500"),
-        ("kp", [0, 0, -1, 0, 0, 0], r"kp of joint_3 is -1"),
-        ("dq", [0, 0, 0, 0, 0, -57], r"dq of joint_6 is -57; its motor takes -30 … 30"),
+        ({"kd": [5, 50, 5, 1, 1, 1]}, r"kd of joint_2 is 50; it has to be within 1.6 … 5;"),
+        ({"kp": [20000, 80, 80, 10, 10, 10]}, r"kp of joint_1 is 20000; it has to be within 1 … 500;"),
+        ({"kp": [80, 80, -1, 10, 10, 10]}, r"kp of joint_3 is -1"),
+        ({"dq": [0, 0, 0, 0, 0, -57]}, r"dq of joint_6 is -57; it has to be within -30 … 30;"),
+        ({"kp": [500] * 6, "kd": [0] * 6}, r"kd of joint_1 is 0; it has to be within 10 … 5;"),
+        ({"kp": [200] * 6}, r"kd of joint_4 is 1.5; it has to be within 4 … 5;"),  # its own, with another's stiffness
+        ({"kd": [5, 5, 5, 0.1, 1, 1]}, r"kd of joint_4 is 0.1; it has to be within 0.2 … 5;"),
+        ({"kp": [0] * 6, "kd": [1] * 6}, r"kp of joint_1 is 0; it has to be within 1 … 500;"),
     ],
 )
-def test_gains_and_speeds_that_no_frame_carries_are_refused(session, option, value, message):
+def test_gains_and_speeds_that_no_configuration_may_have_are_refused(session, options, message):
     port = session[CHANNEL]
     before = port.observe().setpoint_q
     with pytest.raises(ActionError, match=message):
-        port.write_target(POSE, 0.5, **{option: value})
+        port.write_target(POSE, 0.5, **options)
     session.clock.sleep(0.5)
     np.testing.assert_array_equal(port.observe().setpoint_q, before)
 
