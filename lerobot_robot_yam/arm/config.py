@@ -149,7 +149,9 @@ class ArmConfig:
     )
     gripper_search: bool = option("false: unknown stops of the gripper are not searched at the start", True)
     effort_limit_nm: list[float] | None = option(
-        "per joint, measured torque that latches the emergency stop after 50 ms, Nm; by default no limit", None
+        "per joint, torque beyond what weight and motion need that latches the emergency stop after 50 ms, Nm, except "
+        "in a landing; by default no limit",
+        None,
     )
     hold_integral: bool = option(
         "make up, slowly and within bounds, for the sag that the model of gravity leaves while the arm holds", True

@@ -32,6 +32,17 @@ _WRONG_NM = 0.02  # tolerated error as a share of the motor's range, 0.56 Nm of 
 CHECK = "check payload_mass_kg, gravity_factor, arm, gripper and base_tilt_rad"
 
 
+def range_nm(hardware: ResolvedArm) -> np.ndarray:
+    """Return the torque ranges (joints,) of the joints' motors, Nm."""
+    return np.array([motor_type(motor.type).torque_max_nm for motor in hardware.motors[: hardware.joints]])
+
+
+def tolerance_nm(range_nm: np.ndarray, weight_nm: np.ndarray) -> np.ndarray:
+    """Return by how much (n,) a model may miss the torque that holds joints with weight_nm, both (n,), Nm."""
+    tolerance: np.ndarray = _WRONG_NM * range_nm + _WRONG_SHARE * np.abs(weight_nm)
+    return tolerance
+
+
 class GravityBalance:
     """Comparison of n joints' torques with the model. Call `advance` at each tick of a held arm, else `reset`.
 
@@ -42,7 +53,7 @@ class GravityBalance:
 
     def __init__(self, names: Sequence[str], range_nm: np.ndarray):
         self._names = names
-        self._least = _WRONG_NM * np.asarray(range_nm, dtype=float)
+        self._range_nm = np.asarray(range_nm, dtype=float)
         self._still_since = math.inf
         self._before = -math.inf
         self._wrong: np.ndarray = np.zeros(len(self._names))
@@ -86,7 +97,7 @@ class GravityBalance:
         wrong, weight = self._wrong, self._weight
         if unknown is not None:
             wrong = np.where(wrong * unknown > 0.0, 0.0, wrong)
-        beyond = np.abs(wrong) - self._least - _WRONG_SHARE * np.abs(weight)
+        beyond = np.abs(wrong) - tolerance_nm(self._range_nm, weight)
         worst = int(beyond.argmax())
         if beyond[worst] <= 0.0:
             return ""
@@ -103,8 +114,7 @@ class FloatMonitor:
     def __init__(self, estimate: JointEstimate, impedance: Impedance, hardware: ResolvedArm):
         self._estimate, self._impedance, self._hardware = estimate, impedance, hardware
         self._j, self._names = slice(hardware.joints), hardware.joint_names
-        ranges = [motor_type(motor.type).torque_max_nm for motor in hardware.motors[self._j]]
-        self._balance = GravityBalance(self._names, np.array(ranges))
+        self._balance = GravityBalance(self._names, range_nm(hardware))
         self._now = -math.inf
         self._awaited_since: float | None = None
 

@@ -26,6 +26,7 @@ _RUBS = 0.05  # maximum friction torque, as a share of the torque limit: 1.4 Nm 
 _MOST_KD = 5.0  # maximum damping accepted by the motors, Nm s/rad, so that unsupported parts sink slowly
 _PLANNED_SHARE = 0.9  # share of the torque limit available to a set-point; the rest is for unmodelled torque
 _LEAST_SHARE = 0.2  # minimum share of the acceleration: a set-point must always be able to brake
+_POSES = 500  # number of random poses that find the largest weight to a few percent; takes 7 ms
 _AHEAD_TICKS = 1.5  # ticks from a sample to the middle of the tick in which the command computed from it acts
 
 
@@ -129,6 +130,7 @@ class Impedance:
     Attributes:
         live: the arm's own gains, which a caller may change.
         weight_nm: (joints,) gravity torque by the model at the last commands.
+        needed_nm: (joints,) torque by the model for gravity and the set-point's motion at the last commands.
         coupled: whether the arm follows a leader at loop rate. While coupled, the profile's friction of soft joints is
             fed forward unless the configuration sets friction.
     """
@@ -153,6 +155,7 @@ class Impedance:
         beyond = np.append(np.full(hardware.joints, RANGE_TOLERANCE_RAD), [np.inf] * hardware.has_gripper)
         self._lower, self._upper = hardware.lower - beyond, hardware.upper + beyond
         self.weight_nm: np.ndarray = np.zeros(hardware.joints)
+        self.needed_nm: np.ndarray = self.weight_nm
         self.float_speed = mit_laws.FloatDamping(hardware.config.float_speed_rad_s, hardware.joints)
 
     def gains(self, kp: np.ndarray | None = None, kd: np.ndarray | None = None) -> None:
@@ -252,6 +255,14 @@ class Impedance:
         self._gripper.command(out[-1], inputs.now, u, u_rate, float(inputs.q[-1]), *inputs.gripper)
         return Limited.GRIPPER_FORCE if self._gripper.force_limited else Limited.NOTHING
 
+    def most_weight_nm(self) -> np.ndarray:
+        """Return the largest modelled weight (joints,), Nm, of many poses within the joint limits."""
+        hw, j = self._hardware, slice(self._hardware.joints)
+        poses = np.random.default_rng(0).uniform(hw.lower[j], hw.upper[j], (_POSES, hw.joints))
+        torques = [np.zeros(hw.joints) if self._gravity is None else self._gravity.torque(q) for q in poses]
+        most: np.ndarray = np.abs(torques).max(axis=0) * hw.arm.gravity_factor
+        return most
+
     def _friction(self, dq: np.ndarray) -> np.ndarray | float:
         return mit_laws.friction(dq, self._hardware.coulomb_nm) if self._rubs else 0.0
 
@@ -260,7 +271,7 @@ class Impedance:
         hw = self._hardware
         tau = np.zeros(hw.n)
         if self._gravity is not None:
-            self.weight_nm = self._gravity.torque(q[: hw.joints]) * hw.arm.gravity_factor
+            self.weight_nm = self.needed_nm = self._gravity.torque(q[: hw.joints]) * hw.arm.gravity_factor
             tau[: hw.joints] = self.weight_nm
         return tau
 
@@ -286,11 +297,12 @@ class Impedance:
         steady, inertia = self.weight_nm + turning, inertia + hw.arm.armature_kg_m2 * ddq
         tau[j] = steady + inertia
         most = _PLANNED_SHARE * hw.torque_limit_nm[j]
+        self.needed_nm = tau[j].copy()
         if all_of(np.abs(tau[j]) <= most):  # the usual case
             return tau, None
         room = most - steady * np.sign(inertia)
         share = max(float(np.min(room / np.maximum(np.abs(inertia), 1e-9), initial=1.0)), _LEAST_SHARE)
-        tau[j] = steady + share * inertia
+        tau[j] = self.needed_nm = steady + share * inertia
         return tau, share
 
     def _clip(self, out: np.ndarray, inputs: Inputs, limited: Limited) -> tuple[np.ndarray, Limited]:

@@ -1,7 +1,13 @@
 """Emergency stop of one arm: triggers that stop all arms, and the arm's response.
 
-A handle button and excessive effort stop all arms. Effort above the limit for longer than a knock lasts means that the
-arm presses on an obstacle. While the stop is latched, an arm holds or floats; afterwards the arm continues.
+A handle button and excessive effort stop all arms. Effort is what a joint's motor gives beyond what the model says that
+weight and motion need:
+
+    effort = |tau − needed|
+
+Effort above the limit for longer than a knock lasts means that the arm presses on an obstacle. A landing is not stopped
+for it, since it is the way down: it gives way to obstacles by itself. While the stop is latched, an arm holds or
+floats; afterwards the arm continues.
 """
 
 import math
@@ -12,9 +18,10 @@ import numpy as np
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.fault_response import FaultResponse
-from lerobot_robot_yam.control.float_monitor import FloatMonitor
+from lerobot_robot_yam.control.float_monitor import FloatMonitor, range_nm, tolerance_nm
+from lerobot_robot_yam.control.impedance import Impedance
 from lerobot_robot_yam.control.landing_response import LandingResponse
-from lerobot_robot_yam.errors import LifeCycleError, YamError
+from lerobot_robot_yam.errors import ConfigError, LifeCycleError, YamError
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
@@ -25,10 +32,10 @@ _BUTTONS = {None: None, "top": 0, "bottom": 1}
 
 
 class EffortLimit:
-    """Monitor of the measured torques of n joints. Check once per tick.
+    """Monitor of the effort of n joints. Check once per tick.
 
     Args:
-        limit_nm: (n,) maximum |tau|.
+        limit_nm: (n,) maximum effort.
         names: (n,) joint names.
     """
 
@@ -36,16 +43,19 @@ class EffortLimit:
         self._limit, self._names = limit_nm, names
         self._since: np.ndarray = np.full(len(limit_nm), math.inf)
 
-    def check(self, now: float, tau_nm: np.ndarray) -> str:
-        """Return a message naming the joint farthest above its limit for over PATIENCE_S; "": no such joint."""
-        above = np.abs(tau_nm) > self._limit
+    def check(self, now: float, beyond_nm: np.ndarray) -> str:
+        """Return a message naming the joint farthest above its limit for over PATIENCE_S; "": no such joint.
+
+        beyond_nm: (n,) measured torque less the torque that weight and motion need.
+        """
+        above = np.abs(beyond_nm) > self._limit
         self._since = np.where(above, np.minimum(self._since, now), math.inf)
         over = now - self._since > PATIENCE_S
         if not over.any():
             return ""
-        worst = int(np.where(over, np.abs(tau_nm) / self._limit, 0.0).argmax())
+        worst = int(np.where(over, np.abs(beyond_nm) / self._limit, 0.0).argmax())
         limit = f"its effort limit of {self._limit[worst]:.1f} Nm"
-        return f"{self._names[worst]} works with {tau_nm[worst]:.1f} Nm against {limit}"
+        return f"{self._names[worst]} works with {beyond_nm[worst]:.1f} Nm beyond weight and motion, against {limit}"
 
 
 class StopTriggers:
@@ -53,32 +63,58 @@ class StopTriggers:
 
     Attributes:
         exist: whether a stop button or an effort limit is configured.
+
+    Raises:
+        ConfigError: an effort limit is so low that a pose may exceed it; the message names joint and torque.
     """
 
-    def __init__(self, hardware: ResolvedArm):
+    def __init__(self, hardware: ResolvedArm, impedance: Impedance):
         config, self._arm = hardware.config, hardware.name
         self._button = _BUTTONS[config.estop_button]
         self._down = True  # so that a button pressed at the start is ignored until its release
         self._effort: EffortLimit | None = None
         if config.effort_limit_nm is not None and hardware.joints:
-            self._effort = EffortLimit(np.array(config.effort_limit_nm), hardware.joint_names)
+            limit_nm = np.array(config.effort_limit_nm)
+            _refuse_low(hardware, limit_nm, impedance.most_weight_nm())
+            self._effort = EffortLimit(limit_nm, hardware.joint_names)
         self.exist = self._button is not None or self._effort is not None
 
-    def check(self, now: float, buttons: tuple[bool, bool], tau_nm: np.ndarray, works: bool) -> str:
+    def check(self, now: float, buttons: tuple[bool, bool], beyond_nm: np.ndarray, works: bool) -> str:
         """Return the reason for an emergency stop; empty: no reason.
 
         Args:
             now: time, s.
             buttons: whether each button of the handle is pressed.
-            tau_nm: (joints,) measured torque.
+            beyond_nm: see `EffortLimit.check`.
             works: whether the effort limit applies at this tick.
         """
         if self._button is not None:
             before, self._down = self._down, bool(buttons[self._button])
             if self._down and not before:
                 return f"button of the handle of {self._arm}"
-        told = self._effort and self._effort.check(now, tau_nm if works else np.zeros_like(tau_nm))
+        told = self._effort and self._effort.check(now, beyond_nm if works else np.zeros_like(beyond_nm))
         return f"{self._arm}: {told}" if told else ""
+
+
+def _refuse_low(hardware: ResolvedArm, limit_nm: np.ndarray, weight_nm: np.ndarray) -> None:
+    """Check that the model, which may be as wrong as for an arm that floats, exceeds no limit within the joint limits.
+
+    Args:
+        limit_nm: (joints,) effort limits.
+        weight_nm: (joints,) largest modelled weight within the joint limits.
+
+    Raises:
+        ConfigError: a limit is too low.
+    """
+    least_nm = tolerance_nm(range_nm(hardware), weight_nm)
+    low = np.flatnonzero(limit_nm < least_nm)
+    if len(low):
+        joint = int(low[0])
+        raise ConfigError(
+            f"{hardware.name}: effort_limit_nm of {hardware.joint_names[joint]} is {limit_nm[joint]:g} Nm, and within "
+            f"its limits the arm holds it with up to {weight_nm[joint]:.1f} Nm, of which a model may miss "
+            f"{least_nm[joint]:.1f}: give at least that. The limit is for torque beyond weight and motion"
+        )
 
 
 class StopResponse:
@@ -87,15 +123,16 @@ class StopResponse:
     def __init__(self, actuation: Actuation, landing: LandingResponse, faults: FaultResponse, floating: FloatMonitor):
         self._actuation, self._status = actuation, actuation.status
         self._landing, self._faults, self._floating = landing, faults, floating
-        self._triggers = StopTriggers(actuation.hardware)
+        self._triggers = StopTriggers(actuation.hardware, actuation.impedance)
 
     def reason(self, now: float, buttons: tuple[bool, bool]) -> str:
         """Return the reason for an emergency stop; empty: no reason. buttons: whether each handle button is pressed."""
         if not self._triggers.exist:
             return ""
         arm, status = self._actuation, self._status
-        works = not status.ended and status.mode not in (Mode.STOPPED, Mode.FAULT)
-        return self._triggers.check(now, buttons, arm.estimate.tau[: arm.hardware.joints], works)
+        works = not status.ended and status.mode not in (Mode.STOPPED, Mode.FAULT, Mode.LAND)
+        beyond_nm = arm.estimate.tau[: arm.hardware.joints] - arm.impedance.needed_nm
+        return self._triggers.check(now, buttons, beyond_nm, works)
 
     def check(self, now: float) -> None:
         """Process one tick: stop while the emergency stop is latched, resume after its release."""

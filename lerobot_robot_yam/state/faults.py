@@ -219,7 +219,7 @@ RESPONSES: dict[Trouble, Rule] = {
         f"let it cool, then {_RECONNECT}",
     ),
     Trouble.EFFORT: _stop(
-        "|tau| above `effort_limit_nm` for 50 ms",
+        "torque beyond what weight and motion need above `effort_limit_nm` for 50 ms, except in a landing",
         0.1,
         "the emergency stop is latched; observations go on",
         "`yam-estop release`",

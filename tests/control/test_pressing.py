@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
@@ -140,6 +141,33 @@ def test_what_the_effort_limit_has_stopped_can_be_released_while_it_is_still_blo
     session.clock.sleep(0.5)
     assert not EmergencyStop().latched and session[CHANNEL].mode() is Mode.HOLD
     assert pull_nm(session) < 1.0  # from the measured pose
+
+
+LOW = [3.0, 6.0, 4.0, 2.0, 2.0, 2.0]  # shoulder and elbow need up to 17 and 10 Nm for the arm's own weight
+
+
+def test_an_effort_limit_below_the_weight_lets_an_arm_move_and_land_and_stops_what_presses(rig, running):
+    session = running(effort_limit_nm=LOW)
+    for pose in ([0.8, 1.6, 1.0, 0.5, 0.0, 0.0], [-0.5, 0.6, 1.9, -0.5, 0.5, 0.5], [0.0, 2.0, 1.57, 0.0, 0.0, 0.0]):
+        track(session, {CHANNEL: pose}, 1.2)
+        assert not EmergencyStop().latched
+    assert abs(session[CHANNEL].observe().tau_nm[1]) > 1.5 * LOW[1]  # of weight alone
+    rig.push(CHANNEL, "link3", [0.0, 0.0, -60.0], 0.3)
+    session.clock.sleep(0.3)
+    assert session[CHANNEL].mode() is Mode.STOPPED
+    assert "joint_2" in EmergencyStop().reason() and "beyond weight and motion" in EmergencyStop().reason()
+    EmergencyStop().release()
+    session[CHANNEL].land()
+    session.clock.sleep(0.5)
+    rig.push(CHANNEL, "link3", [0.0, 0.0, -60.0], 0.3)  # it is on its way down
+    session.clock.sleep(0.4)
+    assert not EmergencyStop().latched and session.stop()
+
+
+def test_an_effort_limit_that_the_models_error_may_exceed_is_refused_before_anything_moves(rig, running):
+    with pytest.raises(ConfigError, match=r"effort_limit_nm of joint_2 is 2 Nm, .* up to 1\d\.\d Nm, .* 3\.\d: give"):
+        running(effort_limit_nm=[30.0, 2.0, 45.0, 20.0, 20.0, 20.0])
+    assert not any(motor["enabled"] for motor in rig.state()["arms"][CHANNEL]["motors"].values())
 
 
 def test_a_landing_that_was_obstructed_does_not_spring_when_the_way_is_freed(rig, running):

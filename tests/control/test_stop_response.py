@@ -19,7 +19,8 @@ def test_a_lasting_excess_is_named_after_fifty_milliseconds():
     first = next(k for k, verdict in enumerate(verdicts) if verdict)
     assert 0.05 < first * TICK_S <= 0.05 + 2 * TICK_S
     assert all(verdicts[first:])
-    assert verdicts[first] == "joint_2 works with -12.5 Nm against its effort limit of 10.0 Nm"
+    said = "joint_2 works with -12.5 Nm beyond weight and motion, against its effort limit of 10.0 Nm"
+    assert verdicts[first] == said
 
 
 def test_knocks_are_forgiven_and_each_joint_counts_for_itself():
@@ -35,4 +36,4 @@ def test_a_joint_without_limit_and_a_missing_reading_never_trip():
 
 def test_the_worst_joint_is_named():
     verdicts = run([10.0, 2.0, 10.0], [[12.0, 4.0, 0.0]] * 30)
-    assert verdicts[-1] == "joint_2 works with 4.0 Nm against its effort limit of 2.0 Nm"
+    assert verdicts[-1] == "joint_2 works with 4.0 Nm beyond weight and motion, against its effort limit of 2.0 Nm"
