@@ -14,6 +14,10 @@ TAKES_PLUGINS = hasattr(RolloutStrategyConfig, "dataset_mode")
 """Whether the installed LeRobot accepts rollout strategies from plugins."""
 
 
+SIDES = ("left", "right")
+"""Arms in the column `intervention_arms`."""
+
+
 @register_as(RolloutStrategyConfig, "yam_dagger")
 @dataclass(kw_only=True)
 class YamDaggerStrategyConfig(RolloutStrategyConfig):
@@ -61,5 +65,12 @@ class YamDaggerStrategyConfig(RolloutStrategyConfig):
         return True
 
     def extra_dataset_features(self) -> dict[str, dict[str, Any]]:
-        """Return the column that records whether a person has taken over an arm, as in LeRobot's own `dagger`."""
-        return {"intervention": {"dtype": "bool", "shape": (1,), "names": None}}
+        """Return the columns that record whether a person has taken over an arm, and which one.
+
+        The first is the column of LeRobot's own `dagger`. Of a robot with one arm, both values of the second column are
+        those of this arm.
+        """
+        return {
+            "intervention": {"dtype": "bool", "shape": (1,), "names": None},
+            "intervention_arms": {"dtype": "bool", "shape": (len(SIDES),), "names": list(SIDES)},
+        }

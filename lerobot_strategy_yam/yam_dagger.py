@@ -9,7 +9,7 @@ import logging
 import math
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from lerobot.utils.utils import log_say
 
 from lerobot_robot_yam.face.devices.feature_names import space_of
 from lerobot_robot_yam.face.operator_keys import requests
-from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
+from lerobot_strategy_yam.config_yam_dagger import SIDES, YamDaggerStrategyConfig
 from lerobot_strategy_yam.take_over import HELP, Action, TakenArms, TakeOverSignals, Wish
 
 logger = logging.getLogger(__name__)
@@ -51,11 +51,14 @@ class _Episodes:
         """Whether the current episode has its maximum length."""
         return self._frames >= self._longest
 
-    def add(self, observation: Mapping[str, Any], action: Mapping[str, float], intervention: bool) -> None:
-        """Add a frame: observation, action, and whether a person drove an arm."""
+    def add(self, observation: Mapping[str, Any], action: Mapping[str, float], taken: Set[str]) -> None:
+        """Add a frame: observation, action, and the prefixes of the arms that a person drove."""
         frame = build_dataset_frame(self._features, observation, prefix=OBS_STR)
         frame |= build_dataset_frame(self._features, action, prefix=ACTION)
-        self._dataset.add_frame(frame | {"task": self._task, "intervention": np.array([intervention])})
+        arms = np.array(["" in taken or f"{side}_" in taken for side in SIDES])
+        told = {"intervention": np.array([bool(taken)]), "intervention_arms": arms}
+        told = {key: told[key] for key in told if key in self._dataset.features}  # a resumed data set may be older
+        self._dataset.add_frame(frame | {"task": self._task} | told)
         self._frames += 1
 
     def keep(self) -> bool:
@@ -188,7 +191,7 @@ class YamDaggerStrategy(RolloutStrategy):
             return
         self._way_back.append(action)
         if is_frame:
-            self._episodes.add(self._seen, action, bool(self._arms.taken))
+            self._episodes.add(self._seen, action, self._arms.taken)
             self._log_telemetry(self._seen, action, self._ctx.runtime)
 
     def _next_action(self, observation: dict[str, Any]) -> Action:

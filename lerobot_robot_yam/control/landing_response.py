@@ -92,7 +92,8 @@ class LandingResponse:
         explained = arm.impedance.explains(q, np.where(usable, arm.setpoint.q[joints] - q, 0.0))
         landing.advance(Seen(now, q, dq, usable, explained, self._pulls()))
         if landing.phase is Phase.OBSTRUCTED and before is not Phase.OBSTRUCTED:
-            status.trouble, status.message = Trouble.OBSTRUCTED, "landing is obstructed; holding"
+            status.trouble = Trouble.OBSTRUCTED
+            status.message = "landing is obstructed, or somebody holds the arm; holding"
         if landing.phase is Phase.LANDED:
             self.cancel()
             logger.info("%s: landed", arm.name)

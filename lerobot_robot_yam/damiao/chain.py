@@ -93,6 +93,7 @@ class MotorChain:
         self.expected_wire_s = 2 * len(self._messages) * FRAME_TIME_S
         self.missed: np.ndarray = np.zeros(len(self.motors), dtype=int)
         self.all_answered = False
+        self._lost_before = 0  # number of lost replies at the last `collect`
 
     def __len__(self) -> int:
         return len(self.motors)
@@ -179,6 +180,10 @@ class MotorChain:
         self.all_answered = not silent and self._requests.newest.asked == len(self.motors)
         if not self.all_answered or any_of(self.missed > 0):
             self.missed = np.where([i in self._requests.heard for i in range(len(self.motors))], 0, self.missed + 1)
+        lost = sum(self._requests.lost)
+        if lost != self._lost_before:
+            self._lost_before = lost
+            self.round_trip.doubt()
         self._publish()
         return self.all_answered
 

@@ -272,8 +272,8 @@ RESPONSES: dict[Trouble, Rule] = {
         Response.GO_ON,
         "a warning in the log that names the joint, an error once it holds",
         1.0,
-        "free the way or take the load, and keep clear: it tries again every 3 s. After three barred ways it sinks "
-        "slowly where it is, and cuts torque when it lies or hangs still",
+        "let go of the arm, free the way or take the load, and keep clear: it tries again every 3 s. After three "
+        "barred ways it sinks slowly where it is, and cuts torque when it lies or hangs still",
     ),
     Trouble.WEIGHT: _hold(
         "the torque that holds an arm before it floats is over 20 % (and 2 % of the motor's range) off the model's",

@@ -118,3 +118,17 @@ def test_states_that_are_older_than_the_limit_are_refused():
         with pytest.raises(StaleStateError, match="or the CAN adapter is that slow"):
             session[CHANNEL].observe()
         session.discard()
+
+
+@pytest.mark.parametrize(("kind", "value", "seconds"), [("cable_out", True, 0.3), ("loss_rate", 0.05, 3.0)])
+def test_lost_replies_are_not_held_against_the_adapter(kind, value, seconds, caplog):
+    with rig_of("lockstep", arms=[CHANNEL]) as rig:
+        session = session_on(rig, sim_config(rig, CHANNEL))
+        session.start()
+        track(session, {CHANNEL: MIDDLE}, 1.0)
+        rig.fault(CHANNEL, None, kind, value)
+        session.clock.sleep(seconds)
+        rig.clear_faults(CHANNEL)
+        session.clock.sleep(1.5)
+        session.discard()
+    assert "the CAN adapter" not in caplog.text and "answers were lost; check cable, plugs" in caplog.text

@@ -154,7 +154,7 @@ def test_a_landing_that_is_barred_goes_round_with_the_joints_that_the_profile_na
             wrist.append(port.published().q[4])
         assert ("goes round, over the top" in caplog.text) == named
         assert (max(elbow) > 1.1) == named  # it opens until the forearm is level
-        assert "joint_2 is obstructed" in caplog.text
+        assert "joint_2 is held, obstructed or carries too much; let go of it and keep clear" in caplog.text
         rig.fault(FOLLOWER, "joint_2", "stuck", False)
         arm.clock.sleep(15.0)
         assert port.mode() is Mode.OFF

@@ -22,6 +22,8 @@ from lerobot_robot_yam.damiao.registers import Register
 
 logger = logging.getLogger(__name__)
 
+_LOST = 100  # number of lost replies that are worth a warning: all motors of an arm for 60 ms
+
 
 class JointInterface:
     """The n motors of one channel in joint coordinates, the gripper last.
@@ -105,6 +107,9 @@ class JointInterface:
         where = f"{self._config.name} ({chain.channel})"
         if chain.round_trip.slow:
             said.append(f"{where}: {chain.round_trip.summary()}; the arm was seen and commanded that much too late")
+        lost = int(chain.lost.sum())
+        if lost >= _LOST:
+            said.append(f"{where}: {lost} answers were lost; check cable, plugs and termination")
         if chain.error_frames:
             said.append(f"{where}: CAN error frames: {chain.error_frames}; check cable, termination and bit-rate")
         return said

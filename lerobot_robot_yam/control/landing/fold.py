@@ -80,7 +80,7 @@ class Fold:
                 return Phase.LOWER
         elif self._patience.ends(farthest > _STUCK_RAD or arrived, now, _STUCK_S):
             move.give_way(move.near(move.q, seen.q), seen.usable)
-            return self._barred(f"joint_{int(error.argmax()) + 1} is obstructed or carries too much", now)
+            return self._barred(f"joint_{int(error.argmax()) + 1} is held, obstructed or carries too much", now)
         return Phase.FOLD
 
     def retry(self, now: float) -> Phase:
@@ -95,7 +95,8 @@ class Fold:
         out, over = self.carriers(self._move.unheard), self._over_the_top()
         if over and not self._goes_round:
             self._goes_round = True
-            logger.warning("%s: on its way down %s; it goes round, over the top", self._arm, reason)
+            text = "%s: on its way down %s; let go of it and keep clear: it goes round, over the top"
+            logger.warning(text, self._arm, reason)
             return self._go(over, now)
         if out and self._poses:  # an obstacle on the way up cannot support the arm
             return self._go([self._pose], now)
@@ -106,7 +107,8 @@ class Fold:
         if self._barred_times + 1 < _TRIES:
             self._barred_times += 1
             self._barred_s = now
-            text = "%s: cannot land, %s; holding. Free the way or take the load, and keep clear: I try again"
+            text = "%s: cannot land, %s; holding. Let go of it, free the way or take the load, and keep clear: "
+            text += "it tries again"
             logger.error(text, self._arm, reason)
             return Phase.OBSTRUCTED
         logger.error("%s: cannot land, %s; it sinks slowly where it is", self._arm, reason)
