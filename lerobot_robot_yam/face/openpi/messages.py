@@ -33,7 +33,10 @@ IMAGE_KEYS = "image_keys"  # key in a greeting: names of the images that the ser
 STATEFUL_KEY = "stateful"  # key in a greeting: whether replies depend on earlier observations of the connection
 RESET_DONE = "reset successful"  # RoboArena's reply to a reset, as text
 _PREFIX = "observation."  # prefix of LeRobot's names of observed values
-_PLAIN_KINDS = "biufSU"  # NumPy's allowed kinds: booleans, integers, floats, text; no pointers, no code
+# NumPy's allowed kinds, and how a scalar of each kind arrives: numbers and text; no pointers, no code
+_PLAIN_KINDS: dict[str, Any] = {"b": bool, "i": int, "u": int, "f": (float, int), "S": bytes, "U": str}
+_MOST_ITEMS = 10_000  # maximum number of values in a message: an empty dictionary is 1 byte on the wire, 64 in memory
+_ROW_BYTES = 4096  # maximum size of one row of an array without rows, bytes
 # Maximum plausible angle, rad. No joint of these arms turns further than 3.2 rad, so larger numbers are degrees.
 _LARGEST_RAD = 2.0 * math.pi
 
@@ -54,9 +57,23 @@ def encode_message(message: Any) -> bytes:
 
 
 def decode_message(data: bytes) -> Any:
-    """Decode a message, with read-only arrays. Raises ValueError: the data are not msgpack, or an array is invalid."""
+    """Decode a message, with read-only arrays, in memory of about the size of the data.
+
+    Raises:
+        ValueError: the data are not msgpack, an array is invalid, or there are too many values.
+    """
+    items = 0
+
+    def count(values: Any) -> Any:
+        nonlocal items
+        items += 1 + len(values)
+        if items > _MOST_ITEMS:
+            raise ValueError(f"a message of openpi has at most {_MOST_ITEMS} values outside its arrays")
+        return values
+
+    most = {"max_array_len": _MOST_ITEMS, "max_map_len": _MOST_ITEMS}
     try:
-        return msgpack.unpackb(data, object_hook=_unpack)
+        return msgpack.unpackb(data, object_hook=lambda values: _unpack(count(values)), list_hook=count, **most)
     except (KeyError, TypeError, msgpack.exceptions.UnpackException) as error:
         raise ValueError(f"not a message of openpi: {error!r}") from error
 
@@ -72,9 +89,15 @@ def _pack(value: Any) -> dict[bytes, Any]:
 
 def _unpack(value: dict[Any, Any]) -> Any:
     if b"__ndarray__" in value:
-        return np.frombuffer(value[b"data"], _dtype(value)).reshape(value[b"shape"])
+        data, dtype, shape = value[b"data"], _dtype(value), value[b"shape"]
+        if math.prod(max(size, 1) for size in shape) * dtype.itemsize > max(len(data), _ROW_BYTES):
+            raise ValueError(f"an array of {dtype} and shape {shape} has more than its {len(data)} bytes")
+        return np.frombuffer(data, dtype).reshape(shape)
     if b"__npgeneric__" in value:
-        return _dtype(value).type(value[b"data"])
+        data, dtype = value[b"data"], _dtype(value)
+        if not isinstance(data, _PLAIN_KINDS[dtype.kind]):  # NumPy makes text of any length from a number
+            raise TypeError(f"a scalar of {dtype} is no {type(data).__name__}")
+        return dtype.type(data)
     return value
 
 

@@ -1,5 +1,8 @@
 """Bytes and pictures are openpi's own."""
 
+import tracemalloc
+
+import msgpack
 import numpy as np
 import pytest
 import torch
@@ -66,11 +69,24 @@ def test_bytes_are_those_of_openpi(message, golden):
         encode_message({"a": np.zeros(3)}).replace(b"<f8", b"<zz"),
         encode_message({"a": np.zeros(3)}).replace(b"dtype", b"ditty"),
         encode_message({"a": np.zeros(3)}).replace(b"<f8", b"<f4"),  # twice as many numbers as the shape says
+        # few bytes that say they are many
+        msgpack.packb({b"__npgeneric__": True, b"data": 10**8, b"dtype": "|S1"}),
+        msgpack.packb({b"__npgeneric__": True, b"data": [0.0] * 100, b"dtype": "<f8"}),
+        msgpack.packb({b"__ndarray__": True, b"data": b"", b"dtype": "|S2000000000", b"shape": [0]}),
+        msgpack.packb({b"__ndarray__": True, b"data": b"", b"dtype": "<f4", b"shape": [0, 10**15]}),
+        b"\xdd" + (500_000).to_bytes(4) + b"\x80" * 500_000,
+        (b"\xdc" + (9_000).to_bytes(2) + b"\x80" * 9_000).join([b"\xdc" + (50).to_bytes(2), *[b""] * 50]),
     ],
+    ids=lambda data: f"{len(data)} bytes",
 )
-def test_other_bytes_are_refused(data):
-    with pytest.raises(ValueError):
-        decode_message(data)
+def test_other_bytes_are_refused_and_take_no_memory(data):
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError):
+            decode_message(data)
+        assert tracemalloc.get_traced_memory()[1] < 2 * len(data) + 2**20
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("value", [object(), np.array([object()]), np.array([1j]), {"a": torch.zeros(2)}])
