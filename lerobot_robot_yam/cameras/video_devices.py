@@ -13,7 +13,7 @@ from pathlib import Path
 
 from lerobot_robot_yam.errors import CameraError
 from lerobot_robot_yam.system.own_commands import as_root
-from lerobot_robot_yam.system.sysfs import UsbDevice, text_of, usb_device
+from lerobot_robot_yam.system.sysfs import UsbDevice, label_of, text_of, usb_device
 
 ROOT = Path("/")
 USB3_MBIT = 5000.0
@@ -99,7 +99,7 @@ def video_devices(root: Path = ROOT, sysfs: Path | None = None) -> list[VideoDev
     for node in sorted(nodes, key=lambda path: (len(path.name), path.name)):
         device = node / "device"
         usb = usb_device(device.resolve()) if device.exists() else None
-        entry = found.setdefault(usb.port if usb else node.name, (text_of(node / "name"), usb, []))
+        entry = found.setdefault(usb.port if usb else node.name, (label_of(node / "name"), usb, []))
         entry[2].append(root / "dev" / node.name)
     for device in sorted((sysfs / "bus" / "usb" / "devices").glob("*")):
         if ":" not in device.name and text_of(device / "idVendor") == _INTEL:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from lerobot_robot_yam.control.process.control_process import RT_PRIORITY
 from lerobot_robot_yam.errors import SetupError
-from lerobot_robot_yam.setup.system_files import Change, GroupChange, SystemFiles
+from lerobot_robot_yam.setup.system_files import ACCOUNT, Change, GroupChange, SystemFiles
 
 LIMITS = "etc/security/limits.d/90-yam.conf"
 RULES_OF_DEVICES = "etc/udev/rules.d/70-yam-devices.rules"
@@ -25,7 +25,8 @@ def rights_changes(files: SystemFiles, user: str) -> list[Change]:
     Raises:
         SetupError: the user or a group does not exist, or a file cannot be read.
     """
-    if not any(line.startswith(f"{user}:") for line in (files.read(_USERS) or "").splitlines()):
+    users = [line.partition(":")[0] for line in (files.read(_USERS) or "").splitlines()]
+    if user not in users or not ACCOUNT.fullmatch(user):
         raise SetupError(f"there is no user {user!r} in /{_USERS}: say who drives the arms (--user NAME)")
     members = files.members()
     missing = sorted(set(_GROUPS) - set(members))

@@ -7,6 +7,7 @@ import contextlib
 import difflib
 import json
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,9 @@ from lerobot_robot_yam.system.paths import write_whole
 
 JOURNAL = "var/lib/yam-setup-can/journal.json"
 _GROUPS = "etc/group"
+_OURS = re.compile(r"etc/(udev/rules\.d|systemd/system|security/limits\.d)/(\d+-)?yam[\w.@-]*")  # files in a journal
+# name of a user or group; for limits.d, * and @ begin patterns, and for usermod - an option
+ACCOUNT = re.compile(r"[A-Za-z_][\w.-]*\$?", re.ASCII)
 _AS_ROOT = f"it takes root: {as_root('yam-setup-can')}"
 
 
@@ -84,7 +88,7 @@ class SystemFiles:
     def read(self, path: str) -> str | None:
         """Read a file; return None if the file does not exist."""
         try:
-            return (self.root / path).read_text()
+            return self._inside(path).read_text()
         except FileNotFoundError:
             return None
         except (OSError, UnicodeDecodeError) as error:
@@ -145,18 +149,41 @@ class SystemFiles:
     def _journal(self) -> dict[str, Any]:
         text = self.read(JOURNAL)
         try:
-            return {"files": {}, "groups": {}} | (json.loads(text) if text is not None else {})
-        except ValueError as error:
-            raise SetupError(f"/{JOURNAL}, what was changed, is damaged ({error}): put a copy back") from error
+            journal = {"files": {}, "groups": {}} | json.loads(text if text is not None else "{}")
+            _check(journal)
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            raise SetupError(
+                f"/{JOURNAL}, what was changed, is damaged ({error}): put a copy back, or undo by hand what it names "
+                "(`yam-setup-can --list` shows the names), then remove it"
+            ) from error
+        return journal
+
+    def _inside(self, path: str) -> Path:
+        """Return a path below the root. Raises SetupError: a link leads out of the root."""
+        found = self.root / path
+        if not found.resolve().is_relative_to(self.root.resolve()):
+            raise SetupError(f"{found} leads to {found.resolve()}, out of {self.root}: remove that link")
+        return found
 
     def _write(self, path: str, text: str | None) -> None:
         try:
             if text is None:
-                (self.root / path).unlink(missing_ok=True)
+                self._inside(path).unlink(missing_ok=True)
             else:
-                write_whole(self.root / path, text)
+                write_whole(self._inside(path), text)
         except OSError as error:
             raise SetupError(f"/{path} cannot be written: {error}; {_advice(error)}") from error
+
+
+def _check(journal: dict[str, Any]) -> None:
+    """Check the types of a journal, and that it names only what `apply` changes. Raises ValueError and more."""
+    for path, entry in journal["files"].items():
+        texts = [entry["before"], *entry["written"]]
+        if not _OURS.fullmatch(path) or not all(text is None or isinstance(text, str) for text in texts):
+            raise ValueError(f"no change of {path!r} is ours")
+    for user, groups in journal["groups"].items():
+        if not all(ACCOUNT.fullmatch(name) for name in (user, *groups)) or not isinstance(groups, list):
+            raise ValueError(f"no groups of {user!r} are ours")
 
 
 def _advice(error: Exception) -> str:

@@ -68,6 +68,12 @@ def text_of(path: Path) -> str | None:
         return None
 
 
+def label_of(path: Path) -> str | None:
+    """Read a text that a device gives, such as its serial number; control characters, which terminals obey, become ?"""
+    text = text_of(path)
+    return text and "".join(character if character.isprintable() else "?" for character in text)
+
+
 def usb_device(directory: Path) -> UsbDevice | None:
     """Find the USB device to which a sysfs directory belongs; None if the hardware is not a USB device."""
     for place in (directory, *directory.parents):
@@ -77,8 +83,8 @@ def usb_device(directory: Path) -> UsbDevice | None:
                 port=place.name,
                 bus=int(bus) if bus.isdigit() else None,
                 number=int(number) if number.isdigit() else None,
-                product=text_of(place / "product"),
-                serial=text_of(place / "serial"),
+                product=label_of(place / "product"),
+                serial=label_of(place / "serial"),
                 speed_mbit=float(speed) if speed.replace(".", "", 1).isdigit() else None,
             )
     return None
@@ -106,7 +112,7 @@ def read_adapter(interface: Path) -> CanAdapter | None:
         driver=driver.resolve().name if driver and driver.exists() else None,
         usb=usb,
         place=f"/devices/{str(place).partition('/devices/')[2]}" if place else None,
-        serial=usb.serial if usb else text_of(place / "serial") if place else None,
+        serial=usb.serial if usb else label_of(place / "serial") if place else None,
         dev_id=text_of(interface / "dev_id"),
         dev_port=text_of(interface / "dev_port"),
     )

@@ -1,5 +1,6 @@
 """yam-setup-can on trees of three systems: what it writes, again, after an interruption, and undone."""
 
+import json
 import os
 import sys
 import tempfile
@@ -9,6 +10,7 @@ import pytest
 
 from lerobot_robot_yam.commands.setup_can import NAMES, main
 from lerobot_robot_yam.rig.control import running_rig
+from lerobot_robot_yam.setup.system_files import JOURNAL
 from lerobot_robot_yam.state.records import channel_key, lock_path, state_path
 from lerobot_robot_yam.system.runtime_files import FileLock
 from tests.support.system_tree import SYSTEMS, USER, SystemTree
@@ -149,6 +151,11 @@ def test_what_is_refused_says_why_and_changes_nothing(debian, capsys):
         assert why in capsys.readouterr().err
     assert run(debian, "can_old=can_old", f"--user={USER}x") == 1
     assert f"no user '{USER}x'" in capsys.readouterr().err
+    debian.write("etc/passwd", debian.read("etc/passwd") + "*:x:1001:1001::/:/bin/sh\n-r:x:1002:1002::/:/bin/sh\n")
+    for user in (f"{USER}:x", "*", "-r"):
+        assert run(debian, "--rights", f"--user={user}") == 1
+        assert "there is no user" in capsys.readouterr().err
+    debian.write("etc/passwd", debian.read("etc/passwd").split("*:x")[0])
     assert run(debian, "--no-rights", "can_a") == 1 and "no terminal" in capsys.readouterr().err
     assert main([f"--root={debian.root}/none"]) == 1 and "is no root of a system" in capsys.readouterr().err
     assert debian.snapshot() == before
@@ -183,6 +190,54 @@ def test_what_others_have_changed_since_is_left(debian, capsys):
     assert "70-yam-devices.rules was left as it is" in capsys.readouterr().err
     assert debian.read(limits) == "eve - rtprio 50\n"
     assert debian.read(group).endswith("eve:x:1001:\n") and f"input:x:104:{USER}" not in debian.read(group)
+
+
+@pytest.mark.parametrize(
+    "journal",
+    [
+        {"files": {"{outside}": {"before": "undone", "written": ["theirs"]}}},
+        {"files": {"../outside": {"before": "undone", "written": ["theirs"]}}},
+        {"files": {"etc/passwd": {"before": "", "written": []}}},
+        {"files": {"etc/udev/rules.d/70-yam-can.rules": {"before": None}}},
+        {"files": {"etc/udev/rules.d/70-yam-can.rules": {"before": 3, "written": [None]}}},
+        {"files": []},
+        {"groups": {USER: "video"}},
+        {"groups": {"--root": ["video"]}},
+        {"groups": {USER: [3]}},
+        [],
+    ],
+    ids=str,
+)
+def test_a_journal_that_is_not_ours_is_refused_and_changes_nothing(debian, capsys, journal):
+    outside = debian.root.parent / "outside"
+    outside.write_text("theirs")
+    debian.write(JOURNAL, json.dumps(journal).replace("{outside}", str(outside)))
+    debian.sysfs.adapter("can0", "1-1", serial="0001")
+    before = debian.snapshot()
+    for arguments in (["--undo"], ["can_a=can0", "--no-rights"]):
+        assert run(debian, *arguments) == 1
+        assert f"/{JOURNAL}, what was changed, is damaged" in capsys.readouterr().err
+    assert debian.snapshot() == before and outside.read_text() == "theirs"
+
+
+@pytest.mark.parametrize("link", ["etc/udev/rules.d", "etc/udev/rules.d/70-yam-can.rules"])
+def test_no_link_leads_out_of_the_root(debian, capsys, tmp_path, link):
+    debian.sysfs.adapter("can0", "1-1", serial="0001")
+    assert run(debian, "can_a=can0", "--no-rights") == 0
+    (debian.root / link).rename(tmp_path / "theirs")
+    (debian.root / link).symlink_to(tmp_path / "theirs")
+    theirs = [path.read_text() for path in tmp_path.glob("theirs*/*") if path.is_file()]
+    for arguments in (["--undo"], ["can_b=can0", "--no-rights"]):
+        assert run(debian, *arguments) == 1 and "remove that link" in capsys.readouterr().err
+    assert [path.read_text() for path in tmp_path.glob("theirs*/*") if path.is_file()] == theirs
+
+
+def test_the_terminal_obeys_no_text_of_a_usb_device(debian, capsys):
+    debian.sysfs.adapter("can0", "1-1", serial="00\x1b[2J01", product="can\x1b]0;x\x07dle")
+    assert run(debian, "--list") == 0 and run(debian, "can_a=can0", "--no-rights") == 0
+    said = capsys.readouterr()
+    assert "00?[2J01" in said.out and "can?]0;x?dle" in said.out
+    assert "\x1b" not in said.out + said.err + debian.read(RULES) and "*-1:1.0" in rule(debian, "can_a")
 
 
 def test_a_reset_takes_links_down_and_up_but_not_under_a_session(debian, capsys):
