@@ -18,7 +18,7 @@ from lerobot_robot_yam.state.records import COMMAND_DTYPE, STATE_DTYPE
 MOST_BYTES = 1 << 16  # maximum size of a message to the host, and of `States`, bytes
 # maximum size of any other message to a client, bytes: a reply to hello has the options of four arms
 MOST_ANSWER_BYTES = 1 << 20
-_MAGIC, _VERSION = b"YR", 3
+_MAGIC, _VERSION = b"YR", 4
 _STATES, _COMMANDS = (STATE_DTYPE, BASE_STATE_DTYPE), (COMMAND_DTYPE, BASE_COMMAND_DTYPE)
 # checksum of the layout of the records
 _LAYOUT = zlib.crc32(repr([dtype.descr for dtype in (*_STATES, *_COMMANDS)]).encode())

@@ -1,7 +1,8 @@
 """Sockets of host and clients: ZeroMQ over TCP, with CURVE if there are keys.
 
-Commands use DEALER and ROUTER. States use PUB and SUB, which keep only the newest message. All queues are short: a
-message that cannot be delivered at once is useless later.
+Both use DEALER and ROUTER. A client asks for states with each heartbeat. PUB and SUB are no alternative: a publisher
+stores each topic of a subscriber, 41 bytes for each of its bytes, without a limit. All queues are short: a message that
+cannot be delivered at once is useless later.
 """
 
 import contextlib
@@ -14,7 +15,8 @@ from zmq.auth.thread import ThreadAuthenticator
 from lerobot_robot_yam.errors import BusError, ConfigError
 from lerobot_robot_yam.remote.host_address import HostAddress
 from lerobot_robot_yam.remote.link_keys import CLIENTS, HOST_KEY, LinkKey
-from lerobot_robot_yam.remote.link_messages import MOST_ANSWER_BYTES, MOST_BYTES, Message, States, decode, encode
+from lerobot_robot_yam.remote.link_messages import MOST_ANSWER_BYTES, MOST_BYTES, Beat, Message, States, decode, encode
+from lerobot_robot_yam.system.clock import SYSTEM
 
 _OPTIONS = {
     zmq.LINGER: 0,
@@ -33,6 +35,9 @@ _OPTIONS = {
     zmq.RECONNECT_IVL: 100,  # first pause before a reconnect, ms
     zmq.RECONNECT_IVL_MAX: 1000,  # maximum pause before a reconnect, ms
 }
+_LISTENS_S = 5.0  # time for which a client gets states after it has asked for them, s
+_MOST_ASKED = 64  # maximum number of messages that are read between two states: a flood must not delay states
+_MOST_ASKING_BYTES = 1024  # maximum size of a message to the socket for states, bytes; the key exchange takes 350
 
 Socket = zmq.Socket[bytes]
 
@@ -41,8 +46,6 @@ def _socket(context: "zmq.Context[Socket]", kind: int, most_bytes: int) -> Socke
     socket: Socket = context.socket(kind)
     for option, value in {**_OPTIONS, zmq.MAXMSGSIZE: most_bytes}.items():
         socket.setsockopt(option, value)
-    if kind in (zmq.PUB, zmq.SUB):
-        socket.setsockopt(zmq.CONFLATE, 1)
     return socket
 
 
@@ -67,8 +70,8 @@ class ClientSockets:
         self._connect(self.commands, address.commands, key)
         self.states: Socket | None = None
         if states:
-            self.states = _socket(self._context, zmq.SUB, MOST_BYTES)
-            self.states.setsockopt(zmq.SUBSCRIBE, b"")
+            self.states = _socket(self._context, zmq.DEALER, MOST_BYTES)
+            self.states.setsockopt(zmq.CONFLATE, 1)  # keeps only the newest message
             self._connect(self.states, address.states, key)
         if also is not None:
             self._poller.register(also, zmq.POLLIN)
@@ -81,8 +84,10 @@ class ClientSockets:
         self._poller.register(socket, zmq.POLLIN)
 
     def send(self, message: Message) -> bool:
-        """Send a message to the host. Without a connection, drop the message and return False."""
+        """Send a message to the host. Without a connection, drop the message and return False. A `Beat` gets states."""
         try:
+            if isinstance(message, Beat) and self.states is not None:
+                self.states.send(b"", zmq.NOBLOCK)
             self.commands.send(encode(message), zmq.NOBLOCK)
         except zmq.Again:
             return False
@@ -146,7 +151,9 @@ class HostSockets:
                 self._authenticator.configure_curve(domain="*", location=str(keys / CLIENTS))
                 self._authenticator.certs.setdefault("*", {})[key.public.encode()] = True  # permits `yam-host status`
             self.commands = _socket(self._context, zmq.ROUTER, MOST_BYTES)
-            self.states = _socket(self._context, zmq.PUB, MOST_BYTES)
+            self.states = _socket(self._context, zmq.ROUTER, _MOST_ASKING_BYTES)
+            self.states.setsockopt(zmq.SNDHWM, 1)
+            self._asked_s: dict[bytes, float] = {}  # client → time at which it last asked for states, s
             for socket, endpoint in ((self.commands, address.commands), (self.states, address.states)):
                 if key is not None:
                     socket.curve_server = True
@@ -169,9 +176,14 @@ class HostSockets:
             self.commands.send_multipart([client, encode(message)], zmq.NOBLOCK)
 
     def publish(self, states: States) -> None:
-        """Send states to all clients. Only one thread may call `publish`."""
+        """Send states to all clients that ask for them. Only one thread may call `publish`."""
+        now, message = SYSTEM.now(), encode(states)
         with contextlib.suppress(zmq.Again):
-            self.states.send(encode(states), zmq.NOBLOCK)
+            for _ in range(_MOST_ASKED):
+                self._asked_s[self.states.recv_multipart(zmq.NOBLOCK)[0]] = now
+        self._asked_s = {client: asked_s for client, asked_s in self._asked_s.items() if now - asked_s < _LISTENS_S}
+        for client in self._asked_s:  # without an error, a message to a client that has gone or is slow is dropped
+            self.states.send_multipart([client, message], zmq.NOBLOCK)
 
     def close(self) -> None:
         """Close the sockets. Idempotent."""

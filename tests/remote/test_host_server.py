@@ -219,6 +219,7 @@ def test_only_paired_clients_are_heard(tmp_path):
             deadline = time.monotonic() + 1.5
             while time.monotonic() < deadline:
                 sockets.send(wire.Question(1, "hello"))
+                sockets.send(wire.Beat(0, "", 0.0, False))
                 sockets.wait(0.05)
                 assert sockets.receive() is None and sockets.newest_states() is None
             sockets.close()
