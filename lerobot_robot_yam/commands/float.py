@@ -3,23 +3,27 @@
 yam-float --channel can_follower_l                                   one arm, by keys
 yam-float --channel can_follower_l can_follower_r                    two arms, recorded and replayed together
 yam-float --channel can_follower_l --load wave.npy --output new.npy  what l and s read and write
+yam-float --config_path rig.yaml                                     the followers of a rig's file or run config
 
 HAZARD: this ENERGISES the arms. Files have the format of the vendor's example. The arms land however the command ends.
 """
 
 import argparse
+import dataclasses
 import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.config import ArmConfig, lead_of, passive_of
 from lerobot_robot_yam.arm.mounting import seeks_stops
 from lerobot_robot_yam.commands.lib.arm_command import add_arm_arguments, each_arm, with_likely_gripper
 from lerobot_robot_yam.commands.lib.command_line import command_parser, run_command
 from lerobot_robot_yam.commands.lib.dialogue import CLEAR_SCREEN, confirm_word, table, tell, tell_landed
 from lerobot_robot_yam.commands.lib.key_terminal import QUIT, KeyTerminal, key_terminal
 from lerobot_robot_yam.control.actuation import gravity_model
+from lerobot_robot_yam.doctor.kit.targets import from_config
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, StaleStateError, YamError
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession
@@ -41,7 +45,12 @@ _ENTER, _ESCAPE, _DELETE = ("\r", "\n"), "\x1b", ("\x7f", "\b")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `yam-float`; return its exit status."""
     parser = command_parser("yam-float", __doc__)
-    add_arm_arguments(parser, several=True)
+    add_arm_arguments(parser, several=True, required=False)
+    parser.add_argument("--config_path", type=user_path, metavar="FILE", help="rig's file or run config with the arms")
+    parser.add_argument("--tuning", nargs="+", metavar="PATH", help="file of yam-tune; one for each arm")
+    parser.add_argument("--payload", type=float, metavar="KG", help="load that is fixed to the tool of each arm")
+    parser.add_argument("--tilt", type=float, nargs=2, metavar="RAD", help="roll and pitch of the bases")
+    parser.add_argument("--friction", type=float, nargs="+", metavar="NM", help="friction per joint, fed forward")
     parser.add_argument(
         "--calibration", nargs="+", metavar="PATH", help="the gripper's stored stops; without them it seeks its stops"
     )
@@ -57,9 +66,7 @@ def _float(args: argparse.Namespace) -> int:
     if not sys.stdin.isatty():
         raise ConfigError("it is driven by keys, and there is no terminal to type them; nothing was energised")
     loaded = None if args.load is None else load_trajectory(args.load)
-    configs = [
-        with_likely_gripper(arm, calibration_path=arm.calibration, track_integral=True) for arm in each_arm(args)
-    ]
+    configs = configs_of(args)
     session = ArmSession(configs)
     if loaded is not None:
         loaded.check([session.hardware(config.name) for config in configs])
@@ -72,6 +79,40 @@ def _float(args: argparse.Namespace) -> int:
         finally:
             landed = session.stop()
     return tell_landed(landed)
+
+
+def configs_of(args: argparse.Namespace) -> list[ArmConfig]:
+    """Return the configs of the arms that the arguments name. Energises nothing.
+
+    Raises:
+        ConfigError: no arm is named, or more than two, or an option contradicts --config_path.
+        BusError: a channel cannot be opened.
+    """
+    given: dict[str, Any] = {
+        "tuning": args.tuning,
+        "payload_mass_kg": args.payload,
+        "base_tilt_rad": args.tilt,
+        "coulomb_friction_nm": args.friction,
+    }
+    given = {name: value for name, value in given.items() if value is not None}
+    if (args.channel is None) == (args.config_path is None):
+        raise ConfigError("which arms? Give --channel, or --config_path; one of them")
+    if args.config_path is None:
+        configs = [
+            with_likely_gripper(arm, **{**given, "calibration_path": arm.calibration, "tuning": arm.tuning})
+            for arm in each_arm(args)
+        ]
+    else:
+        if given or args.calibration:
+            raise ConfigError(f"set {', '.join(given) or 'calibration_path'} in {args.config_path}, for each arm")
+        plan = from_config(args.config_path, args.rig)
+        driven = plan.followers or plan.arms
+        configs = [target.driven for target in driven if passive_of(target.config) is None]
+        if not 1 <= len(configs) <= 2:
+            raise ConfigError(f"{args.config_path} has {len(configs)} arms with motors, and one or two can float")
+    more: dict[str, Any] = {"start": "hold", "track_integral": True}
+    alone: dict[str, Any] = {"lead": None}  # a leader floats by itself, and leads nobody
+    return [dataclasses.replace(config, **more, **(alone if lead_of(config) else {})) for config in configs]
 
 
 def _hazard(configs: Sequence[ArmConfig]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lerobot_robot_yam.errors import ConfigError, YamError
+from lerobot_robot_yam.errors import ActionError, ConfigError, YamError
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.trajectory import Trajectory, columns_of
 from lerobot_robot_yam.state.records import ArmState
@@ -50,6 +50,8 @@ class StateRecorder:
             ActionError: there are fewer than two states.
         """
         states = self.states()
+        if min(len(arm["stamp_s"]) for arm in states) < 2:
+            raise ActionError("the recording is too short: it has fewer than two states of an arm")
         times = states[0]["stamp_s"]
         columns = [np.interp(times, arm["stamp_s"], column) for arm in states for column in arm["q"].T]
         names = columns_of([client.hardware for client in self._clients])

@@ -1,6 +1,9 @@
 """yam-float at a terminal, on the rig: a scripted hand moves the arm, which does the same again by itself."""
 
+import argparse
 import contextlib
+import dataclasses
+import json
 import signal
 import sys
 import time
@@ -8,14 +11,20 @@ import time
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.commands.float import main
+from lerobot_robot_yam.commands.float import configs_of, main
 from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops, save_stops
+from lerobot_robot_yam.errors import ActionError, ConfigError
 from lerobot_robot_yam.rig.control import running_rig
+from lerobot_robot_yam.rig.lockstep.lockstep_rig import LockstepRig
+from lerobot_robot_yam.session.arm_session import ArmSession
+from lerobot_robot_yam.session.state_recorder import StateRecorder
 from lerobot_robot_yam.session.trajectory_file import load_trajectory
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from scripts import recorders
 from tests.support.crooked_arm import STOPS, arguments, scene
 from tests.support.landed import MOST_M, moved_after_cut_m
+from tests.support.rigged import STOPS as RIG_STOPS
+from tests.support.rigged import track
 from tests.support.terminal import Terminal
 from tests.support.waiting import wait
 
@@ -199,6 +208,52 @@ def test_two_arms_are_recorded_and_replayed_together(console, tmp_path):
         terminal.type(b"q")
         assert terminal.end() == 0
         assert not any(enabled(rig, channel) for channel in channels)
+
+
+ARM_OPTIONS = ("arm", "gripper", "name", "calibration", "tuning", "payload", "tilt", "friction", "config_path")
+
+
+def named(**options):
+    """The arguments of yam-float for an arm of a virtual rig, which need not run."""
+    options = {"channel": ["follower_left"], "gripper": ["linear_4310"], "rig": "none", "interface": None} | options
+    return argparse.Namespace(**{**dict.fromkeys(ARM_OPTIONS), "arm": ["yam"], **options})
+
+
+def test_an_arm_of_the_rig_stays_where_it_is_let_go():
+    """Which weighs what the model says; the maker's factors are for real arms."""
+    with contextlib.closing(LockstepRig(arms=["follower_left"])) as rig:
+        place = {"interface": "yam_lockstep", "can_options": {"rig": rig.name}}
+        (config,) = configs_of(named(calibration=None))
+        session = ArmSession([dataclasses.replace(config, gripper_stops_rad=RIG_STOPS, **place)], isolation="lockstep")
+        session.start()
+        with pytest.raises(ActionError, match="recording is too short"):  # two quick r
+            StateRecorder([session["follower_left"]]).trajectory()
+        track(session, {"follower_left": RAISED}, 2.0)
+        session["follower_left"].float()
+        session.clock.sleep(0.3)
+        before = session["follower_left"].observe().q
+        session.clock.sleep(2.0)
+        after = session["follower_left"].observe().q
+        session.discard()
+    assert np.abs(after - before).max() < 0.01
+
+
+def test_what_an_arm_carries_and_a_config_reach_the_arm(tmp_path):
+    (config,) = configs_of(named(payload=0.4, tilt=[0.1, 0.2], friction=[0.1] * 6))
+    assert (config.payload_mass_kg, config.base_tilt_rad, config.track_integral) == (0.4, [0.1, 0.2], True)
+    assert config.coulomb_friction_nm == [0.1] * 6
+    (config,) = configs_of(named(tuning=["left.yaml"]))
+    assert config.tuning == "left.yaml" and config.gravity_factor is None
+    path = tmp_path / "rig.yaml"
+    arm = {"channel": "can_a", "gripper": "linear_4310", "payload_mass_kg": 0.3}
+    path.write_text(json.dumps({"robot": {"type": "yam_follower", **arm}}))
+    (config,) = configs_of(named(channel=None, config_path=path, rig=None))
+    assert (config.channel, config.payload_mass_kg, config.track_integral) == ("can_a", 0.3, True)
+    with pytest.raises(ConfigError, match="set payload_mass_kg in .*rig.yaml"):
+        configs_of(named(channel=None, config_path=path, rig=None, payload=0.1))
+    for both in ({"channel": None}, {"config_path": path}):
+        with pytest.raises(ConfigError, match="Give --channel, or --config_path; one of them"):
+            configs_of(named(**both))
 
 
 def refused(capsys, *more):

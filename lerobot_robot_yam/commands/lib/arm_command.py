@@ -20,7 +20,7 @@ from lerobot_robot_yam.mobile.base_config import BASE, BaseConfig
 from lerobot_robot_yam.state.records import channel_key, lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock, rig_name
 
-_PER_ARM = ("channel", "arm", "gripper", "name", "calibration")
+_PER_ARM = ("channel", "arm", "gripper", "name", "calibration", "tuning")
 
 
 def add_arm_arguments(
@@ -100,9 +100,13 @@ def with_answering_gripper(args: argparse.Namespace, bus: can.BusABC, **fields: 
 def with_likely_gripper(args: argparse.Namespace, **fields: Any) -> ArmConfig:
     """Return the config like `arm_config`; without --gripper, detect and print the gripper. Energises nothing.
 
+    An arm of a virtual rig weighs what the model says, so the maker's factors for real arms do not apply to it.
+
     Raises:
         BusError: the channel cannot be opened, or another program drives the arm.
     """
+    if place_of(args.interface, args.rig)["interface"] == VIRTUAL and fields.get("tuning") is None:
+        fields.setdefault("gravity_factor", [1.0] * load_arm(args.arm).joint_count)
     config = arm_config(args, **fields)
     if args.gripper is None:
         with own_bus(config) as bus:
