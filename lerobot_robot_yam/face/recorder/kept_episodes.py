@@ -39,6 +39,8 @@ def tell_what_is_kept() -> None:
     if command is not None and command.dataset is not _told_of:
         # Imported now, not at exit: an import at exit makes Python forget that an interrupt ends the process, and the
         # exit status would be 1 (see `system.signals`).
+        import pyarrow.parquet  # noqa: F401
+
         import lerobot_robot_yam.face.datasets.check.row_checks  # noqa: F401
 
         _told_of = command.dataset
@@ -60,7 +62,29 @@ def _say_kept(dataset: "LeRobotDataset", root: Path, before: int, resumes: bool)
         lines.append(f"and {len(wrong) - _MOST} more; see yam-dataset-check {quoted}")
     if 0 < len(wrong) < dataset.num_episodes:
         lines.append(f"to have a copy without {'it' if len(wrong) == 1 else 'them'}: {drop_command(quoted, wrong)}")
+    if torn := _torn(root, dataset.num_episodes):
+        lines.append(
+            f"THE DATA SET DOES NOT LOAD: {torn}. Was the disk full? Make room, then bring back what was saved: "
+            f"yam-repair-dataset {quoted}"
+        )
+        logger.error("%s", "\n  ".join(lines))
+        return
     logger.log(logging.WARNING if wrong else logging.INFO, "%s", "\n  ".join(lines))
+
+
+def _torn(root: Path, episodes: int) -> str:
+    """Return what of a closed data set was not written to its end; empty if nothing is missing."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows = 0
+    for path in sorted([*(root / "data").rglob("*.parquet"), *(root / "meta" / "episodes").rglob("*.parquet")]):
+        try:
+            count = pq.read_metadata(path).num_rows
+        except (pa.ArrowException, OSError):
+            return f"{path.relative_to(root)} has no end"
+        rows += count if path.is_relative_to(root / "meta") else 0
+    return "" if rows >= episodes else f"meta/episodes has {rows} of {episodes} episodes"
 
 
 def _wrong(root: Path, first: int) -> Iterator[tuple[int, str]]:

@@ -2,20 +2,41 @@
 
 import json
 import logging
+import shutil
 from types import SimpleNamespace
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR, _say_kept
+from tests.support.wrecks import create, wreck
 
 
 def data_set(episodes=0):
     return SimpleNamespace(num_episodes=episodes)
 
 
+def test_a_data_set_that_was_not_written_to_its_end_is_said_to_need_repair(tmp_path, caplog):
+    """As a disk leaves it that was full to the last byte: what LeRobot keeps in memory until the end is missing."""
+    data = create(tmp_path / "whole", cameras=())
+    wreck(data, tmp_path / "torn", lengths=(4, 3))
+    for name, torn in (("whole", False), ("torn", True)):
+        caplog.clear()
+        _say_kept(data, tmp_path / name, 0, False)
+        said = f"yam-repair-dataset {tmp_path / name}" in caplog.text and "THE DATA SET DOES NOT LOAD" in caplog.text
+        assert said == torn == any(record.levelno == logging.ERROR for record in caplog.records)
+    shutil.copytree(tmp_path / "whole", tmp_path / "no rows")
+    shutil.rmtree(tmp_path / "no rows" / "meta" / "episodes")
+    _say_kept(data, tmp_path / "no rows", 0, False)
+    assert "meta/episodes has 0 of 2 episodes" in caplog.text
+
+
 def recorded(root, episodes, *files):
-    (root / "meta").mkdir(parents=True)
+    (root / "meta" / "episodes").mkdir(parents=True)
+    if episodes:
+        pq.write_table(pa.table({"episode_index": range(episodes)}), root / "meta" / "episodes" / "file-000.parquet")
     (root / "meta" / "info.json").write_text(json.dumps({"total_episodes": episodes}))
     for name in files:
         (root / name).touch()
