@@ -42,12 +42,13 @@ def random_poses(n, seed, arm="yam", gripper="linear_4310"):
     return poses
 
 
-def land_and_watch(rig, arm, channel, but=""):
+def land_and_watch(rig, arm, channel, but="", fades=False):
     """Land; returns how far any body moved after torque was cut, m, and the landing's greatest joint speed, rad/s.
 
     but: a limp joint, whose speed is nobody's.
+    fades: the arm lies before torque is cut, and by then its joints get next to none.
     """
-    last_held, held_speeds = None, []
+    last_held, held_speeds, torques = None, [], []
     judged = [f"joint_{number + 1}" != but for number in range(arm._session[channel].hardware.joints)]
     arm._session[channel].land()
     while True:
@@ -56,9 +57,11 @@ def land_and_watch(rig, arm, channel, but=""):
         bodies = {name: pos for name, pos in state["bodies"].items() if name.startswith(f"{channel}/")}
         if not any(motor["enabled"] for motor in motors):
             break
+        torques = [abs(motor["torque_nm"]) for motor in motors][: len(judged)]
         last_held = bodies
         held_speeds.append(np.abs(state["arms"][channel]["dq"])[judged].max())
         arm.clock.sleep(0.01)
+    assert not fades or np.max(np.array(torques)[judged]) < 0.2
     arm.clock.sleep(1.5)
     after = rig.state(bodies=True)["bodies"]
     moved = max(float(np.linalg.norm(np.subtract(after[name], pos))) for name, pos in last_held.items())
@@ -69,7 +72,7 @@ def check_landing(rig, q, channel=CHANNEL, **fields):
     with arm_on(rig, channel, **fields) as arm:
         arm.move_to(q, gripper=0.5, speed_rad_s=1.4)
         arm.clock.sleep(0.6)  # the speed that is judged is the landing's
-        moved, speed = land_and_watch(rig, arm, channel)
+        moved, speed = land_and_watch(rig, arm, channel, fades=True)
         assert arm._session[channel].mode() is Mode.OFF
     assert moved <= MOST_M
     assert speed <= 2 * LANDING_SPEED_RAD_S

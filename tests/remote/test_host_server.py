@@ -115,10 +115,11 @@ def test_commands_that_are_repeated_or_old_are_dropped(served, session, stranger
     replayed = wire.Command(number, newest, 0, target(next_target(session)))
     first = next_target(session)
     old = wire.Command(number, newest + 1, 0, target(first, age_s=0.6))
-    from_the_future = wire.Command(number, newest + 2, 0, target(first, age_s=-0.3))
+    from_the_future = wire.Command(number, newest + 2, 0, target(first + 1, age_s=-0.3))
     no_arm = wire.Command(number, newest + 3, 5, target(first))
+    before = group.dropped
     send(stranger, replayed, old, from_the_future, no_arm)
-    assert stays(session)
+    assert stays(session) and group.dropped == before + 3  # by the host: the control loop would refuse an old one, too
     group.newest = newest
 
 

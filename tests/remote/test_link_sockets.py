@@ -1,5 +1,6 @@
 """A client that nobody trusts takes no memory of the host beyond its short queues."""
 
+import contextlib
 import subprocess
 import sys
 import time
@@ -9,7 +10,8 @@ import pytest
 import zmq
 
 from lerobot_robot_yam.remote.host_address import HostAddress
-from lerobot_robot_yam.remote.link_messages import Beat, States
+from lerobot_robot_yam.remote.link_keys import LinkKey, pair
+from lerobot_robot_yam.remote.link_messages import Beat, States, decode
 from lerobot_robot_yam.remote.link_sockets import ClientSockets, HostSockets
 from tests.support.hosted import free_port
 
@@ -47,6 +49,26 @@ def test_what_a_stranger_sends_to_the_port_of_states_is_not_kept(host, kind):
             host.publish(STATES)
             time.sleep(0.002)
     assert own.memory_info().rss - before < 30 * 2**20
+
+
+def test_a_host_with_keys_hears_paired_clients_only(tmp_path):
+    for name in ("host", "other"):
+        pair(tmp_path / name, "one", tmp_path / f"{name}.json")
+    paired, other = (LinkKey.load(tmp_path / f"{name}.json") for name in ("host", "other"))
+    address = HostAddress("127.0.0.1", free_port())
+    with contextlib.ExitStack() as open_:
+        host = open_.enter_context(contextlib.closing(HostSockets(address, tmp_path / "host")))
+        keys = (None, other, LinkKey(other.public, other.secret, paired.host))
+        strangers = [open_.enter_context(contextlib.closing(ClientSockets(address, key))) for key in keys]
+        heard = []
+        for client in (*strangers, open_.enter_context(contextlib.closing(ClientSockets(address, paired)))):
+            deadline = time.monotonic() + (20.0 if client not in strangers else 0.3)
+            while time.monotonic() < deadline and not (heard and client not in strangers):
+                client.send(Beat(0, "", 0.0, client in strangers))
+                host.publish(STATES)
+                heard += [decode(received[1]) for received in [host.receive(0.01)] if received is not None]
+        assert heard and not any(message.stopped for message in heard)
+        assert all(stranger.newest_states() is None for stranger in strangers)
 
 
 def test_states_come_while_a_client_beats_also_after_its_host_was_away():

@@ -198,15 +198,21 @@ def test_an_older_or_repeated_action_of_the_leader_does_not_couple(rig, pair):
     assert state_of(robot).coupled
 
 
-def test_the_action_is_the_followers_target_while_coupled(pair):
+def test_the_action_is_the_followers_target_while_coupled(rig, pair):
+    """Also while the leader moves, so that its own pose is another."""
     device, robot = pair
     pass_on(device, robot, 0.3)
-    for _ in range(20):
+    rig.hand(LEADER, [0.7, 2.0], [(POSE + 0.9).tolist(), POSE.tolist()])
+    behind = []
+    for _ in range(30):
         before = state_of(robot)
         action = list(device.get_action().values())
         after = state_of(robot)
         targets = np.array([before.action, after.action])
         low, high = targets.min(axis=0) - 1e-3, targets.max(axis=0) + 1e-3
         assert ((action >= low) & (action <= high)).all()
+        behind.append(np.abs(action[:6] - state_of(device).q).max())
         robot.send_action(dict(zip(robot.action_features, action, strict=True)))
         robot.clock.sleep(1 / 30)
+    assert max(behind) > 0.01
+    pass_on(device, robot, 2.0)
