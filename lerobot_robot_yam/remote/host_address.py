@@ -105,10 +105,10 @@ def package_version() -> str:
 
 
 def machine_name() -> str:
-    """Return an id of this computer, user and runtime directory, which share one emergency stop: 8 hex digits.
+    """Return an id of this runtime directory, whose users share one emergency stop: 8 hex digits.
 
-    The boot id distinguishes computers that were set up from the same disk image and so have the same name and users.
-    Containers share the boot id of their computer.
+    The boot id distinguishes computers that were set up from the same disk image. Containers share the boot id of their
+    computer, and may share its name, users and paths; but each directory has its own numbers in the running kernel.
 
     Raises:
         ConfigError: /proc is missing, so this computer cannot be distinguished from others.
@@ -117,5 +117,6 @@ def machine_name() -> str:
         boot = _BOOT_ID.read_text().strip()
     except OSError as error:
         raise ConfigError(f"{_BOOT_ID}: {error.strerror}; is /proc mounted?") from error
-    own = f"{boot} {socket.gethostname()} {os.getuid()} {runtime_dir()}"
+    directory = os.stat(runtime_dir())
+    own = f"{boot} {directory.st_dev} {directory.st_ino}"
     return f"{zlib.crc32(own.encode()):08x}"

@@ -1,5 +1,7 @@
 """Addresses of hosts, and what their arms are called here."""
 
+import socket
+
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError
@@ -49,7 +51,11 @@ def test_computers_of_one_image_have_different_names(tmp_path, monkeypatch):
 
 
 def test_another_runtime_directory_has_another_number(tmp_path, monkeypatch):
+    """A container with its host's network has its name, users and paths, but a directory of its own."""
+    directory = tmp_path / "run"
+    monkeypatch.setenv("YAM_RUNTIME_DIR", str(directory))
     here = machine_name()
-    monkeypatch.setenv("YAM_RUNTIME_DIR", str(tmp_path))
-    tmp_path.chmod(0o700)
+    monkeypatch.setattr(socket, "gethostname", lambda: "a container that shares the directory")
+    assert machine_name() == here
+    directory.rename(tmp_path / "of-the-host")
     assert machine_name() != here
