@@ -9,7 +9,7 @@ from lerobot.utils.decorators import check_if_not_connected
 
 from lerobot_robot_yam.face.driving.base_drive import BaseDrive, Driver
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
-from lerobot_robot_yam.system.uncopyable import Uncopied
+from lerobot_robot_yam.session.uncopyable import Uncopied
 
 
 class DriveTeleoperator(Uncopied, Teleoperator):

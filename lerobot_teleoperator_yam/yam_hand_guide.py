@@ -12,7 +12,7 @@ from lerobot_robot_yam.face.devices.feature_names import action_keys
 from lerobot_robot_yam.face.devices.hand_guidance import HandGuidance
 from lerobot_robot_yam.face.operator_keys.typed_keys import listen
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
-from lerobot_robot_yam.system.uncopyable import Uncopied
+from lerobot_robot_yam.session.uncopyable import Uncopied
 from lerobot_teleoperator_yam.config_yam_hand_guide import BiYamHandGuideConfig, YamHandGuideConfig
 
 logger = logging.getLogger(__name__)

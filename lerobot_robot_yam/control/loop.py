@@ -194,7 +194,7 @@ class ControlLoop:
             reason = controller.stop_reason(now)
             if reason:
                 try:
-                    self._stop.latch(reason)
+                    self._stop.latch(reason, controller.name)
                 except OSError as error:  # without a latch file at least these arms stop
                     logger.critical("emergency stop, until you connect again: %s (%s)", reason, error)
         return self._stop.latched

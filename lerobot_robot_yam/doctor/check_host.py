@@ -61,9 +61,10 @@ def check_host(sysfs: Path, section: Section) -> None:
     if overwritten():
         section.problem(where, *mixture())
     stop = EmergencyStop()
-    if stop.latched:
-        what = f"the emergency stop is latched ({stop.reason()}): no session starts, running arms stay energised"
-        section.problem(where, what, "look at the arms, then: yam-estop release")
+    if sources := stop.sources():
+        why = "; ".join(sources.values())
+        what = f"the emergency stop is latched ({why}): no session starts, running arms stay energised"
+        section.problem(where, what, f"look at the arms, then: yam-estop release {' '.join(sources)}")
 
 
 def _granted() -> str | None:

@@ -11,7 +11,7 @@ from lerobot_robot_yam import errors
 from lerobot_robot_yam.errors import LinkError, YamError
 from lerobot_robot_yam.remote.host_address import HostAddress, package_version
 from lerobot_robot_yam.remote.link_keys import LinkKey
-from lerobot_robot_yam.remote.link_messages import Answer, Question
+from lerobot_robot_yam.remote.link_messages import Answer, Beat, Echo, Question
 from lerobot_robot_yam.remote.link_sockets import ClientSockets
 from lerobot_robot_yam.system.clock import SYSTEM
 
@@ -50,13 +50,19 @@ class Host:
             YamError: the host refuses; the error has the same class as on the host.
         """
         with contextlib.closing(ClientSockets(self.address, self.client_key(), states=False)) as sockets:
+            ahead_s: float | None = None  # host's clock minus the local clock, or less by the way of its reply
 
             def turn() -> Answer | None:
+                nonlocal ahead_s
+                if ahead_s is None:
+                    sockets.send(Beat(0, "", SYSTEM.now(), False))
                 sockets.wait(_WAIT_S)
                 message = sockets.receive()
+                if isinstance(message, Echo):
+                    ahead_s = message.answered_s - SYSTEM.now()
                 return message if isinstance(message, Answer) else None
 
-            return ask_over(sockets, turn, self.address, op, within_s, **fields)
+            return ask_over(sockets, turn, self.address, op, within_s, lambda: ahead_s, **fields)
 
 
 def ask_over(
@@ -65,6 +71,7 @@ def ask_over(
     address: HostAddress,
     op: str,
     within_s: float,
+    ahead_s: Callable[[], float | None],
     unwanted: Callable[[], bool] = lambda: False,
     **fields: Any,
 ) -> dict[str, Any]:
@@ -75,15 +82,19 @@ def ask_over(
         turn: callback that waits briefly and returns a received reply, or None.
         address: address of the host.
         op, within_s, fields: see `Host.ask`.
+        ahead_s: callback that returns the host's clock minus the local clock, s; None while unknown.
         unwanted: callback that cancels the request by returning True; the result is then empty.
     """
-    question = Question(next(_numbers), op, **fields)  # type: ignore[arg-type]
+    number, dated = next(_numbers), False
     deadline, again_s, heard = SYSTEM.now() + within_s, 0.0, False
     while (now := SYSTEM.now()) < deadline:
-        if now >= again_s and sockets.send(question):
-            again_s = now + _AGAIN_S
+        ahead = ahead_s()
+        if now >= again_s or (ahead is not None and not dated):
+            sent_s = 0.0 if ahead is None else max(0.0, now + ahead)
+            if sockets.send(Question(number, op, sent_s, **fields)):  # type: ignore[arg-type]
+                again_s, dated = now + _AGAIN_S, ahead is not None
         answer = turn()
-        if answer is not None and answer.number == question.number:
+        if answer is not None and answer.number == number:
             heard = True
             if answer.error:
                 kind = getattr(errors, answer.kind, YamError)

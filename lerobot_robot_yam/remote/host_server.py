@@ -30,6 +30,7 @@ from lerobot_robot_yam.remote.link_messages import (
 from lerobot_robot_yam.remote.link_sockets import HostSockets
 from lerobot_robot_yam.remote.mirrored_stops import MirroredStops
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.stop_latch import source_name
 from lerobot_robot_yam.system.clock import SYSTEM
 from lerobot_robot_yam.system.realtime import request_scheduling
 
@@ -42,6 +43,7 @@ _REFUSED_S = 10.0  # minimum time between two log entries about refused messages
 _RT_PRIORITY = 15  # real-time priority, below that of control loops
 _LEAST_S = 0.002  # minimum time between two states messages, s: some control loops tick as fast as their bus allows
 _QUIET_S = 0.1  # interval between states messages while no arm runs, s
+_OLD_S = 0.5  # maximum age of a request that energises, releases or runs something, s; it is resent every 0.1 s
 _MOST_TEXT = 400  # maximum number of logged characters of a client's text
 
 
@@ -50,7 +52,7 @@ class StateStream:
 
     Args:
         groups: groups of the host; ticks of the first running group trigger the messages.
-        stops: source for whether the emergency stop is latched, and by which machine.
+        stops: source for which machines have latched the emergency stop.
         publish: callback that sends states to all clients.
     """
 
@@ -78,7 +80,7 @@ class StateStream:
             try:
                 self._await_tick()
                 parts = [(part.number, record) for part in self._parts if (record := part.record()) is not None]
-                self._publish(States(self._run, *self._stops.stopped, parts))
+                self._publish(States(self._run, self._stops.name, self._stops.own, self._stops.others, parts))
             except Exception:
                 logger.exception("states were not sent")
                 self._ended.wait(_QUIET_S)
@@ -182,6 +184,8 @@ class HostServer:
         """Return the result of a request; None: not done yet, the client resends. Raises YamError: refused."""
         if asked.op == "hello":
             return self._told()
+        if self._is_late(asked):
+            return None
         if asked.op == "tool":
             return self._run_tool((client, asked.number), asked.tool, asked.channel, asked.json)
         if asked.op == "estop":
@@ -197,20 +201,34 @@ class HostServer:
         landed = group.stop(asked.session)
         return None if landed is None else {"landed": landed}
 
+    @staticmethod
+    def _is_late(asked: Question) -> bool:
+        """Whether a request that makes something happen is old: its client may be dead, and a live client resends it.
+
+        Landing and stopping are never too late.
+        """
+        age_s = SYSTEM.now() - asked.sent_s
+        if abs(age_s) <= _OLD_S or asked.op == "stop" or (asked.op == "estop" and asked.action != "release"):
+            return False
+        if asked.sent_s > 0.0:
+            logger.warning("a request (%s) is %.1f s old: not carried out", asked.op, age_s)
+        return True
+
     def _estop(self, asked: Question) -> dict[str, Any]:
         stop = EmergencyStop()
         if asked.number not in self._acted:  # a resent request must not undo later changes by others
             try:
                 if asked.action == "latch":
-                    stop.latch(_printable(f"{asked.who}: {asked.why}"))
+                    stop.latch(_printable(f"{asked.who}: {asked.why}"), asked.who)
                 elif asked.action == "release":
-                    stop.release()
+                    stop.release(*asked.sources or [source_name(asked.who)])
             except OSError as error:
                 raise ConfigError(f"the host's emergency stop: {error}") from error
             self._acted.append(asked.number)
         self._stops.look(SYSTEM.now())
         heard = [group.role for group in self._groups if group.phase is not Phase.FREE]
-        return {"latched": stop.latched, "reason": stop.reason(), "heard_by": heard}
+        sources = stop.sources()
+        return {"latched": stop.latched, "reason": "; ".join(sources.values()), "sources": sources, "heard_by": heard}
 
     def _told(self) -> dict[str, Any]:
         stop = EmergencyStop()

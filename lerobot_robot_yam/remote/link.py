@@ -14,7 +14,7 @@ from lerobot_robot_yam.remote.host_question import Host, ask_over
 from lerobot_robot_yam.remote.link_messages import Answer, Beat, Command, Echo, States
 from lerobot_robot_yam.remote.link_sockets import ClientSockets
 from lerobot_robot_yam.remote.mirrored_part import MirroredPart
-from lerobot_robot_yam.remote.mirrored_stops import MirroredStops
+from lerobot_robot_yam.remote.mirrored_stops import RELAYED, MirroredStops
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.system.clock import SYSTEM
 
@@ -163,7 +163,10 @@ class Link:
             answer, self._answer = self._answer, None
             return answer
 
-        return ask_over(self._sockets, turn, self._host.address, op, within_s, unwanted, **fields)
+        def ahead_s() -> float | None:
+            return None if math.isnan(self._clock.offset_s) else self._clock.offset_s
+
+        return ask_over(self._sockets, turn, self._host.address, op, within_s, ahead_s, unwanted, **fields)
 
     def turn(self) -> None:
         """Run one round: wait briefly, then forward the host's messages and the local program's commands."""
@@ -209,8 +212,10 @@ class Link:
             for number, record in states.parts:
                 if (arm := self._arms.get(number)) is not None:
                     arm.write(record, self._clock.offset_s)
-        stopped = states.stopped and states.stopped_by != self._machine
-        self._stops.hear(str(self._host.address), b"", stopped, now)
+        if states.machine != self._machine:  # else the host has the same latches
+            others = any(machine != self._machine for machine in states.stopped_by)
+            self._stops.hear(str(self._host.address), b"", states.stopped, now)
+            self._stops.hear(f"{self._host.address}{RELAYED}", b"", others, now)
 
     def _beat(self, now: float) -> None:
         """Send a heartbeat when due, or when this computer's emergency stop has been latched or released."""

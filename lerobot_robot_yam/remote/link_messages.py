@@ -39,16 +39,21 @@ class _Message(msgspec.Struct, tag=True, array_like=True, forbid_unknown_fields=
 
 
 class Question(_Message):
-    """Request from a client, resent with the same number until its reply has a result."""
+    """Request from a client, resent with the same number until its reply has a result.
+
+    A client may have died since it sent a request. Therefore an old request energises, releases and runs nothing.
+    """
 
     number: Number
     op: Literal["hello", "start", "stop", "tool", "estop"]
+    sent_s: Time = 0.0  # time of sending, host's clock; 0: the client does not know the host's clock yet
     group: str = ""  # start, stop: group of parts
     session: Number = 0  # start, stop: session of the client
     search: bool = True  # start: whether to search for the grippers' stops
     who: str = ""  # start, estop: user, computer and process of the client
     action: Literal["latch", "release", "status"] = "status"  # estop: action
     why: str = ""  # estop: reason of a latch
+    sources: list[str] = []  # estop: sources to release; empty: the client's own latch
     tool: Literal["doctor", "identify"] = "doctor"
     channel: str = ""  # tool: channel to identify
     json: bool = False  # tool: whether its output is JSON
@@ -94,8 +99,9 @@ class States(_Message):
     """Newest states of all running parts."""
 
     run: Number  # random id of this run of the host's program
-    stopped: bool  # whether the emergency stop is latched on the host
-    stopped_by: Machine  # machine that latched the stop: the host or a client
+    machine: Machine  # computer and user of the host
+    stopped: bool  # whether the host itself has latched the emergency stop
+    stopped_by: list[Machine]  # clients whose emergency stops are latched on the host
     parts: list[tuple[Number, Annotated[bytes, Meta(max_length=max(_STATE_BYTES))]]]  # (number, state), host's clock
 
 

@@ -1,7 +1,10 @@
 """Mirror of other computers' emergency stops: a stop latched or released there is latched or released here, too.
 
-Each computer reports only its own stop, never a mirrored one. Therefore a stop is released where it was latched: a
-mirrored stop that is released on this computer is latched again.
+Each computer's stop is a source of its own here. Its release there removes its own latch here, and no other: the arms
+stay stopped while anybody else has stopped them. A mirrored stop that is released on this computer is latched again.
+
+A computer reports only its own stop, never what it mirrors from the same link; so no stop keeps itself alive. A host
+relays its workstations' stops to each other under their names, and a workstation relays none of these.
 
 Each program on a computer has its own link and checks the computer's latch at different times. Therefore a computer
 counts as stopped while any of its links reports a stop.
@@ -11,10 +14,12 @@ import logging
 from dataclasses import dataclass, field
 
 from lerobot_robot_yam.errors import ConfigError
-from lerobot_robot_yam.state.emergency_stop import EmergencyStop
+from lerobot_robot_yam.state.stop_latch import StopLatch, source_name
 
 logger = logging.getLogger(__name__)
 
+RELAYED = ":relayed"  # end of the name under which a workstation mirrors what a host only relays
+_ROLES = ("host", "workstation")
 _GONE_S = 2.0  # silence of a computer, s, after which its stop may be released on this computer
 _MOST = 64  # maximum number of remembered computers
 _WHY = "its emergency stop is latched; `yam-estop release` there"
@@ -26,32 +31,29 @@ class _Computer:
     stopped: bool = False
     # link → (its last report, time of the report in s)
     said: dict[bytes, tuple[bool, float]] = field(default_factory=dict)
+    told: bool = False  # whether its stop was logged
     failed: bool = False  # whether latching or releasing this computer's stop failed the last time
     unwritten: bool = False  # whether this computer's stop cannot be latched locally
 
 
 class MirroredStops:
-    """Latch of this computer, with the stops of other computers mirrored into it.
+    """Latches of this computer, with the stops of other computers mirrored into them.
 
     Args:
-        called: role of the other computers, "host" or "workstation"; the reason of a mirrored stop begins with it.
-        own: name of this computer in reports. Reports with this name are ignored: programs on one computer share a
-            latch, and a stop mirrored into its own latch would never end.
+        called: role of the other computers, "host" or "workstation"; the source of a mirrored stop begins with it.
+        name: name of this computer in reports. Reports with this name are ignored: programs on one computer share the
+            latches.
 
     Attributes:
-        stopped: (whether the emergency stop is latched here or should be but cannot, computer whose stop it is).
+        own: whether this computer itself has latched the stop.
+        others: names of the other computers whose stops are latched here, or should be but cannot.
         unwritten: whether another computer's stop cannot be latched here.
     """
 
-    def __init__(self, called: str, own: str) -> None:
-        self._stop, self._called, self._own = EmergencyStop(), called, own
+    def __init__(self, called: str, name: str) -> None:
+        self._stop, self._called, self.name = StopLatch(), called, name
         self._computers: dict[str, _Computer] = {}
-        self.stopped, self.unwritten = (False, own), False
-
-    @property
-    def own(self) -> bool:
-        """Whether this computer itself has latched the stop."""
-        return self.stopped == (True, self._own)
+        self.own, self.others, self.unwritten = False, list[str](), False
 
     def hear(self, name: str, link: bytes, stopped: bool, now: float) -> None:
         """Record a report from a link. When no link of a computer reports a stop, its mirrored stop is released.
@@ -62,7 +64,7 @@ class MirroredStops:
             stopped: whether that computer itself has latched its stop.
             now: current time, s.
         """
-        if name == self._own:
+        if name == self.name:
             return
         computer = self._computers.get(name)
         if computer is None:
@@ -80,24 +82,30 @@ class MirroredStops:
 
         A change that fails is retried by the next call.
         """
-        for name, computer in sorted(self._computers.items(), key=lambda item: item[1].stopped):  # releases first
+        latched = self._stop.names()
+        for name, computer in self._computers.items():
             if not computer.stopped or computer.unwritten or now - computer.heard_s < _GONE_S:
-                self._follow(name, computer)
+                self._follow(name, computer, self._source(name) in latched)
+        latched = self._stop.names()
         self.unwritten = any(computer.unwritten for computer in self._computers.values())
-        reason, latched = self._stop.reason(), self.unwritten or self._stop.latched
-        others = (n for n, c in self._computers.items() if c.unwritten or reason.startswith(self._prefix(n)))
-        self.stopped = latched, next(others, self._own) if latched else self._own
+        sources = {self._source(name): name for name in self._computers}
+        self.others = [n for s, n in sources.items() if s in latched or self._computers[n].unwritten]
+        (role,) = (role for role in _ROLES if role != self._called)  # of mirrors in which this computer is another's
+        self.own = any(not (s in sources or s.startswith(f"{role}:") or s.endswith(RELAYED)) for s in latched)
 
-    def _prefix(self, name: str) -> str:
-        return f"{self._called} {name}: "
+    def _source(self, name: str) -> str:
+        return source_name(f"{self._called}:{name}")
 
-    def _follow(self, name: str, computer: _Computer) -> None:
-        prefix = self._prefix(name)
+    def _follow(self, name: str, computer: _Computer, latched: bool) -> None:
+        prefix = f"{self._called} {name}: "
         try:
-            if computer.stopped and not self._stop.latched:
-                EmergencyStop().latch(prefix + _WHY)  # new object: a stop that failed once never tries again
-            elif not computer.stopped and self._stop.latched and self._stop.reason().startswith(prefix):
-                self._stop.release()
+            if computer.stopped and not latched:
+                self._stop.latch(prefix + _WHY, self._source(name))
+                if not computer.told:  # without room for its name, the latch is written again and again
+                    computer.told = True
+                    logger.error("emergency stop: %s%s", prefix, _WHY)
+            elif not computer.stopped and latched:
+                self._stop.release(self._source(name))
                 logger.warning("%semergency stop released, as there", prefix)
         except (OSError, ConfigError) as error:
             if not computer.failed:
@@ -111,3 +119,4 @@ class MirroredStops:
             computer.failed, computer.unwritten = True, computer.stopped
         else:
             computer.failed = computer.unwritten = False
+            computer.told &= computer.stopped

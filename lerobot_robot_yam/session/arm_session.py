@@ -17,12 +17,12 @@ from lerobot_robot_yam.mobile.robot_parts import Part, resolve
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.base_client import BaseClient
 from lerobot_robot_yam.session.runners import LAND_TIMEOUT_S, ProcessRunner, Runner, StepRunner, ThreadRunner
+from lerobot_robot_yam.session.uncopyable import Uncopied
 from lerobot_robot_yam.state.about import forget_about
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import channel_key, lock_path, state_path
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 from lerobot_robot_yam.system.runtime_files import FileLock, rig_name
-from lerobot_robot_yam.system.uncopyable import Uncopied
 
 logger = logging.getLogger(__name__)
 

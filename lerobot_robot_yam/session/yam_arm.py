@@ -28,10 +28,10 @@ from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.session.playback import Playback, approach_s, ready, replay
 from lerobot_robot_yam.session.state_recorder import StateRecorder, recording
 from lerobot_robot_yam.session.trajectory import Trajectory, soft_way, soft_way_s
+from lerobot_robot_yam.session.uncopyable import Uncopied
 from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.clock import Clock
 from lerobot_robot_yam.system.paths import user_path
-from lerobot_robot_yam.system.uncopyable import Uncopied
 
 _STREAM_S = 0.02  # interval between targets of a motion, s
 _SETTLE_TIMEOUT_S = 2.0  # timeout for joints to settle at the end of a motion, s

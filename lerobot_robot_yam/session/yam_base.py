@@ -21,9 +21,9 @@ from lerobot_robot_yam.mobile.base_target import Frame
 from lerobot_robot_yam.mobile.rail_profile import RailState
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.session.base_client import BaseClient
+from lerobot_robot_yam.session.uncopyable import Uncopied
 from lerobot_robot_yam.state.base_records import BaseState
 from lerobot_robot_yam.system.clock import Clock
-from lerobot_robot_yam.system.uncopyable import Uncopied
 
 
 class Odometry(NamedTuple):

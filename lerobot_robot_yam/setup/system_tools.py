@@ -16,7 +16,7 @@ from lerobot_robot_yam.setup.adapter_rules import RULES
 from lerobot_robot_yam.setup.rights import RULES_OF_DEVICES
 from lerobot_robot_yam.setup.system_files import Change, GroupChange, SystemFiles
 from lerobot_robot_yam.state.records import channel_key
-from lerobot_robot_yam.system.runtime_files import lock_holders, runtime_dirs
+from lerobot_robot_yam.system.runtime_dirs import lock_holders, runtime_dirs
 from lerobot_robot_yam.system.sysfs import CanAdapter, text_of
 
 _TIMEOUT_S = 30.0

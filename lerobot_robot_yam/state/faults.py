@@ -222,13 +222,13 @@ RESPONSES: dict[Trouble, Rule] = {
         "torque beyond what weight and motion need above `effort_limit_nm` for 50 ms, except in a landing",
         0.1,
         "the emergency stop is latched; observations go on",
-        "`yam-estop release`",
+        "`yam-estop release` with the arm's name",
     ),
     Trouble.EMERGENCY_STOP: _stop(
         "`yam-estop`, `EmergencyStop().latch()`, or the handle button of `estop_button`",
         TICK_S,
         "observations go on (unless a gripper's stops are unknown); actions are answered with the pose held",
-        "`yam-estop release`; motion resumes from the measured pose",
+        "`yam-estop release`, with the names of other sources; motion resumes from the measured pose",
     ),
     Trouble.CALLER_STALE: Rule(
         "no target for `command_timeout_s`",

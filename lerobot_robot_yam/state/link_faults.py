@@ -113,7 +113,7 @@ LINK_RESPONSES: dict[LinkFault, Rule] = {
         "link is back if it is away",
         "observations go on; actions are answered with the pose held",
         TICK_S,
-        "`yam-estop release` on the host, or with `--host`",
+        "`yam-estop release` on the host, or with its name and `--host`",
     ),
     LinkFault.SECOND_CLIENT: _both(
         Response.GO_ON,

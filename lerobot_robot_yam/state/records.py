@@ -20,7 +20,8 @@ import numpy as np
 from lerobot_robot_yam.damiao.motor_spec import MAX_MOTORS
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Gate, Mode
-from lerobot_robot_yam.system.runtime_files import LOCK, STATE, runtime_dir, slug
+from lerobot_robot_yam.system.runtime_dirs import LOCK, STATE
+from lerobot_robot_yam.system.runtime_files import runtime_dir, slug
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 

@@ -1,4 +1,4 @@
-"""Runtime files of a user (locks, state blocks, rig sockets), and the processes that hold the locks.
+"""Runtime files of a user: locks, state blocks, rig sockets.
 
 Every file name contains the CAN channel and, on a virtual rig, the rig's id, so that rigs never conflict.
 """
@@ -7,20 +7,16 @@ import contextlib
 import fcntl
 import os
 import re
-import stat
 from pathlib import Path
 
 from lerobot_robot_yam.errors import BusError, ChannelInUseError, ConfigError
+from lerobot_robot_yam.system.runtime_dirs import make_runtime_dir, written_pid
 
-ENV_RUNTIME_DIR = "YAM_RUNTIME_DIR"
 ENV_RIG = "YAM_RIG"
 AUTO_RIG = "auto-"
-# Prefixes of file names, followed by a channel's key: driver's lock, state block, configuration of the arm.
-LOCK, STATE, ABOUT = "lock-", "state-", "about-"
+ABOUT = "about-"  # prefix of the file names of arms' configurations, followed by a channel's key
 DESK = "desk-"  # prefix of the file names of a LeRobot command, followed by its process id
 _CONTROL_PROCESS = "lerobot_robot_yam.control.process.control_process"
-_SHARED = (Path("/dev/shm"), Path("/tmp"))  # parents; the same in every shell, unlike XDG_RUNTIME_DIR and TMPDIR
-_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _RIG_NAME_MAX = 64  # maximum length of a rig's name, characters: socket paths contain it (limit 108 bytes)
 
 
@@ -34,49 +30,7 @@ def runtime_dir() -> Path:
     Raises:
         ConfigError: the directory cannot be created, belongs to another user, or is writable by others.
     """
-    path = _own_path()
-    try:
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"{path} cannot be used for sockets and locks ({error}); set {ENV_RUNTIME_DIR}") from error
-    if not _is_directory_of(path, os.getuid()):
-        raise ConfigError(f"{path} is not a directory of this user; set {ENV_RUNTIME_DIR} to one that is")
-    mode = stat.S_IMODE(path.stat().st_mode)
-    if mode & _OTHERS_WRITE:
-        raise ConfigError(
-            f"{path} is open to others (mode {mode:o}), who could stop or release your arms; close it with "
-            f"`chmod go-w {path}`, or set {ENV_RUNTIME_DIR} to a directory of yours alone"
-        )
-    return path
-
-
-def runtime_dirs() -> list[Path]:
-    """List the runtime directories of all users on this machine; this user's is first, even if it does not exist.
-
-    If `YAM_RUNTIME_DIR` is set, only that directory is listed. Every user can write to /dev/shm, so other users'
-    directories count only if they are not links and belong to the user whose id is in the name.
-    """
-    own = _own_path()
-    if os.environ.get(ENV_RUNTIME_DIR):
-        return [own]
-    numbered = [path for base in _SHARED for path in sorted(base.glob("yam-*")) if path.name[4:].isdecimal()]
-    return [own, *(path for path in numbered if path != own and _is_directory_of(path, int(path.name[4:])))]
-
-
-def _own_path() -> Path:
-    explicit = os.environ.get(ENV_RUNTIME_DIR)
-    if explicit:
-        return Path(explicit)
-    base = next((base for base in _SHARED if os.access(base, os.W_OK)), _SHARED[-1])
-    return base / f"yam-{os.getuid()}"
-
-
-def _is_directory_of(path: Path, uid: int) -> bool:
-    try:
-        info = path.lstat()
-    except OSError:
-        return False
-    return stat.S_ISDIR(info.st_mode) and info.st_uid == uid
+    return Path(make_runtime_dir())
 
 
 def slug(name: str) -> str:
@@ -137,7 +91,7 @@ class FileLock:
             try:
                 fcntl.flock(fd, fcntl.LOCK_EX | (0 if blocking else fcntl.LOCK_NB))
             except BlockingIOError:
-                holder = _written_pid(fd)
+                holder = written_pid(fd)
                 os.close(fd)
                 raise ChannelInUseError(
                     f"{self._what} is in use by process {holder}{_program_of(holder)}; wait while it lands its arms, "
@@ -181,37 +135,6 @@ class FileLock:
         self.release()
 
 
-def sessions(directory: Path) -> dict[str, str]:
-    """Map channel keys to the processes that drive arms, which hold the channel's lock and publish a state.
-
-    Programs that set up motors hold only the lock.
-    """
-    holders = lock_holders(directory).items()
-    # lexists, since a state file may be a link that a container cannot follow
-    return {key: holder for key, holder in holders if os.path.lexists(directory / f"{STATE}{key}")}
-
-
-def lock_holders(directory: Path) -> dict[str, str]:
-    """Map channel keys to the processes that hold the channels' locks: sessions, and programs that set up motors."""
-    locks = {lock.name.removeprefix(LOCK): _lock_holder(lock) for lock in sorted(directory.glob(f"{LOCK}*"))}
-    return {key: holder for key, holder in locks.items() if holder is not None}
-
-
-def _lock_holder(path: Path) -> str | None:
-    """Read the process id of a lock's holder; None if the lock is free."""
-    try:
-        fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    except OSError:
-        return None
-    try:
-        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return _written_pid(fd)
-    finally:
-        os.close(fd)
-    return None
-
-
 def _program_of(holder: str) -> str:
     """Name the program that holds a lock; for a control process also the program for which it drives the arm."""
     words = _words(holder)
@@ -236,10 +159,3 @@ def _program(words: list[str]) -> str:
     if len(names) > 1 and names[0].startswith("python") and "-c" not in words:
         return names[1]
     return names[0] if names else "a program that has ended"
-
-
-def _written_pid(fd: int) -> str:
-    try:
-        return str(int(os.pread(fd, 32, 0)))
-    except (OSError, ValueError):
-        return "unknown"

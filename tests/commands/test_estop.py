@@ -11,7 +11,7 @@ from lerobot_robot_yam.commands.estop import main
 from lerobot_robot_yam.session.arm_session import ArmSession
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.system import runtime_files
+from lerobot_robot_yam.system import runtime_dirs
 from lerobot_robot_yam.system.runtime_files import FileLock, runtime_dir
 from tests.state.test_emergency_stop import wait_mode
 from tests.support.paths import ROOT
@@ -41,6 +41,52 @@ def test_latch_status_release(capsys):
     assert main(["release"]) == 0
 
 
+def test_stops_add_up_and_each_is_released_by_its_name(capsys):
+    stop = EmergencyStop()
+    try:
+        stop.latch("a button of the handle", "leader_left")
+        assert main(["--why", "a test"]) == 0
+        assert main(["status"]) == 1
+        lines = capsys.readouterr().out.splitlines()[-3:-1]
+        assert lines[0].startswith("emergency stop latched by leader_left: a button of the handle (process ")
+        assert lines[1].startswith("emergency stop latched by yam-estop: a test (process ")
+        assert main(["release"]) == 1  # its own only
+        said = capsys.readouterr().out
+        assert "released; it was latched by yam-estop" in said and stop.names() == ["leader_left"]
+        assert "STILL latched by leader_left" in said and "yam-estop release leader_left" in said
+        assert main(["release", "nobody"]) == 1 and main(["release"]) == 1 and stop.latched
+        assert main(["release", "leader_left"]) == 0 and not stop.latched
+        stop.latch("one", "one")
+        main([])
+        assert main(["release", "--all"]) == 0 and not stop.latched
+    finally:
+        stop.release()
+
+
+def test_nothing_is_loaded_before_it_is_latched(tmp_path):
+    """What `yam-estop` runs, as it is installed for a clone. Python's start is all that takes long in it."""
+    scripts, packages = tmp_path / "bin", tmp_path / "lib" / "python3.99" / "site-packages"
+    scripts.mkdir()
+    packages.mkdir(parents=True)
+    (packages / "_editable_impl_lerobot_robot_yam.pth").write_text(str(ROOT))
+    script = (ROOT / "lerobot_robot_yam/commands/yam-estop.sh").read_text()
+    told = script.replace("sys.exit(main())", "status = main()\nprint(*sys.modules)\nsys.exit(status)")
+    for name, text in (("yam-estop", script), ("told", told), ("python", f'#!/bin/sh\nexec {sys.executable} "$@"')):
+        (scripts / name).write_text(text)
+        (scripts / name).chmod(0o755)
+    (tmp_path / "link").symlink_to(scripts / "yam-estop")
+    try:
+        loaded = subprocess.run([scripts / "told"], capture_output=True, text=True, check=True).stdout.split()
+        assert EmergencyStop().latched and "lerobot_robot_yam.commands.estop" in loaded
+        assert not {"site", "re", "json", "pathlib", "logging", "argparse", "typing", "wrapt"} & set(loaded)
+        assert subprocess.run([tmp_path / "link", "release"], capture_output=True).returncode == 0
+        assert not EmergencyStop().latched
+        elsewhere = subprocess.run([scripts / "yam-estop", "--host=?"], capture_output=True, text=True)
+        assert "write NAME or ADDRESS" in elsewhere.stderr
+    finally:
+        EmergencyStop().release()
+
+
 def test_it_says_that_nobody_hears_it_and_latches_all_the_same(capsys):
     try:
         assert main([]) == 0
@@ -66,7 +112,7 @@ def test_it_says_which_sessions_hear_it(capsys, rig):
         assert os.path.exists(f"/proc/{one['process']}")
         assert main(["release"]) == 0
         released, driven = capsys.readouterr().out.splitlines()
-        assert released.startswith("emergency stop released; it was latched: yam-estop (process ")
+        assert released.startswith("emergency stop released; it was latched by yam-estop: yam-estop (process ")
         assert driven.startswith(f"driven: {rig.name}.follower_left (process ") and "ended ones land" in driven
     finally:
         main(["release"])
@@ -80,7 +126,7 @@ def shared(monkeypatch, tmp_path):
     places = (tmp_path / "first", tmp_path / "second")
     for place in places:
         place.mkdir()
-    monkeypatch.setattr(runtime_files, "_SHARED", places)
+    monkeypatch.setattr(runtime_dirs, "_SHARED", tuple(map(str, places)))
     return places
 
 
@@ -96,7 +142,7 @@ def test_it_reaches_every_directory_that_it_may_write(shared, capsys):
             assert "a test" in EmergencyStop(directory).reason()
         assert main(["status"]) == 1
         said = capsys.readouterr().out
-        assert f"latched in {own}: a test" in said and f"latched in {other}: a test" in said
+        assert f"latched in {own} by yam-estop: a test" in said and f"latched in {other} by yam-estop: a test" in said
         assert main(["release"]) == 0
         assert "NO SESSION" not in capsys.readouterr().out
     assert not EmergencyStop(own).latched and not EmergencyStop(other).latched
@@ -172,7 +218,7 @@ with rig_of("lockstep", arms=["follower_left"]) as rig:
         assert is_soon(Mode.HOLD)
         assert main([]) == 0 and is_soon(Mode.STOPPED)
         assert main(["status"]) == 1
-        assert main(["release"]) == 0
+        assert main(["release", "--all"]) == 0
     session.discard()
 """
 

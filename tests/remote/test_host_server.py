@@ -13,12 +13,14 @@ from lerobot_robot_yam.errors import ChannelInUseError, ConfigError, LinkError
 from lerobot_robot_yam.remote import link_messages as wire
 from lerobot_robot_yam.remote.host_address import HostAddress
 from lerobot_robot_yam.remote.host_question import Host, hello
+from lerobot_robot_yam.remote.hosted_group import Phase
 from lerobot_robot_yam.remote.link_keys import LinkKey, pair
 from lerobot_robot_yam.remote.link_sockets import ClientSockets, HostSockets
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import COMMAND_DTYPE, Request
+from lerobot_robot_yam.system.clock import SYSTEM
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from tests.support.hosted import ServedArms
 from tests.support.rigged import track
@@ -147,7 +149,7 @@ def hostile(seed, count):
     messages = [
         wire.Command(draw.getrandbits(63), 1 << 60, 0, target()),
         wire.Question(1, "start", group="robot", session=4, who="x"),
-        wire.States(1, False, "", []),
+        wire.States(1, "", False, [], []),
         wire.Echo(0.0, 0.0, 0.0, False),
     ]
     packed = [wire.encode(message) for message in messages]
@@ -176,16 +178,39 @@ def test_hostile_messages_have_no_effect(served, session, stranger, count):
 
 def test_a_release_that_is_asked_again_does_not_undo_a_stop_that_has_come_since(served, session, stranger):
     stop = EmergencyStop()
-    release = wire.Question(7, "estop", action="release")
+
+    def release():
+        return wire.Question(7, "estop", SYSTEM.now(), action="release", sources=["a"])
+
     try:
-        send(stranger, wire.Question(6, "estop", action="latch", who="a", why="test\x1b"), release)
+        send(stranger, wire.Question(6, "estop", action="latch", who="a", why="test\x1b"), release())
         assert not stop.latched
-        stop.latch("another")
-        send(stranger, release)
+        stop.latch("another", "a")
+        send(stranger, release())
         assert stop.latched
     finally:
         stop.release()
     session[ARM].hold()
+
+
+def test_what_a_dead_client_has_sent_energises_and_releases_nothing_when_it_comes_late(served, session, stranger):
+    """TCP delivers it when the network is back."""
+    (group,) = served.groups
+    session.stop()
+    old_s, stop = SYSTEM.now() - 2.5, EmergencyStop()
+    starts = [wire.Question(8, "start", sent_s, "robot", 9, who="dead") for sent_s in (old_s, 0.0, old_s + 1e6)]
+    try:
+        send(stranger, *starts)
+        assert group.phase is Phase.FREE and group.lease.holder != 9
+        stop.latch("a test", "dead")
+        send(stranger, wire.Question(10, "estop", old_s, who="dead", action="release"))
+        assert stop.latched
+        send(stranger, wire.Question(11, "estop", old_s, who="late", action="latch"))
+        assert stop.names() == ["dead", "late"]
+        send(stranger, wire.Question(12, "estop", SYSTEM.now(), who="dead", action="release"))
+        assert stop.names() == ["late"]
+    finally:
+        stop.release()
 
 
 def test_a_client_of_another_version_hears_that_it_is_one(served, stranger):

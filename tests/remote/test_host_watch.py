@@ -8,7 +8,8 @@ import pytest
 from lerobot_robot_yam.remote.host_question import Host
 from lerobot_robot_yam.remote.host_watch import watched, watched_key
 from lerobot_robot_yam.state.records import STATE_DTYPE, lock_path, state_path
-from lerobot_robot_yam.system.runtime_files import FileLock, lock_holders, runtime_dir
+from lerobot_robot_yam.system.runtime_dirs import lock_holders
+from lerobot_robot_yam.system.runtime_files import FileLock, runtime_dir
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from tests.support.hosted import ServedArms
 from tests.support.waiting import wait

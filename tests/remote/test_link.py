@@ -18,7 +18,8 @@ from lerobot_robot_yam.remote.hosted_device import HostedDevice
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
+from lerobot_robot_yam.system.runtime_dirs import sessions
+from lerobot_robot_yam.system.runtime_files import runtime_dir
 from tests.support.hosted import ServedArms, free_port
 from tests.support.rigged import track
 from tests.support.waiting import wait

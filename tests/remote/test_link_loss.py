@@ -115,7 +115,7 @@ def test_the_emergency_stop_of_each_computer_is_that_of_both(rig, tmp_path, monk
         there, here = EmergencyStop(theirs), EmergencyStop()
         session = ServedArms.session_at(host.address, ("",))
         session.start()
-        name = next(iter(session._arms))
+        name = next(iter(session._parts))
         try:
             here.latch("somebody shouted")
             wait(lambda: session[name].mode() is Mode.STOPPED)

@@ -22,7 +22,7 @@ MESSAGES = [
     wire.Command(2**63, 7, 3, np.zeros((), BASE_COMMAND_DTYPE).tobytes()),
     BEAT,
     ECHO,
-    wire.States(2**62, True, "6", [(0, b"quiet"), (1, np.zeros((), STATE_DTYPE).tobytes())]),
+    wire.States(2**62, "6", True, ["5f"], [(0, b"quiet"), (1, np.zeros((), STATE_DTYPE).tobytes())]),
 ]
 
 
@@ -49,7 +49,7 @@ def test_another_version_is_named():
         wire.Question(3, "pickle"),
         wire.Question(3, "start", session="1"),
         wire.Command(1, 1, 1, b"short"),
-        wire.States(1, False, "", [(0, bytes(max(STATE_DTYPE.itemsize, BASE_STATE_DTYPE.itemsize) + 1))]),
+        wire.States(1, "", False, [], [(0, bytes(max(STATE_DTYPE.itemsize, BASE_STATE_DTYPE.itemsize) + 1))]),
     ],
     ids=repr,
 )

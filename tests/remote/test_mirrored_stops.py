@@ -7,7 +7,7 @@ import pytest
 from lerobot_robot_yam.remote.hosted_group import Phase
 from lerobot_robot_yam.remote.link_messages import Beat
 from lerobot_robot_yam.remote.link_sockets import ClientSockets
-from lerobot_robot_yam.remote.mirrored_stops import MirroredStops
+from lerobot_robot_yam.remote.mirrored_stops import RELAYED, MirroredStops
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.system.runtime_files import runtime_dir
@@ -31,14 +31,14 @@ def test_a_link_that_says_late_that_nothing_is_stopped_releases_nothing(stop, la
     for link in (ROBOT, TELEOP):
         stops.hear(STATION, link, False, 10.0)
     stops.hear(STATION, ROBOT, True, 10.1)
-    assert stop.latched and stops.stopped == (True, STATION)
+    assert stop.latched and stops.others == [STATION] and not stops.own
     stops.hear(STATION, TELEOP, False, 10.1 + late_s)
     assert stop.latched
     stops.hear(STATION, TELEOP, True, 10.5)
     stops.hear(STATION, ROBOT, False, 11.0)
     assert stop.latched
     stops.hear(STATION, TELEOP, False, 11.02)
-    assert not stop.latched and stops.stopped == (False, HERE)
+    assert not stop.latched and not stops.others and not stops.own
 
 
 def test_a_link_that_has_gone_says_nothing_any_more(stop):
@@ -66,7 +66,7 @@ def test_two_machines_stop_and_one_lets_go(stop):
     stops.hear(STATION, ROBOT, True, 10.0)
     stops.hear(OTHER, TELEOP, True, 10.1)
     stops.hear(STATION, ROBOT, False, 10.2)
-    assert stop.latched and stops.stopped == (True, OTHER)
+    assert stop.latched and stops.others == [OTHER] and not stops.own
     stops.hear(OTHER, TELEOP, False, 10.3)
     assert not stop.latched
 
@@ -77,6 +77,61 @@ def test_a_stop_of_this_computer_is_not_released_by_another(stop):
     stops.hear(STATION, ROBOT, True, 10.0)
     stops.hear(STATION, ROBOT, False, 10.1)
     assert stop.latched and stops.own
+
+
+def test_stops_add_up(stop):
+    """A workstation that releases its stop moves no arm that somebody here has stopped, too."""
+    stops = MirroredStops("workstation", HERE)
+    stops.hear(STATION, ROBOT, True, 10.0)
+    assert not stops.own
+    for why, *source in (("somebody here",), ("a button of the handle", "leader_left")):
+        stop.latch(why, *source)
+    stops.look(10.1)
+    assert stops.own and stops.others == [STATION]  # the workstation has to know of it
+    stops.hear(STATION, ROBOT, False, 10.2)
+    assert stop.names() == ["leader_left", "yam-estop"] and not stops.others
+    stop.release("yam-estop")
+    assert stop.latched
+    stop.release("leader_left")
+    assert not stop.latched
+
+
+def test_a_stop_ends_at_all_computers_when_it_is_released_where_it_was_latched(tmp_path, monkeypatch):
+    """Two hosts, and two workstations with a link to each: what one hears it may tell another one, but not for ever."""
+    stops, latches, links = {}, {}, [(host, station) for host in ("h1", "h2") for station in ("a1", "a2")]
+    for name in ("h1", "h2", "a1", "a2"):
+        (tmp_path / name).mkdir(mode=0o700)
+
+    def at(name):
+        monkeypatch.setenv("YAM_RUNTIME_DIR", str(tmp_path / name))
+
+    def talk(rounds):
+        for now in range(rounds):
+            for host, station in links:
+                at(station)
+                link = stops[station, host]
+                link.look(now * 0.1)
+                at(host)
+                stops[host].hear(station, station.encode(), link.own, now * 0.1)
+                stops[host].look(now * 0.1)
+                told = stops[host].own, any(other != station for other in stops[host].others)
+                at(station)
+                for name, stopped in zip((host, host + RELAYED), told, strict=True):
+                    link.hear(name, b"", stopped, now * 0.1)
+        return [name for name in latches if latches[name].latched]
+
+    for name in ("h1", "h2", "a1", "a2"):
+        at(name)
+        latches[name] = EmergencyStop()
+        if name.startswith("h"):
+            stops[name] = MirroredStops("workstation", name)
+        else:
+            stops |= {(name, host): MirroredStops("host", name) for host in ("h1", "h2")}
+    for name, stop in latches.items():
+        stop.latch("somebody")
+        assert talk(4) == list(latches), name
+        stop.release("yam-estop")
+        assert talk(6) == [], name
 
 
 def test_a_program_of_this_computer_has_the_same_latch(stop):
@@ -91,7 +146,7 @@ def test_a_stop_that_cannot_be_latched_is_told_once_and_tried_again(stop, caplog
     stops = MirroredStops("workstation", HERE)
     try:
         stops.hear(STATION, ROBOT, True, 10.0)
-        assert stops.unwritten and stops.stopped == (True, STATION) and not stop.latched
+        assert stops.unwritten and stops.others == [STATION] and not stop.latched
         stops.look(20.0)  # its workstation has gone meanwhile
         assert stops.unwritten
     finally:

@@ -291,6 +291,16 @@ def test_a_button_of_the_handle_latches_it(rig, stop):
         rig.buttons("leader_left", record=True)
         wait_mode(session, "leader_left", Mode.STOPPED)
         assert "leader_left" in stop.reason()
+        stop.release("leader_left")
+        rig.buttons("leader_left")
+        wait_mode(session, "leader_left", Mode.FLOAT)
+        stop.latch("of a workstation", "workstation:5f")
+        wait_mode(session, "leader_left", Mode.STOPPED)
+        rig.buttons("leader_left", record=True)  # somebody at the arms stops them, too
+        session.clock.sleep(0.1)
+        stop.release("workstation:5f")
+        session.clock.sleep(0.1)
+        assert session["leader_left"].mode() is Mode.STOPPED and stop.names() == ["leader_left"]
     finally:
         stop.release()
         end(session)

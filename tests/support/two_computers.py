@@ -8,7 +8,8 @@ from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.faults import Response
 from lerobot_robot_yam.state.link_faults import LINK_RESPONSES
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
+from lerobot_robot_yam.system.runtime_dirs import sessions
+from lerobot_robot_yam.system.runtime_files import runtime_dir
 from tests.support.flaky_wire import FlakyWire
 from tests.support.hosted import HostProcess, free_port, rig_file
 from tests.support.landed import MOST_M, moved_after_cut_m

@@ -24,10 +24,11 @@ _ATTEMPTS = 5
 
 def refuse_stopped(name: str, stop: EmergencyStop) -> None:
     """Check that arms may be energised. Raises EmergencyStopError: the emergency stop is latched."""
-    reason = stop.reason()
-    if reason:
+    sources = stop.sources()
+    if sources:
         raise EmergencyStopError(
-            f"{name}: the emergency stop is latched: {reason}. Look at the arms, then `yam-estop release`"
+            f"{name}: the emergency stop is latched: {'; '.join(sources.values())}. Look at the arms, then "
+            f"`yam-estop release {' '.join(sources)}`"
         )
 
 

@@ -14,7 +14,7 @@ from lerobot_robot_yam.face.devices.pair_check import Models
 from lerobot_robot_yam.face.lerobot_command.config_refusal import arm_config
 from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.session.arm_session import Isolation
-from lerobot_robot_yam.system.uncopyable import Uncopied
+from lerobot_robot_yam.session.uncopyable import Uncopied
 
 if TYPE_CHECKING:
     from lerobot_robot_yam.face.devices.ee_space import EeSpace

@@ -12,7 +12,8 @@ from lerobot_robot_yam.errors import ChannelInUseError, ConfigError
 from lerobot_robot_yam.face.devices.feature_names import space_of
 from lerobot_robot_yam.face.lerobot_command.running_command import under_a_command
 from lerobot_robot_yam.state.records import channel_key
-from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
+from lerobot_robot_yam.system.runtime_dirs import sessions
+from lerobot_robot_yam.system.runtime_files import runtime_dir
 
 Models = Sequence[tuple[ArmProfile, GripperProfile]]
 """Profiles of arm and end effector that actions refer to, for each arm in canonical order."""

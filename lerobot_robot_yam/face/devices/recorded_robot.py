@@ -13,7 +13,7 @@ from lerobot_robot_yam.arm.config import ChannelConfig
 from lerobot_robot_yam.face.devices.images import ImageReader, beside_arms
 from lerobot_robot_yam.face.recorder.episode_log import EpisodeLog
 from lerobot_robot_yam.face.session_desk import SessionDesk
-from lerobot_robot_yam.system.uncopyable import Uncopied
+from lerobot_robot_yam.session.uncopyable import Uncopied
 
 logger = logging.getLogger(__name__)
 

@@ -48,7 +48,7 @@ class HeldKeys:
         """Take in a key. Any thread may call this; the emergency stop acts at once."""
         key = key.lower()
         if key == _STOP:
-            self._stop.latch("key x of yam_base_keys")
+            self._stop.latch("key x of yam_base_keys", "keys")
         with self._lock:
             self._stopped |= self._stop.latched
             if key in _WAYS:

@@ -141,7 +141,7 @@ class PadWatch:
 
     def _stop_all(self) -> None:
         try:
-            self._stop.latch(f"button of the gamepad {self._pad.name}")
+            self._stop.latch(f"button of the gamepad {self._pad.name}", "gamepad")
         except OSError as error:
             logger.critical("the emergency stop reaches only this program: %s", error)
 

@@ -16,7 +16,8 @@ from lerobot_robot_yam.rig.world.base_model import CHASSIS_M, CHASSIS_UP_M, COLU
 from lerobot_robot_yam.state.about import read_about
 from lerobot_robot_yam.state.base_records import BASE_STATE_DTYPE, BaseState
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.system.runtime_files import STATE, runtime_dir, sessions, slug
+from lerobot_robot_yam.system.runtime_dirs import STATE, sessions
+from lerobot_robot_yam.system.runtime_files import runtime_dir, slug
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from lerobot_robot_yam.viewer.figure import Place, on, put
 from lerobot_robot_yam.viewer.live.watched_rigs import WatchedRigs

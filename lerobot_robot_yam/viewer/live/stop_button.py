@@ -36,7 +36,7 @@ class StopButton:
 
     def _latch(self) -> None:
         try:
-            EmergencyStop().latch("yam-view")
+            EmergencyStop().latch("yam-view", "yam-view")
         except (OSError, YamError) as error:
             self._failure = str(error)
             logger.critical("the emergency stop failed: %s; switch the power off", error)
@@ -45,10 +45,14 @@ class StopButton:
         client = event.client
         if client is None:
             return
+        sources = self._seen.sources()
+        if not sources:  # released in the meantime
+            return
         with client.gui.add_modal("Release the emergency stop?") as question:
+            latched = "\n".join(f"- `{name}`: {text.replace('`', ' ')}" for name, text in sources.items())
             client.gui.add_markdown(
-                "Arms move at once: those of running sessions go on to their targets, those of ended sessions land. "
-                "Look at them first."
+                f"Latched by:\n{latched}\n\nArms move at once: those of running sessions go on to their targets, "
+                "those of ended sessions land. Look at them first."
             )
             yes = client.gui.add_button("release", color="red")
             no = client.gui.add_button("keep it")
@@ -56,7 +60,7 @@ class StopButton:
         def release(_: viser.GuiEvent) -> None:
             question.close()
             try:
-                EmergencyStop().release()
+                EmergencyStop().release(*sources)  # what was shown, not what has been latched since
             except (OSError, YamError) as error:
                 client.add_notification("emergency stop", f"it stays latched: {error}")
 

@@ -12,7 +12,8 @@ from lerobot_robot_yam.errors import StaleStateError, YamError
 from lerobot_robot_yam.state.about import read_about
 from lerobot_robot_yam.state.modes import ENERGISED, Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState
-from lerobot_robot_yam.system.runtime_files import STATE, runtime_dir, sessions, slug
+from lerobot_robot_yam.system.runtime_dirs import STATE, sessions
+from lerobot_robot_yam.system.runtime_files import runtime_dir, slug
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 logger = logging.getLogger(__name__)

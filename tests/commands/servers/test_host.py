@@ -20,7 +20,8 @@ from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, state_path
-from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
+from lerobot_robot_yam.system.runtime_dirs import sessions
+from lerobot_robot_yam.system.runtime_files import runtime_dir
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from tests.support.hosted import HostProcess, ServedArms, free_port, rig_file, running_host
 

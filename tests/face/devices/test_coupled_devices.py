@@ -11,7 +11,8 @@ import torch
 from lerobot_robot_yam.errors import ChannelInUseError, ConfigError
 from lerobot_robot_yam.state.modes import Gate
 from lerobot_robot_yam.state.records import channel_key, state_path
-from lerobot_robot_yam.system.runtime_files import LOCK, FileLock, runtime_dir
+from lerobot_robot_yam.system.runtime_dirs import LOCK
+from lerobot_robot_yam.system.runtime_files import FileLock, runtime_dir
 from lerobot_robot_yam.yam_follower import BiYamFollower
 from lerobot_teleoperator_yam.config_yam_leader import BiYamLeaderConfig, YamLeaderConfig
 from lerobot_teleoperator_yam.leader_options import LeaderArmConfig

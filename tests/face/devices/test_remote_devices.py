@@ -13,7 +13,8 @@ from lerobot_robot_yam.face.lerobot_command.config_refusal import RefusedConfigE
 from lerobot_robot_yam.rig.control import running_rig
 from lerobot_robot_yam.state.records import coupling_number
 from lerobot_robot_yam.system.clock import SYSTEM
-from lerobot_robot_yam.system.runtime_files import runtime_dir, sessions
+from lerobot_robot_yam.system.runtime_dirs import sessions
+from lerobot_robot_yam.system.runtime_files import runtime_dir
 from lerobot_robot_yam.yam_follower import BiYamRemote
 from lerobot_teleoperator_yam.config_yam_leader import BiYamRemoteLeaderConfig
 from lerobot_teleoperator_yam.yam_leader import BiYamRemoteLeader
