@@ -15,7 +15,7 @@ from lerobot_robot_yam.remote.link_messages import Beat, States, decode
 from lerobot_robot_yam.remote.link_sockets import ClientSockets, HostSockets
 from tests.support.hosted import free_port
 
-STATES = States(1, False, "", [])
+STATES = States(1, "", False, [], [])
 # another program: a subscriber's own socket keeps its topics, too
 CROWD = """
 import os, sys, time, zmq
