@@ -1,7 +1,6 @@
 """Follower arms on this or another computer as a LeRobot robot. In data sets both have the same names."""
 
 import logging
-import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -34,7 +33,6 @@ logger = logging.getLogger(__name__)
 _CAUGHT_UP_RAD = 0.15  # distance at which arms have caught up with leaders, rad: the usual lag behind a moving leader
 _CATCH_UP_S = 3.0  # extra time for catching up, s, in addition to the travel time at the speed limit
 _CATCH_UP_TICK_S = 0.02  # period of sending targets while the arms catch up, s
-_PERMITTED_S = 0.1  # period after the caller's last action in which a follower follows its leader by itself, s
 _SAME = 1e-6  # maximum difference of equal targets, rad or strokes: shared memory rounds them
 
 
@@ -59,7 +57,6 @@ class FollowerBase(ArmDevice, RecordedRobot):
         self._speak(options.action_space, [(side.hardware.arm, side.hardware.gripper) for side in self._arms.sides])
         self._make_cameras(config.all_cameras(), [*arms.values(), *([] if base is None else [base])])
         self._last_action: dict[str, Any] = {}
-        self._coupled_s = -math.inf  # time of the last action from a leader
         self._extra_keys = options.optional_keys(self._arms.motors)
         self.bus = MotorBus(self._arms, self.send_action)  # for LeRobot's RL stack
         self._guidance: HandGuidance | None = None
@@ -259,15 +256,10 @@ class FollowerBase(ArmDevice, RecordedRobot):
     def _write_targets(self, target: np.ndarray, leaders: Sequence[str | None] | None = None) -> np.ndarray:
         """Write a target (n,) to the arms. leaders: per arm, channel key of the leader that produced it, or None."""
         sent = target.copy()
-        now = self._arms.clock.now()
-        permitted_s = _PERMITTED_S + min(max(now - self._coupled_s, 0.0), _PERMITTED_S)  # plus one period of the caller
-        if leaders is not None:
-            self._coupled_s = now
         for side, leader in zip(self._arms.sides, leaders or [None] * len(self._arms.sides), strict=True):
             index = side.gripper_index
             gripper = None if index is None else target[index]
-            coupled = None if leader is None else (leader, permitted_s)
-            sent[side.slice], gripper = self._arms[side].write_target(target[side.slice], gripper, coupled=coupled)
+            sent[side.slice], gripper = self._arms[side].write_target(target[side.slice], gripper, leader=leader or "")
             if index is not None:
                 sent[index] = gripper
         return sent

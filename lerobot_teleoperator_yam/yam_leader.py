@@ -32,6 +32,8 @@ from lerobot_teleoperator_yam.leader_options import LeaderOptions, meanings_of
 logger = logging.getLogger(__name__)
 
 _OPEN = 1.0
+_ROUNDED = 1e-4  # maximum change of an action by rounding, rad, m or strokes: four decimals, or float32
+_FOREIGN = 10  # number of successive actions from elsewhere that are reported
 
 _GATE_WORDS = {
     Gate.HOMING: "going home",
@@ -107,7 +109,8 @@ class LeaderBase(ArmDevice, Teleoperator):
     def _restart(self) -> None:
         """Reset the state left by the previous session."""
         self._action: dict[str, float] | None = None
-        self._given = False  # whether get_action has returned an action since the last recognised action
+        self._given = False  # whether get_action has returned an action since the last action sent to a follower
+        self._foreign = 0  # number of successive actions from elsewhere
         self._target: np.ndarray = np.zeros(len(self._arms.keys))  # joints of _action
         self._was_held = self._follows_feedback = False
         self._pickups = [TriggerPickup() for _ in self._arms.sides]
@@ -222,12 +225,15 @@ class LeaderBase(ArmDevice, Teleoperator):
         given = self._action
         if given is None or not self._given or given.keys() != action.keys():
             return None
-        changed = [key for key in given if not np.array_equal(action[key], given[key])]
+        most = _ROUNDED * float(self._arms.scale.max())
+        changed = [key for key, value in given.items() if not _differ_by(action[key], value) <= most]
         same = [not any(key.startswith(side.prefix) for key in changed) for side in self._arms.sides]
-        if not any(same):
-            return None
         self._given = False
-        return self._target, same
+        self._foreign = 0 if any(same) else self._foreign + 1
+        if self._foreign == _FOREIGN:
+            what = "%s: LeRobot sends another %s than this leader's, so its follower follows at LeRobot's rate"
+            logger.info(what, self, " and ".join(changed[:2]))
+        return (self._target, same) if any(same) else None
 
     @check_if_not_connected
     def send_feedback(self, feedback: Mapping[str, Any]) -> None:
@@ -274,6 +280,14 @@ class LeaderBase(ArmDevice, Teleoperator):
             elif state.trigger is not None:  # the trigger counts once it has reached the opening
                 self._pickups[index].leave(opening, state.trigger)
         self._was_held = False
+
+
+def _differ_by(value: Any, given: float) -> float:
+    """Return the difference between the values of an action; NaN if `value` is no number."""
+    try:
+        return abs(float(value) - given)
+    except (TypeError, ValueError):
+        return math.nan
 
 
 def _trigger(state: ArmState) -> float:

@@ -71,19 +71,15 @@ class ArmController:
         self.faults = FaultResponse(Rearm(arm, self.interface), arm, self.landing, self.bring_up, self._floating)
         self._stop = StopResponse(arm, self.landing, self.faults, self._floating)
         self.energise, self.end, self.advance = self.bring_up.energise, self.landing.end, arm.setpoint.step
-        self.start_send, self.start_receive, self.compute_command = (
-            arm.send,
-            self.interface.receive,
-            arm.compute_command,
-        )
+        self.start_send, self.start_receive = arm.send, self.interface.receive
+        self.compute_command = arm.compute_command
         self.fail, self.halt, self.take_news = self.faults.fail, self.faults.halt, self.faults.take_news
         self.complaints = self.interface.complaints
         self._progress = ProgressMonitor(self.name, hardware.joint_names)
         self._last_target_at = self._heat_due_s = -math.inf
         self._heat: Heat | None = None
         self.lead: Lead | None = None
-        self.coupling = Coupling(hardware)
-        self.handle = NO_HANDLE
+        self.coupling, self.handle = Coupling(hardware), NO_HANDLE
 
     @property
     def mode(self) -> Mode:
@@ -267,31 +263,35 @@ class ArmController:
             return False
         self._last_target_at = now
         arm.use_gains(kp, kd)
-        gap = largest((target - arm.setpoint.q)[: arm.hardware.joints])
-        status.limited = Limited.SPEED if self._progress.by_speed(gap) else Limited.NOTHING
+        self._note_target(target)
         arm.setpoint.set_target(target, now, velocity, age_s)
-        if status.mode is Mode.HOLD:
-            arm.enter(Mode.TRACK)
         return True
 
+    def _note_target(self, target: np.ndarray) -> None:
+        arm, status = self.actuation, self.status
+        gap = largest((target - arm.setpoint.q)[: arm.hardware.joints])
+        status.limited = Limited.SPEED if self._progress.by_speed(gap) else Limited.NOTHING
+        if status.mode is Mode.HOLD:
+            arm.enter(Mode.TRACK)
+
     def _follow_leader(self, now: float) -> None:
-        """Set this tick's target from the leader, if the caller permits coupling."""
+        """Set this tick's target from the leader, while the caller's last permission is recent."""
         arm, status, coupling = self.actuation, self.status, self.coupling
-        if status.mode not in (Mode.HOLD, Mode.TRACK) or status.halted:
+        self._last_target_at = max(self._last_target_at, coupling.permitted_s)
+        late = now - self._last_target_at > self.config.command_timeout_s
+        if late or status.mode not in (Mode.HOLD, Mode.TRACK) or status.halted:
             coupling.end()
             return
-        setpoint = arm.setpoint
+        setpoint, followed = arm.setpoint, coupling.number != 0
         if not coupling.advance(now, (setpoint.q, setpoint.dq), arm.q):
+            if followed:  # a lost leader
+                setpoint.stop()
             return
-        if coupling.number:  # else the set-point only comes to rest, which is no new target
-            self._last_target_at = now
-            if not arm.impedance.own_gains:
-                arm.use_gains()
-            gap = largest((coupling.target - setpoint.q)[: arm.hardware.joints])
-            limited = Limited.SPEED if self._progress.by_speed(gap) else Limited.NOTHING
-            status.limited = limited | Limited.RELATIVE_TARGET if coupling.held_back else limited
-            if status.mode is Mode.HOLD:
-                arm.enter(Mode.TRACK)
+        if not arm.impedance.own_gains:
+            arm.use_gains()
+        self._note_target(coupling.target)
+        if coupling.held_back:
+            status.limited |= Limited.RELATIVE_TARGET
         setpoint.track(coupling.target, coupling.velocity, now)
 
     def change_gains(self, kp: np.ndarray, kd: np.ndarray) -> None:

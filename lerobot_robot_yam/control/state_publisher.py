@@ -96,7 +96,7 @@ class ControllerBlocks:
             if age_s <= controller.config.command_timeout_s:
                 leader = command["leader"].item().decode()
                 if leader:
-                    controller.coupling.permit(leader, float(command["coupled_until_s"]))
+                    controller.coupling.permit(leader, now)
                     if controller.coupling.can_follow(now):
                         return
                     controller.coupling.give_way()

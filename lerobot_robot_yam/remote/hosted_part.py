@@ -23,7 +23,6 @@ from lerobot_robot_yam.state.records import COMMAND_DTYPE, STATE_DTYPE, Request
 logger = logging.getLogger(__name__)
 
 _AHEAD_S = 0.05  # tolerance for commands from the future, s: the error of the clock offset
-_PERMITTED_MOST_S = 0.5  # maximum time for which a client may couple a follower to its leader, s
 _LED = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
 _OUT_OF_HOME_RAD = 0.3
 
@@ -175,14 +174,11 @@ class HostedArm(HostedPart[ArmClient]):
             client.guide_on(gripper)
             return
         options = {name: row for name in ("dq", "kp", "kd") if not np.isnan(row := command[name][:joints]).all()}
-        coupled = None
-        if leader := command["leader"].decode(errors="replace"):
-            permitted_s = float(command["coupled_until_s"]) - given_s  # counted from the target's arrival
-            if leader not in self.leaders or not 0.0 <= permitted_s <= _PERMITTED_MOST_S:
-                raise LifeCycleError(f"it cannot follow {leader} for {permitted_s:g} s")
-            coupled = (leader, permitted_s)
+        leader = command["leader"].decode(errors="replace")
+        if leader and leader not in self.leaders:
+            raise LifeCycleError(f"it cannot follow {leader}")
         given_s = min(given_s, self._session.clock.now())
-        client.write_target(command["q"][:joints].tolist(), gripper, **options, coupled=coupled, given_s=given_s)
+        client.write_target(command["q"][:joints].tolist(), gripper, **options, leader=leader, given_s=given_s)
 
     @property
     def in_a_hand(self) -> bool:

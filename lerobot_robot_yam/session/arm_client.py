@@ -98,7 +98,7 @@ class ArmClient:
         dq: Vector | None = None,
         kp: Vector | None = None,
         kd: Vector | None = None,
-        coupled: tuple[str, float] | None = None,
+        leader: str = "",
         given_s: float | None = None,
     ) -> tuple[np.ndarray, float | None]:
         """Write a target. The control loop moves the set-point to the target within its limits.
@@ -109,8 +109,8 @@ class ArmClient:
             dq: (n,) velocity of the target, rad/s; see `YamArm.command`.
             kp, kd: (n,) gains for this target instead of the default gains, Nm/rad and Nm s/rad. They obey the rule
                 of a configuration: kp from 1, kd from a fiftieth of kp, both up to the motor's largest.
-            coupled: (channel key of the leader that produced the target, time in s during which the control loop may
-                read later targets directly from that leader).
+            leader: channel key of the leader that produced the target; the control loop reads its later targets itself,
+                until another target or request, at most for `command_timeout_s`. Empty: none.
             given_s: timestamp of a target that another computer sent, in this clock's time, s; None: now.
 
         Returns:
@@ -142,8 +142,7 @@ class ArmClient:
         target, limited = limit_target(target, measured, self._lower, self._upper, relative)
         self._limit_log.note(limited)
         now = self._clock.now()
-        permission = None if coupled is None else (coupled[0], now + coupled[1])
-        self._commands.write_target(now if given_s is None else given_s, target, options, permission)
+        self._commands.write_target(now if given_s is None else given_s, target, options, leader)
         return np.array(target[: hw.joints]), target[-1] if hw.has_gripper else None
 
     def _validated_options(self, **given: Vector | None) -> dict[str, np.ndarray]:

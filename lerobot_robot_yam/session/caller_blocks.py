@@ -171,7 +171,7 @@ class CommandWriter:
         self._pack = packed(COMMAND_DTYPE, motors)[0].pack
         self._unset = [math.nan] * motors
         self._stamp_s, self._number, self._target = 0.0, 0, self._unset
-        self._leader, self._coupled_until_s = b"", -math.inf
+        self._leader = b""
         self._options = [self._unset] * len(_GRIPPER_OPTIONS)
         self._own = [*self._unset, *self._unset]
         self._asked, self._requests, self._asked_s = Request.NONE, 0, -math.inf
@@ -190,15 +190,14 @@ class CommandWriter:
         stamp_s: float,
         target: Sequence[float],
         options: Mapping[str, np.ndarray],
-        coupled: tuple[str, float] | None = None,
+        leader: str = "",
     ) -> None:
         """Write a target with timestamp `stamp_s` (time on the clock).
 
         Args:
             target: joints in rad, then the gripper, 0 closed … 1 open, if the arm has one.
             options: optional dq (rad/s), kp (Nm/rad) and kd (Nm s/rad) of the joints.
-            coupled: (channel key of the leader that produced the target, time until which the loop may read later
-                targets directly from that leader, s).
+            leader: channel key of the leader whose later targets the loop reads itself; empty: none.
 
         Raises:
             LifeCycleError: the arm belongs to another process.
@@ -210,9 +209,7 @@ class CommandWriter:
         self._check_process()
         with self._lock:
             self._target, self._options = list(target), rows
-            self._stamp_s = stamp_s
-            key, self._coupled_until_s = coupled or ("", -math.inf)
-            self._leader = key.encode()
+            self._stamp_s, self._leader = stamp_s, leader.encode()
             self._number += 1
             self._write()
 
@@ -235,7 +232,7 @@ class CommandWriter:
             self._asked, self._asked_s = request, stamp_s
             self._own = list(own_gains) or self._own
             self._requests = number or self._requests + 1
-            self._stamp_s = self._coupled_until_s = -math.inf
+            self._stamp_s = -math.inf
             self._write()
             return self._requests
 
@@ -254,6 +251,6 @@ class CommandWriter:
             *(value for row in self._options for value in row),
             *self._own,
         ]
-        values += [self._leader, self._coupled_until_s, self._asked_s, self._asked, self._requests]
+        values += [self._leader, self._asked_s, self._asked, self._requests]
         self._block.write_bytes(self._pack(*values))
         self._written()

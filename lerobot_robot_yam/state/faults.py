@@ -291,7 +291,7 @@ RESPONSES: dict[Trouble, Rule] = {
         "the leader's state is older than 0.03 s, or tells no target: a motor, its process or its link is lost",
         Response.HOLD_UNTIL_TARGET,
         Response.HOLD_UNTIL_TARGET,
-        "nothing of the follower, which brakes smoothly; of the leader as its own row says",
+        "nothing of the follower, which brakes at its acceleration limit; of the leader as its own row says",
         0.05,
         "not needed: the next target, or the leader's next state",
     ),

@@ -116,8 +116,7 @@ COMMAND_DTYPE = np.dtype(
         ("kd", "f8", MAX_MOTORS),
         ("own_kp", "f8", MAX_MOTORS),  # gains for targets without gains; NaN: as configured
         ("own_kd", "f8", MAX_MOTORS),
-        ("leader", f"S{KEY_BYTES}"),  # channel key of the leader that issued the target; empty: none
-        ("coupled_until_s", "f8"),  # time until which the loop may read targets directly from the leader's state
+        ("leader", f"S{KEY_BYTES}"),  # channel key of the leader whose targets replace later ones; empty: none
         ("request_stamp_s", "f8"),
         ("request", "u1"),
         ("request_sequence", "u8"),

@@ -130,7 +130,7 @@ def test_a_follower_follows_leaders_of_the_host_only(served, session, stranger, 
     group = served.groups[0]
     newest = group.newest
     record = np.frombuffer(target(next_target(session)), COMMAND_DTYPE, count=1).copy()
-    record["leader"], record["coupled_until_s"] = leader.encode(), record["target_stamp_s"] + 0.1
+    record["leader"] = leader.encode()
     send(stranger, wire.Command(group.lease.holder, newest + 1, 0, record.tobytes()))
     assert stays(session)
     group.newest = newest

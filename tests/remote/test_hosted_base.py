@@ -234,7 +234,7 @@ def test_all_times_of_the_records_are_known():
     """They are converted between the clocks of host and client by their names."""
     own = {"stamp_s", "asked_s", "motor_stamp_s"}
     assert set(times_in(STATE_DTYPE)) == {*own, "handle_stamp_s", "action_stamp_s"}
-    assert set(times_in(COMMAND_DTYPE)) == {"target_stamp_s", "coupled_until_s", "request_stamp_s"}
+    assert set(times_in(COMMAND_DTYPE)) == {"target_stamp_s", "request_stamp_s"}
     assert set(times_in(BASE_STATE_DTYPE)) == own
     assert set(times_in(BASE_COMMAND_DTYPE)) == {"target_stamp_s", "rail_stamp_s", "request_stamp_s"}
     assert PUBLISHED[0] == BASE_STATE_DTYPE.fields["stamp_s"][1]

@@ -79,7 +79,7 @@ class Passing:
                 continue
             self.given.append((session.clock.now(), action))
             gripper = action[6] if len(action) > 6 else None
-            session[follows].write_target(action[:6], gripper, coupled=(session.key(leads), 0.1 + self._period_s))
+            session[follows].write_target(action[:6], gripper, leader=session.key(leads))
 
     def stall(self, seconds, each_tick=lambda: None):
         """Let time pass, and pass nothing on."""

@@ -87,7 +87,7 @@ class Caller:
             action = state.action if state.coupled else lead.action
             if action is not None:
                 key = self._sessions[1].key(leader.config.name)
-                arm.write_target(action[:6], action[6], coupled=(key, 0.1 + _PERIOD_S))
+                arm.write_target(action[:6], action[6], leader=key)
         if not self._told and gate in (None, {"engaged": Gate.ENGAGED, "homing": Gate.HOMING}.get(self._phase)):
             self._told = True
             tell(phase=self._phase)

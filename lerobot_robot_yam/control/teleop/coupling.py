@@ -1,11 +1,10 @@
 """The follower's side of direct coupling: compute a target for every tick from the leader's published state.
 
 A caller that forwards the leader's actions permits coupling, see `permit`. The target is the leader's action,
-extrapolated with its speed to the present. A gap e to the follower's set-point is closed smoothly, since neither start
-nor end of coupling may cause a jump:
+extrapolated with its speed to the present. A gap e to the follower's set-point is closed smoothly, so that the start of
+coupling causes no jump:
 
-    target = action + e,  ë = −2 ω ė − ω² e     while the follower is coupled
-    v̇ = −v / τ, with v the target's speed        after permission or fresh data have ended: the target comes to rest
+    target = action + e,  ë = −2 ω ė − ω² e
 """
 
 import logging
@@ -27,8 +26,6 @@ _AGE_MOST_S = 0.03  # maximum age of a leader's sample: seven ticks
 _AHEAD_S = 0.0033  # time from the decision to the middle of the tick in which the motors obey the command
 _JOIN_PER_S = 6.0  # maximum ω: a gap shrinks to a fiftieth within 1 s
 _JOIN_SPEED = 1.0  # closing speed of a wide gap, 1/s; rises to e/2 times this speed while ω grows
-_REST_S = 0.15  # τ, time constant of the target's deceleration
-_AT_REST = 1e-3  # speed below which the target counts as at rest, 1/s
 _JOINED = 1e-6  # gap below which the gap counts as closed
 
 
@@ -36,6 +33,8 @@ class Coupling:
     """Coupling of one follower with n motors to its leader. Advance once per tick.
 
     Attributes:
+        active: whether coupling is permitted, and `advance` must be called at this tick.
+        permitted_s: time of the last permission, s.
         number: `coupling_number` of the leader followed at this tick; 0: none.
         target, velocity: (n,) target of this tick, and the target's speed.
         held_back: whether max_relative_target limits the target.
@@ -45,8 +44,7 @@ class Coupling:
         self._hardware = hardware
         self._relative = hardware.config.max_relative_target
         self._leader: PeerBlock | None = None
-        self._until_s = -math.inf
-        self._moves = False  # whether the target follows the leader, or still comes to rest
+        self.active, self.permitted_s = False, -math.inf
         self._gap: np.ndarray = np.zeros(hardware.n)
         self._gap_rate: np.ndarray = np.zeros(hardware.n)
         self._apart = False  # whether the gap is still open
@@ -57,36 +55,30 @@ class Coupling:
         self.target: np.ndarray = np.zeros(hardware.n)
         self.velocity: np.ndarray = np.zeros(hardware.n)
 
-    def permit(self, leader: str, until_s: float) -> None:
-        """Permit coupling to the leader with the channel key `leader` until the time `until_s`."""
+    def permit(self, leader: str, now: float) -> None:
+        """Permit coupling to the leader with the channel key `leader`, until `end`."""
         if self._leader is None or self._leader.key != leader:
             self.end()
             if self._leader is not None:
                 self._leader.close()
             self._leader = PeerBlock(leader, _FIELDS)
             self._told = False
-        self._until_s = until_s
+        self.active, self.permitted_s = True, now
 
     def end(self) -> None:
         """End the coupling and its permission at once: another source moves the arm, or the arm holds."""
-        self._until_s = -math.inf
-        self._moves, self.number = False, 0
+        self.active, self.number = False, 0
 
     def give_way(self) -> None:
         """Leave this tick to the caller's target; the permission stays valid."""
-        self._moves, self.number = False, 0
+        self.number = 0
 
     def can_follow(self, now: float) -> bool:
         """Return whether a permitted leader has fresh targets, which then replace the caller's targets."""
-        return now <= self._until_s and self._action(now) is not None
-
-    @property
-    def active(self) -> bool:
-        """Whether `advance` must be called at this tick."""
-        return self._moves or self._until_s > -math.inf
+        return self.active and self._action(now) is not None
 
     def advance(self, now: float, asked: tuple[np.ndarray, np.ndarray], measured: np.ndarray) -> bool:
-        """Compute the target of this tick; return False if there is no target.
+        """Compute the target of this tick; return False if the leader has none, or is stale.
 
         Args:
             now: time, s.
@@ -94,15 +86,11 @@ class Coupling:
             measured: (n,) measured position.
         """
         dt, self._before_s = min(now - self._before_s, 0.02), now
-        action = self._action(now) if now <= self._until_s else None
-        if action is not None:
-            self._follow(*action, asked, dt)
-        elif self._moves:
-            self._come_to_rest(dt)
-        if now > self._until_s:
-            self._until_s = -math.inf
-        if not self._moves:
+        action = self._action(now)
+        if action is None:
+            self.number = 0
             return False
+        self._follow(*action, asked, dt)
         self._limit(measured)
         return True
 
@@ -127,10 +115,10 @@ class Coupling:
 
     def _follow(self, q: np.ndarray, dq: np.ndarray, asked: tuple[np.ndarray, np.ndarray], dt: float) -> None:
         if not self.number:  # the follower joins
-            before, speed = (self.target, self.velocity) if self._moves else asked
+            before, speed = asked
             self._gap, self._gap_rate, self._apart = before - q, speed - dq, True
             assert self._leader is not None
-            self._moves, self.number = True, coupling_number(self._leader.key)
+            self.number = coupling_number(self._leader.key)
         elif self._apart:
             farthest = largest(self._gap)
             rate = min(_JOIN_PER_S, math.e * _JOIN_SPEED / max(farthest, 1e-9))
@@ -140,12 +128,6 @@ class Coupling:
                 self._gap[:] = self._gap_rate[:] = 0.0
                 self._apart = False
         self.target, self.velocity = q + self._gap, dq + self._gap_rate
-
-    def _come_to_rest(self, dt: float) -> None:
-        self.number = 0
-        self.velocity = self.velocity * math.exp(-dt / _REST_S)
-        self.target = self.target + self.velocity * dt
-        self._moves = largest(self.velocity) > _AT_REST
 
     def _limit(self, measured: np.ndarray) -> None:
         """Clamp the target like a caller's target: to the joint limits, then by max_relative_target."""

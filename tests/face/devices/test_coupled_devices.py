@@ -156,25 +156,25 @@ def state_of(device):
     return device._arms.newest()[0]
 
 
-def test_the_leaders_own_action_couples_whatever_its_numbers_are_wrapped_in(pair):
+@pytest.mark.parametrize(
+    "wrapped", [torch.tensor, lambda value: torch.tensor(value, dtype=torch.float64), lambda value: round(value, 4)]
+)
+def test_the_leaders_own_action_couples_whatever_its_numbers_are_wrapped_in_or_rounded_to(pair, wrapped):
     device, robot = pair
     pass_on(device, robot, 0.3)
     assert state_of(robot).coupled and state_of(device).gate is Gate.ENGAGED
-    pass_on(
-        device,
-        robot,
-        0.3,
-        lambda action: {key: torch.tensor(value, dtype=torch.float64) for key, value in action.items()},
-    )
+    pass_on(device, robot, 0.3, lambda action: {key: wrapped(value) for key, value in action.items()})
     assert state_of(robot).coupled
 
 
-def test_an_action_that_was_changed_does_not_couple(pair):
+def test_an_action_that_was_changed_does_not_couple_and_that_is_said(pair, caplog):
     device, robot = pair
     pass_on(device, robot, 0.3)
-    pass_on(device, robot, 0.05, lambda action: action | {"joint_1.pos": action["joint_1.pos"] + 1e-6})
+    with caplog.at_level("INFO"):
+        pass_on(device, robot, 0.5, lambda action: action | {"joint_1.pos": action["joint_1.pos"] + 1e-3})
     robot.clock.sleep(0.02)
     assert not state_of(robot).coupled
+    assert caplog.text.count("sends another joint_1.pos than this leader's") == 1
     pass_on(device, robot, 0.3)
     assert state_of(robot).coupled
 
