@@ -11,6 +11,12 @@ holds still, and fades as the leader yields to the force:
 y is the distance by which the force has moved the leader; moving the leader against a significant force reduces y.
 Without the share s, a leader that nobody holds follows the sag of its follower, which follows the leader: both arms
 drift away at full speed. With the share s both arms stop after a distance of Y.
+
+The energy W that the spring gives a leader is taken back by damping b, so that a leader let go under load does not
+snap. A leader that is pushed, or held still, feels the spring alone. This is the passivity observer W and the passivity
+controller b of Hannaford and Ryu, "Time-domain passivity control of haptic interfaces", 2002, for a reference of zero:
+
+    Ẇ = tau dq − b dq² − W / 0.3 s,   W ≥ 0,   b = min(W / (dq² · 10 ms), 4 Nm s/rad)
 """
 
 import numpy as np
@@ -23,6 +29,9 @@ _SIGN_RAD = 0.005
 _LEAK_RAD_S = 0.005
 _CREDIT_S = 2.0  # time constant with which unused credit decays
 _BOUND_SHARE = 0.25  # maximum force, as a share of the torque limit
+_TAKEN_BACK_S = 0.01  # time in which the damping b takes the energy W back, s
+_FORGOTTEN_S = 0.3  # time constant with which W decays, s: a hand may have taken that energy
+_BACK_MOST = 4.0  # maximum b, Nm s/rad: with the other damping of a leader below the 5 that motors accept
 _FADE_S = 0.5
 _GENTLE_NM = 1.0  # minimum growth of the bound per `_FADE_S`, Nm
 
@@ -34,24 +43,29 @@ class BilateralForce:
         gain: (n,) spring stiffness, as a share of kp.
         kp: (n,) the leader's position gains, Nm/rad.
         torque_limit_nm: (n,) torque limits of the leader.
-        gated: whether the share s scales the force; False only for comparisons.
+        gated: whether the share s and the damping b act; False, a plain spring, only for comparisons.
 
     Attributes:
         works: whether the gain of any joint is not zero.
+        damping: (n,) c + b for the torque computed last, Nm s/rad.
     """
 
     def __init__(self, gain: np.ndarray, kp: np.ndarray, torque_limit_nm: np.ndarray, gated: bool = True):
         self.stiffness = gain * kp
-        self.damping = LAG_S * self.stiffness
+        self._steady = LAG_S * self.stiffness  # c
         self._bound, self._gated = _BOUND_SHARE * torque_limit_nm, gated
         self.works = bool(self.stiffness.any())
         self._since_s = 0.0
         self._given_way = [0.0] * len(gain)  # y
+        self._given_j: np.ndarray = np.zeros(len(gain))  # W
+        self.damping = self._steady
 
     def engage(self) -> None:
         """Start with zero force."""
         self._since_s = 0.0
         self._given_way = [0.0] * len(self._given_way)
+        self._given_j = np.zeros(len(self._given_j))
+        self.damping = self._steady
 
     def torque(self, error: np.ndarray, dq: np.ndarray, weight_nm: np.ndarray, dt: float) -> np.ndarray:
         """Compute the torque (n,), Nm, for one tick of `dt` s.
@@ -70,7 +84,16 @@ class BilateralForce:
             return spring
         moved = zip(self._given_way, error.tolist(), (dq * dt).tolist(), strict=True)
         self._given_way = [_given_way(y, e, way, dt) for y, e, way in moved]
-        return spring * [min(2.0 * (_GIVES_WAY_RAD - y) / _GIVES_WAY_RAD, 1.0) for y in self._given_way]
+        share = [min(2.0 * (_GIVES_WAY_RAD - y) / _GIVES_WAY_RAD, 1.0) for y in self._given_way]
+        return self._take_back(spring * share, dq, dt)
+
+    def _take_back(self, tau: np.ndarray, dq: np.ndarray, dt: float) -> np.ndarray:
+        """Set the damping that takes back the energy which the torque (n,) gives; return the torque."""
+        back = self.damping - self._steady
+        given = (self._given_j + (tau - back * dq) * dq * dt) * (1.0 - dt / _FORGOTTEN_S)
+        self._given_j = given = np.maximum(given, 0.0)
+        self.damping = self._steady + np.minimum(given / np.maximum(dq * dq * _TAKEN_BACK_S, 1e-9), _BACK_MOST)
+        return tau
 
 
 def _given_way(y: float, error: float, way: float, dt: float) -> float:

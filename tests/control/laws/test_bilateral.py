@@ -194,11 +194,40 @@ def test_a_push_is_felt_within_two_ticks_of_the_follower_moving():
 @pytest.mark.parametrize("gain", [0.2, 0.5])
 def test_a_leader_let_go_comes_to_rest_where_an_ungated_one_wanders_off(gain):
     gated, plain = (HeldLeader(POSE, gain, 0.0, 0.1, 0.5, gated=gated, sag_nm=SAG_NM) for gated in (True, False))
-    speeds, way, _ = gated.run(4.0)
+    speeds, way, _ = gated.run(6.0)
     assert np.abs(speeds[-100:]).max() < STEADY
     assert np.abs(way[-1]).max() < 0.5
     speeds, way, _ = plain.run(4.0)
     assert np.abs(speeds[-100:]).max() > 1.0 and np.abs(way[-1]).max() > 3.0
+
+
+def let_go_at_a_wall(pose, gated, side):
+    """(6,) largest speeds and ways of a leader let go 80 mrad inside a wall, and Nm before; joints rub with 0.1 Nm."""
+    pair = HeldLeader(pose, 0.2, 0.0, 0.0, 0.5, gated=gated)
+    start, follower, rows = 0.08 * side, pair.follower, []
+    for tick in range(600):
+        held = tick < 250  # the bound of the force grows for 1 s
+        if held:
+            pair.leader.q, pair.leader.dq = start.copy(), np.zeros(6)
+        inside = follower.q * side > 0.0
+        follower.q[inside] = follower.dq[inside] = 0.0
+        pair.hand_pull = -0.1 * np.tanh(pair.leader.dq / 0.05)
+        speeds, ways, taus = pair.run(TICK_S)
+        if held:
+            felt = np.abs(taus[-1])
+        else:
+            rows.append((speeds[-1], ways[-1] - start))
+    return *np.abs(rows).max(axis=0), felt
+
+
+@pytest.mark.parametrize("side", [np.ones(6), np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])])
+def test_a_leader_let_go_at_a_wall_does_not_snap(side):
+    speeds, ways, felt = let_go_at_a_wall(POSE, True, side)
+    assert speeds.max() < 1.5 and ways.max() < 0.1
+    plain_speeds, plain_ways, plain_felt = let_go_at_a_wall(POSE, False, side)
+    assert plain_speeds.max() > 0.5 and plain_ways.max() > 0.15, "the plain spring is meant to throw it"
+    assert felt == pytest.approx(plain_felt, rel=0.02)  # the stiffness is that of the plain spring
+    assert felt[:3] == pytest.approx(0.2 * KP[:3] * 0.08, rel=0.02)
 
 
 def decays(seed):
