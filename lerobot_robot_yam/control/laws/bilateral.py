@@ -1,7 +1,11 @@
 """Force feedback for one leader, (n,) per joint: the leader is pulled towards a follower that is held back.
 
     tau = s · clip(k e, ±bound),   e = q_follower − q_leader,   k = gain · kp
-    added damping: c = k T,  T = 12 ms: exceeds the delay by sampling, CAN frames and ticks
+    added damping: c = k T,  T = 12 ms + measured delay beyond 20 ms,  gain ≤ 0.5 · 12 ms / T
+
+A spring that acts late by T stays passive if k T < damping (Colgate and Schenkel, "Passivity of a class of sampled-data
+systems", 1997; with delay Gil et al., "Stability boundary for haptic rendering", 2009). So c follows the delay, and the
+gain is reduced where c would exceed its value for the largest gain without delay: a leader must stay light.
 
 The share s gates the force by the operator's reaction. s is 1 while the operator moves against the force, pushes or
 holds still, and fades as the leader yields to the force:
@@ -21,7 +25,11 @@ controller b of Hannaford and Ryu, "Time-domain passivity control of haptic inte
 
 import numpy as np
 
-LAG_S = 0.012  # T, delay of the spring torque that the added damping compensates, s
+from lerobot_robot_yam.arm.leaders.lead_config import GAIN_MOST
+
+LAG_S = 0.012  # T with quick adapters: delay by sampling, CAN frames and ticks, s
+_QUICK_S = 0.02  # measured delay up to which T is `LAG_S`, s: two loops out of step read each other up to a tick late
+_ADAPTS_S = 0.2  # time constant with which T follows the measured delay, s
 _GIVES_WAY_RAD = 0.1  # Y, distance yielded by the leader after which the force is zero
 _CREDIT_RAD = 0.3  # maximum credit, earned by moving the leader against the force
 _WORTH_RAD = 0.03  # error e from which a force counts as significant: more than a freely moving follower lags
@@ -47,22 +55,39 @@ class BilateralForce:
 
     Attributes:
         works: whether the gain of any joint is not zero.
+        lag_s: present T, s.
         damping: (n,) c + b for the torque computed last, Nm s/rad.
     """
 
     def __init__(self, gain: np.ndarray, kp: np.ndarray, torque_limit_nm: np.ndarray, gated: bool = True):
+        self.gain, self._kp, self.lag_s = gain, kp, LAG_S
         self.stiffness = gain * kp
         self._steady = LAG_S * self.stiffness  # c
         self._bound, self._gated = _BOUND_SHARE * torque_limit_nm, gated
         self.works = bool(self.stiffness.any())
-        self._since_s = 0.0
+        self._ceiling: np.ndarray = np.zeros(len(gain))  # present bound, which grows to `_bound`
         self._given_way = [0.0] * len(gain)  # y
         self._given_j: np.ndarray = np.zeros(len(gain))  # W
         self.damping = self._steady
 
-    def engage(self) -> None:
-        """Start with zero force."""
-        self._since_s = 0.0
+    @property
+    def gain_most(self) -> float:
+        """Maximum gain for the present delay."""
+        return GAIN_MOST * LAG_S / self.lag_s
+
+    def adapt(self, delay_s: float, dt: float) -> bool:
+        """Adapt gain and damping to the measured delay; return whether T has reached the delay within a tenth."""
+        lag_s = LAG_S + max(delay_s - _QUICK_S, 0.0)
+        self.lag_s += (lag_s - self.lag_s) * dt / _ADAPTS_S
+        back = self.damping - self._steady
+        self.stiffness = np.minimum(self.gain, self.gain_most) * self._kp
+        self._steady = self.lag_s * self.stiffness
+        self.damping = self._steady + back
+        return abs(lag_s - self.lag_s) < 0.1 * lag_s
+
+    def engage(self, start_nm: np.ndarray | None = None) -> None:
+        """Start with a force of at most `start_nm` (n,), by default zero."""
+        self._ceiling = np.zeros(len(self._given_way)) if start_nm is None else np.abs(start_nm)
         self._given_way = [0.0] * len(self._given_way)
         self._given_j = np.zeros(len(self._given_j))
         self.damping = self._steady
@@ -73,12 +98,12 @@ class BilateralForce:
         Args:
             error: (n,) e, rad.
             dq: (n,) leader's speed, rad/s.
-            weight_nm: (n,) gravity torque on the leader. After `engage` the bound grows from zero; per `_FADE_S` the
+            weight_nm: (n,) gravity torque on the leader. After `engage` the bound grows; per `_FADE_S` the
                 growth is half of this torque, but at least `_GENTLE_NM`.
         """
         gentle = np.maximum(_GENTLE_NM, 0.5 * np.abs(weight_nm))
-        bound = np.minimum(self._bound, gentle * (self._since_s / _FADE_S))
-        self._since_s += dt
+        bound = self._ceiling
+        self._ceiling = np.minimum(self._bound, bound + gentle * (dt / _FADE_S))
         spring: np.ndarray = np.minimum(np.maximum(self.stiffness * error, -bound), bound)
         if not self._gated:
             return spring

@@ -78,10 +78,14 @@ class FollowerView:
         if block.value("coupled_to") == 0 and block.value("mode") == Mode.TRACK:
             self.follows = largest((self.setpoint - target)[: self._joints]) < _NEAR_RAD
 
+    def age_s(self, now: float) -> float:
+        """Return the age of the oldest of the follower's samples, s."""
+        return now - self._stamp_s
+
     def q_at(self, now: float) -> np.ndarray:
         """Return the follower's position (joints,) at time `now`, extrapolated from the newest sample, rad."""
         j = slice(self._joints)
-        q: np.ndarray = self.q[j] + self.dq[j] * (now - self._stamp_s)
+        q: np.ndarray = self.q[j] + self.dq[j] * self.age_s(now)
         return q
 
     def _tell(self, now: float, other: bool) -> None:

@@ -4,6 +4,7 @@ The leader reads only the follower's published state. A state that is stale, or 
 joints or motors, is ignored: the gate waits, no force acts, and the leader's own motion continues.
 """
 
+import logging
 import math
 from collections.abc import Sequence
 
@@ -23,6 +24,8 @@ from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import channel_key
 from lerobot_robot_yam.system.few_values import largest
 
+logger = logging.getLogger(__name__)
+
 _LEADS = (Mode.FLOAT, Mode.HOLD, Mode.TRACK)
 _AGE_MOST_S = 0.03  # maximum age of a motor's sample
 _HOME_RAD, _LEADER_HOME_RAD = 0.05, 0.1
@@ -34,6 +37,7 @@ _AGREES_S = 1.0  # time for a gripper to reach the trigger's opening; longer: an
 _BUTTONS = {"top": 0, "bottom": 1}
 _ALPHA, _BETA = 0.2, 0.3  # α and β of `MotionFilter`, per tick of 250 Hz
 _TICK_S = 0.004
+_FADE_S, _FADED_NM = 0.02, 0.1  # time constant with which a force fades out, s, and torque below which it ends
 _RESTART_S = 0.05  # pause after which the filter restarts
 
 
@@ -116,6 +120,7 @@ class Lead:
         self._mirrors = False
         gain = np.broadcast_to(np.array(config.bilateral, dtype=float), (arm.joints,))
         self._force = BilateralForce(gain, arm.kp[: arm.joints], arm.torque_limit_nm[: arm.joints])
+        self._pulls = self._told_slow = False
         self._buttons = _BUTTONS.get(config.gate_button or ""), _BUTTONS.get(config.fine_button or "")
         self._down = [False, False]
         self._before_s = self._agreed_s = -math.inf
@@ -156,6 +161,7 @@ class Lead:
         stamp_s = max(told, default=-math.inf)
         if mode is None or mode not in _LEADS or not now - min(told, default=math.inf) < _AGE_MOST_S:
             self._give_nothing(mode)
+            self._soften(None, mode, dt)
             return
         self._motion.advance(q + dq * (stamp_s - stamps), dq, stamp_s)
         there = self._follower.look(now)
@@ -166,17 +172,17 @@ class Lead:
         if self._grips:
             leader[-1] = self._opening()
         if self.state is not self._entered:
-            self._entered, self.assist = self.state, None
+            self._entered, self._pulls = self.state, False
             self._ramp.enter(self.state, now, leader, self._follower if there else None)
         self.action, self.action_dq = self._ramp.advance(
             self.state, now, dt, leader, rate, self._follower if there else None
         )
         self.stamp_s = self._motion.stamp_s
-        self.assist = self._assist(mode, now, weight_nm, dt)
+        self._soften(self._assist(mode, now, weight_nm, dt), mode, dt)
 
     def _give_nothing(self, mode: Mode | None) -> None:
         """Clear target and force, because the leader cannot lead or one of its motors is silent."""
-        self.action = self.action_dq = self.assist = None
+        self.action = self.action_dq = None
         self.stamp_s = math.nan
         self._follower.follows = self._mirrors = False
         self._gate.miss(self._index)
@@ -252,10 +258,10 @@ class Lead:
         if mode is not Mode.FLOAT or not self._follower.coupled:
             return None
         if mirrored:
-            self.assist = None  # the last pull was the mirroring
-        if self.assist is None:  # no force at the last tick, or a new state: start without a jolt
+            self._pulls = False  # the last pull was the mirroring
+        if not self._pulls:  # no force at the last tick, or a new state: start without a jolt
             self._led.begin(self._motion.q)
-            self._force.engage()
+            self._force.engage(None if mirrored or self.assist is None else self.assist[0])
         if self.state is Gate.HOMING:
             return self._led.advance(self._home[j], self._config.homing_speed_rad_s, self._motion.q, dt)
         if self.state is Gate.RECENTRE:
@@ -263,8 +269,31 @@ class Lead:
             return self._led.advance(self.action[j], _RECENTRE_RAD_S, self._motion.q, dt)
         if self.state is not Gate.ENGAGED or not self._force.works:
             return None
+        # Sample and command of an arm take about as long as each other, so the way round takes twice both ages.
+        delay_s = 2.0 * (now - self._motion.stamp_s + self._follower.age_s(now))
+        if self._force.adapt(delay_s, dt) and not self._told_slow:
+            self._tell_slow(delay_s)
         error = self._follower.q_at(now) - (self._motion.q + self._motion.dq * (now - self._motion.stamp_s))
         return self._force.torque(error, self._motion.dq, weight_nm, dt), self._force.damping
+
+    def _soften(self, assist: tuple[np.ndarray, np.ndarray] | None, mode: Mode | None, dt: float) -> None:
+        """Set `assist`. If it ends while the leader floats, as when data are missing, the last torque fades out."""
+        self._pulls = assist is not None
+        if assist is None and self.assist is not None and mode is Mode.FLOAT:
+            tau = self.assist[0] * (1.0 - dt / _FADE_S)
+            assist = (tau, self.assist[1]) if largest(tau) > _FADED_NM else None
+        self.assist = assist
+
+    def _tell_slow(self, delay_s: float) -> None:
+        """Log once that the delay reduces the gain of the force."""
+        most, asked = self._force.gain_most, float(self._force.gain.max())
+        if most < 0.9 * asked:
+            self._told_slow = True
+            logger.warning(
+                "%s: force feedback (bilateral) reduced from %.2f to %.2f: from this leader to its follower and back "
+                "takes %.0f ms, with which more would swing; use quicker CAN adapters, or find why answers are lost",
+                *(self._name, asked, most, 1e3 * delay_s),
+            )
 
     def note(self, record: np.ndarray) -> None:
         """Write gate state and follower's target into the leader's state record."""

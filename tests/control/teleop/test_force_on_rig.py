@@ -6,7 +6,7 @@ import pytest
 from lerobot_robot_yam.state.modes import Gate
 from scripts import recorders
 from tests.support.coupled import FOLLOWER, LEADER, POSE, Passing, coupled_session, started
-from tests.support.rigged import lockstep_rig
+from tests.support.rigged import lockstep_rig, rig_of
 from tests.support.tiers import spread
 
 rig = lockstep_rig(LEADER, FOLLOWER)
@@ -75,6 +75,22 @@ def test_engaging_from_any_pose_is_gentle(rig, poses):
         rig.press(LEADER, "sync")
         caller.run(0.2, note)
     session.discard()
+
+
+def test_a_slow_adapter_reduces_the_force_and_nothing_swings(caplog):
+    with rig_of("lockstep", arms=[LEADER, FOLLOWER], latency_s=0.02) as slow:
+        session, caller = started(slow, bilateral=0.5)
+        caller.run(0.8)
+        slow.push(LEADER, "tool", [8.0, 5.0, 0.0], 0.1)
+        slow.release(LEADER)
+        caller.run(1.2)
+        recorders.truth_start(slow, LEADER, 1.0)
+        caller.run(0.3)
+        assert np.abs(recorders.truth(slow, LEADER)["dq"][:, :6]).max() < 0.1
+        assert force_on(session).any(), "it is meant to pull"
+        session.discard()
+    told = [record.message for record in caplog.records if "force feedback" in record.message]
+    assert len(told) == 1 and "leader_left: force feedback (bilateral) reduced from 0.50 to 0.07" in told[0]
 
 
 @pytest.mark.long
