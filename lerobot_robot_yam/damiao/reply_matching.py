@@ -5,7 +5,8 @@ A reply does not state its command. Three rules find the command for any adapter
 1. A motor replies in the order of its requests, so a reply belongs to the motor's oldest open request.
 2. The wire keeps the order of ticks. Once a motor has replied to tick k, replies still owed for earlier ticks are lost.
 3. A channel that has lost whole ticks looks like a channel that has become slower. So, when every motor has owed more
-   replies than before for a while, the first motor gets no requests for some ticks. If its replies end before all owed
+   replies than before for a while, or for a few ticks after a silence of the whole channel, the first motor gets no
+   requests for some ticks. If its replies end before all owed
    ones have come, the rest are lost, and by rule 2 the other motors' owed replies are lost, too. A single motor that
    owes more replies than the others is left out of one tick; rule 2 then clears its owed replies.
 
@@ -21,6 +22,8 @@ _OPEN_MAX = 128  # maximum number of open requests per motor: 0.5 s at 250 Hz; a
 _BEHIND_TICKS = 2  # consecutive ticks in which a motor owes more replies than the others before it is left out
 _APART_TICKS, _APART_MAX_TICKS = 8, 128  # minimum and maximum interval at which the same motor is left out, ticks
 _SLOW_TICKS = 50  # consecutive ticks in which all motors owe more than before until the first motor rests
+_SILENT_TICKS = 3  # ticks without any reply after which a channel that replies again is examined at once
+_AGAIN_TICKS = 3  # ticks until then: replies that were held back arrive together, in one tick or two
 _ENDED_TICKS = 4  # consecutive ticks in which only other motors reply: then the resting motor's replies have ended
 _REST_TICKS = 30  # maximum rest, ticks (0.12 s): without commands a motor goes limp after 0.4 s
 
@@ -79,10 +82,11 @@ class Requests:
         self._left_out = [0] * count  # per motor: number of the last request that left it out
         self._apart = [_APART_TICKS] * count
         self._usual = 0  # replies that every motor owes at the next request: more with a slow adapter
-        self._slow_ticks = 0
+        self._slow_ticks = self._silent_ticks = 0
+        self._heard_of = 0  # newest answered request at the previous tick
         self._losses = 0  # losses of all motors, as of the previous tick
-        # While the first motor rests (rule 3): number of replies that it owed a tick ago; newest answered request at
-        # that time; ticks since its replies ended; ticks for which it has been resting.
+        # While the first motor rests (rule 3): number of replies, owed or lost, that had not come a tick ago; newest
+        # answered request at that time; ticks since its replies ended; ticks for which it has been resting.
         self._rest: tuple[int, int, int, int] | None = None
         self._losses_of_first = 0  # losses of the first motor before its rest
 
@@ -92,7 +96,7 @@ class Requests:
         if self._rest is not None:
             return [0] if self._go_on_resting(owed[0]) else ()
         if max(owed) == 0 == self._usual:  # the usual case
-            self._slow_ticks = 0
+            self._slow_ticks = self._silent_ticks = 0
             return ()
         number = self.newest.number + 1
         losses, self._losses = self._losses, sum(self.lost)
@@ -102,22 +106,33 @@ class Requests:
         if len(owed) > 1:
             self._usual = min(self._usual, least)
         self._slow_ticks = self._slow_ticks + 1 if least > self._usual else 0
+        self._look_for_silence()
         absent = [i for i, count in enumerate(owed) if self._is_behind(i, count > least, number)]
         if self._slow_ticks < _SLOW_TICKS or absent:
             return absent
         self._slow_ticks, self._usual = 0, least
-        self._rest, self._losses_of_first = (owed[0], self._answered, 0, 0), self.lost[0]
+        self._rest, self._losses_of_first = (owed[0] + self.lost[0], self._answered, 0, 0), self.lost[0]
         return [0]
+
+    def _look_for_silence(self) -> None:
+        """Let the first motor rest soon if the whole channel replies again after a silence."""
+        if self._answered == self._heard_of:
+            self._silent_ticks += 1
+            return
+        if self._silent_ticks >= _SILENT_TICKS and self._slow_ticks:
+            self._slow_ticks = max(self._slow_ticks, _SLOW_TICKS - _AGAIN_TICKS)
+        self._heard_of, self._silent_ticks = self._answered, 0
 
     def _go_on_resting(self, owed: int) -> bool:
         """Process a tick in which the first motor rested; return whether to leave this motor out of the next tick."""
         assert self._rest is not None
         before, answered, ended, ticks = self._rest
-        if owed != before:
+        missing = owed + self.lost[0]  # replies to other motors' requests may show that some are lost (rule 2)
+        if missing != before:
             ended = 0
         elif self._answered != answered or len(self._open) == 1:
             ended += 1
-        self._rest = owed, self._answered, ended, ticks + 1
+        self._rest = missing, self._answered, ended, ticks + 1
         if ended == _ENDED_TICKS:
             self._give_up(0)
         if self._open[0] and ticks < _REST_TICKS:

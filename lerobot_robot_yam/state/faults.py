@@ -114,7 +114,8 @@ _MOTOR_ERROR = "MotorError that names motor and cause"
 _RAIL_ERROR = "MotorError; the brake is engaged at once, the motor stops and the base brakes"
 PARENT_S = 0.03  # maximum time to detect a dead caller, s: callers are checked every 20 ms
 TICK_S = 0.01  # time for one tick of the loop and one read by its caller, rounded up, s
-SILENT_S = 0.1  # silence after which a motor is lost, s: a quarter of the motor's watchdog time
+SILENT_S = 0.15  # silence after which a motor is lost, s: a shorter dropout is a pause; watchdogs act after 0.4 s
+RAIL_SILENT_S = 0.1  # silence after which a rail's switches and brake are lost, s: a carriage runs on meanwhile
 HEAT_S = 0.6  # maximum time to detect heat, s: a temperature counts once steady for half a second
 HUNG_S = 0.14  # time without a tick after which the stand-by replaces a loop, s: a third of the motors' watchdog time
 MOST_RAD_S2 = 30.0  # maximum feedforward acceleration, rad/s²
@@ -166,11 +167,12 @@ RESPONSES: dict[Trouble, Rule] = {
     Trouble.REPLY_LOST: _go_on("a reply misses its tick", "nothing; counted in the state", 0.0),
     Trouble.REPLIES_LOST: _go_on(
         f"several in a row, for less than {SILENT_S} s",
-        "nothing; the state says how old it is, and is refused when older than `max_state_age_s`",
+        "nothing; followers brake and wait, and all go on without a jump; the state says how old it is, and is refused "
+        "when older than `max_state_age_s`",
         0.0,
     ),
-    Trouble.MOTOR_SILENT: _hold(f"no answer for {SILENT_S} s and ten questions", 0.15),
-    Trouble.BUS_SILENT: _lose(f"no motor of the channel answers for {SILENT_S} s", 0.15),
+    Trouble.MOTOR_SILENT: _hold(f"no answer for {SILENT_S} s and ten questions", 0.2),
+    Trouble.BUS_SILENT: _lose(f"no motor of the channel answers for {SILENT_S} s", 0.2),
     Trouble.BUS_OFF: _lose("frames are no longer taken, or no motor answers", 0.15),
     Trouble.LINK_DOWN: _lose("sending fails: network is down", TICK_S),
     Trouble.ADAPTER_GONE: _lose("sending or receiving fails: no such device, or in a way that nobody knows", TICK_S),
@@ -313,7 +315,7 @@ RESPONSES: dict[Trouble, Rule] = {
         "MotorError that names the wheels; the base brakes and holds at velocity 0",
     ),
     Trouble.RAIL_SILENT: _hold(
-        f"switches and brake of a base's rail have not been read for {SILENT_S} s",
+        f"switches and brake of a base's rail have not been read for {RAIL_SILENT_S} s",
         0.15,
         f"{_RAIL_ERROR}; while the brake cannot be engaged, torque is not cut, even after the caller has gone",
     ),

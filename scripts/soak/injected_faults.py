@@ -242,7 +242,7 @@ EVEN = "motor_fault"
 """Kind that occurs at even intervals."""
 RANDOM = {
     EVEN: Kind(30.0, lambda rng: _on_motor(rng, rng.choice(_CODE)), "nibble", explains_all=True),
-    # Too short for a silence (0.1 s), even if ticks take three times as long as they should.
+    # Too short for a silence (0.15 s), even if ticks take three times as long as they should.
     "lost_replies": Kind(2.0, lambda rng: _on_motor(rng, rng.randint(1, 8)), "drop_next"),
     "motor_silent": Kind(75.0, lambda rng: _on_motor(rng, seconds=rng.uniform(0.03, 1.5)), "silent", cuts=True),
     "reading_glitch": Kind(4.0, _glitch, "reading"),

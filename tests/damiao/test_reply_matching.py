@@ -114,6 +114,16 @@ def test_whole_ticks_are_lost(ticks, delay_ms, motors):
     assert channel.requests.lost == [ticks] * motors
 
 
+@pytest.mark.parametrize("ticks", [4, 5, 15, 25])
+def test_a_silence_of_the_channel_is_over_some_ticks_after_it_replies_again(ticks):
+    """Else an arm would be led by old samples for 0.3 s, and then lose the motor that rests for that long."""
+    channel = Channel()
+    channel.ticks(300)
+    channel.ticks(ticks, lost=lambda _: True)
+    channel.ticks(11)
+    assert channel.too_old == 0 and channel.left_out <= 7
+
+
 @pytest.mark.parametrize("losses", [1, 3])
 @pytest.mark.parametrize("after_ticks", range(45, 75, 3))
 def test_a_channel_that_becomes_slower_and_loses_answers_while_that_is_found_out(after_ticks, losses):

@@ -4,7 +4,7 @@ import math
 
 from lerobot_robot_yam.control.mobile.rail_brake import CONFIRM_S, RailBrake
 from lerobot_robot_yam.mobile.rail_profile import SOFT_END_M
-from lerobot_robot_yam.state.faults import SILENT_S, Trouble
+from lerobot_robot_yam.state.faults import RAIL_SILENT_S, Trouble
 from lerobot_robot_yam.system.boards.switch_board import BoardSample
 
 _UNHEARD = 10  # ticks without a new sample after which they are silent; time alone is no proof, see channel_monitor
@@ -29,7 +29,7 @@ class RailMonitor:
         """Return what is wrong. height_m: NaN before homing. lag_rad: plan minus angle of the motor."""
         self._unheard = self._unheard + 1 if sample.stamp_s == self._stamp_s else 0
         self._stamp_s = sample.stamp_s
-        self.silent = self._unheard >= _UNHEARD and now - sample.stamp_s > SILENT_S
+        self.silent = self._unheard >= _UNHEARD and now - sample.stamp_s > RAIL_SILENT_S
         if self.silent:
             what = f"switches and brake not heard for {min(now - sample.stamp_s, 99.0):.2f} s"
             return Trouble.RAIL_SILENT, f"{self._name}: {what}; check their cable, converter and power"

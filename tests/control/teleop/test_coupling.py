@@ -10,6 +10,7 @@ from lerobot_robot_yam.state.records import Limited
 from scripts import recorders
 from tests.support.coupled import FOLLOWER, LEADER, POSE, started, sweep
 from tests.support.rigged import lockstep_rig
+from tests.support.tiers import spread
 
 rig = lockstep_rig(LEADER, FOLLOWER)
 TICK_S = 0.004
@@ -156,6 +157,24 @@ def test_an_emergency_stop_ends_it_and_it_goes_on_smoothly(rig, pair):
     assert np.abs(truth["dq"][:, :6]).max() < 1.65
     gap = session[FOLLOWER].newest().q - session[LEADER].newest().q
     assert np.abs(gap).max() < 0.05
+
+
+@pytest.mark.parametrize("motor", spread([None, "joint_4"], 0))
+@pytest.mark.parametrize("channel", [LEADER, FOLLOWER])
+def test_a_dropout_of_a_tenth_of_a_second_is_a_pause(rig, pair, channel, motor):
+    session, caller = pair
+    sweep(rig, 4.0)
+    caller.run(2.2)
+    recorders.truth_start(rig, FOLLOWER, 2.0)
+    rig.fault(channel, motor, "loss_rate", 1.0)
+    caller.run(0.1)
+    rig.fault(channel, motor, "loss_rate", 0.0)
+    caller.run(0.15)
+    assert session[LEADER].newest().mode is Mode.FLOAT and session[FOLLOWER].newest().coupled
+    caller.run(0.75)
+    assert steps(recorders.truth(rig, FOLLOWER)["dq"][:, :6]) < 0.4
+    gap = np.array(session[LEADER].newest().action[:6]) - session[FOLLOWER].newest().setpoint_q
+    assert np.abs(gap).max() < 0.03
 
 
 @pytest.mark.long
