@@ -17,7 +17,7 @@ from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.arm_status import ArmStatus
 from lerobot_robot_yam.control.bring_up import BringUp
 from lerobot_robot_yam.control.fault_response import RELEASE_FIRST, FaultResponse
-from lerobot_robot_yam.control.float_monitor import FloatMonitor
+from lerobot_robot_yam.control.float_monitor import FloatMonitor, FloatPause
 from lerobot_robot_yam.control.gripper.handle_reader import NO_HANDLE
 from lerobot_robot_yam.control.joints.joint_interface import JointInterface
 from lerobot_robot_yam.control.landing_response import LandingResponse
@@ -69,6 +69,7 @@ class ArmController:
         self.bring_up = BringUp(arm, self.interface, self._floating)
         self.landing = LandingResponse(arm, self.interface)
         self.faults = FaultResponse(Rearm(arm, self.interface), arm, self.landing, self.bring_up, self._floating)
+        self._pause = FloatPause(arm, self._floating, self.faults.suffer)
         self._stop = StopResponse(arm, self.landing, self.faults, self._floating)
         self.energise, self.end, self.advance = self.bring_up.energise, self.landing.end, arm.setpoint.step
         self.start_send, self.start_receive = arm.send, self.interface.receive
@@ -213,10 +214,7 @@ class ArmController:
         if status.letting_go:
             return
         self._stop.check(now)
-        wrong = self._floating.watch(now, status.mode in _HELD and arm.estimate.all_usable, status.afloat)
-        if wrong:
-            arm.setpoint.move_at(arm.estimate.dq[: arm.hardware.joints])  # a sudden stop would throw the arm
-            self.faults.suffer(Trouble.RUNAWAY, wrong, now)
+        self._pause.advance(now, status.mode in _HELD and arm.estimate.all_usable, self.handle[0])
         self.faults.advance()
         if status.mode is Mode.BRING_UP:
             trouble = self.bring_up.advance(now)
@@ -324,6 +322,7 @@ class ArmController:
         elif status.mode is Mode.FAULT:
             raise LifeCycleError(f"{self.name}: {status.message}; re-arm it first")
         elif request is Request.HOLD:
+            self._pause.end()
             if status.mode is Mode.BRING_UP:
                 self.bring_up.after = Mode.HOLD
             elif status.mode not in (Mode.HOLD, Mode.STOPPED):

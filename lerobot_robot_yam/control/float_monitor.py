@@ -1,111 +1,30 @@
-"""Checks whether an arm may float, and whether a floating arm runs away.
+"""Checks whether an arm may float, whether a floating arm runs away, and whether a hand made it fast."""
 
-An arm may float if it would stay in place, because friction can supply the residual torque r:
-
-    r = tau − w,  w = gravity model · gravity factor
-
-While the arm floats, the motors produce w, and only friction acts against r. A lying arm needs less torque than w, but
-its motors still produce w: r is 0, and the arm may float. If w is too large, motors that hold the arm must pull
-downwards, which shows in r.
-"""
-
+import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
+from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.impedance import Impedance
 from lerobot_robot_yam.control.joints.estimate import JointEstimate
-from lerobot_robot_yam.damiao.tables import motor_type
+from lerobot_robot_yam.control.laws.gravity_balance import CHECK, GravityBalance, range_nm
+from lerobot_robot_yam.control.laws.mit_laws import FELT_SHARE
 from lerobot_robot_yam.errors import LifeCycleError
-from lerobot_robot_yam.system.few_values import largest
+from lerobot_robot_yam.state.faults import Trouble
+from lerobot_robot_yam.state.modes import Mode
+
+logger = logging.getLogger(__name__)
 
 _PATIENCE_S = 2.0  # maximum wait for a hand that supports the arm to be removed, s
 _AT_STOP_RAD = 0.05  # distance to a joint limit that counts as its stop: real zeros are off by a few hundredths
-_STILL_RAD_S = 0.15  # maximum speed of an arm at rest
-_KNOWN_S = 0.2  # time at rest before torques are used, s: the jerk of the deceleration must fade
 _MEMORY_S = 1.0  # maximum age of torques from before a motion, s: a brief slip of a joint proves nothing
-_SMOOTH_S = 0.06
-_WRONG_SHARE = 0.2  # tolerated error as a share of w: models are 10 to 20 % off (vendor's gravity factors: 1.0 … 1.2)
-_WRONG_NM = 0.02  # tolerated error as a share of the motor's range, 0.56 Nm of a DM4340: twice the vendor's friction
-CHECK = "check payload_mass_kg, gravity_factor, arm, gripper and base_tilt_rad"
-
-
-def range_nm(hardware: ResolvedArm) -> np.ndarray:
-    """Return the torque ranges (joints,) of the joints' motors, Nm."""
-    return np.array([motor_type(motor.type).torque_max_nm for motor in hardware.motors[: hardware.joints]])
-
-
-def tolerance_nm(range_nm: np.ndarray, weight_nm: np.ndarray) -> np.ndarray:
-    """Return by how much (n,) a model may miss the torque that holds joints with weight_nm, both (n,), Nm."""
-    tolerance: np.ndarray = _WRONG_NM * range_nm + _WRONG_SHARE * np.abs(weight_nm)
-    return tolerance
-
-
-class GravityBalance:
-    """Comparison of n joints' torques with the model. Call `advance` at each tick of a held arm, else `reset`.
-
-    Args:
-        names: (n,) joint names, for messages.
-        range_nm: (n,) torque ranges of the joints' motors.
-    """
-
-    def __init__(self, names: Sequence[str], range_nm: np.ndarray):
-        self._names = names
-        self._range_nm = np.asarray(range_nm, dtype=float)
-        self._still_since = math.inf
-        self._before = -math.inf
-        self._wrong: np.ndarray = np.zeros(len(self._names))
-        self._weight: np.ndarray = np.zeros(len(self._names))
-        self._known_until = -math.inf
-
-    def reset(self) -> None:
-        """Forget all torques because the arm is not held by all its motors."""
-        self._still_since, self._known_until = math.inf, -math.inf
-
-    def advance(self, now: float, tau_nm: np.ndarray, weight_nm: np.ndarray, dq: np.ndarray) -> None:
-        """Process one tick of a held arm.
-
-        Args:
-            now: time, s.
-            tau_nm, weight_nm: (n,) measured torque, and modelled gravity torque w.
-            dq: (n,) speed, rad/s.
-        """
-        dt, self._before = now - self._before, now
-        if largest(dq) > _STILL_RAD_S:
-            if now - self._still_since > _KNOWN_S:
-                self._known_until = now
-            self._still_since = math.inf
-            return
-        if self._still_since == math.inf:
-            self._still_since = now
-            self._wrong = tau_nm - weight_nm
-        self._wrong += (tau_nm - weight_nm - self._wrong) * min(dt / _SMOOTH_S, 1.0)
-        self._weight = weight_nm
-
-    def verdict(self, now: float, unknown: np.ndarray | None = None, memory_s: float = 0.0) -> str | None:
-        """Return a message naming the joints that would run away; "" if the arm may float, None while unknown.
-
-        Args:
-            now: time, s.
-            unknown: (n,) direction in which a stop may hold the joint, else 0; torque in this direction is ignored.
-            memory_s: maximum age of torques from before a motion that may be used for a moving arm, s.
-        """
-        if not now - self._still_since > _KNOWN_S and now - self._known_until >= memory_s:
-            return None
-        wrong, weight = self._wrong, self._weight
-        if unknown is not None:
-            wrong = np.where(wrong * unknown > 0.0, 0.0, wrong)
-        beyond = np.abs(wrong) - tolerance_nm(self._range_nm, weight)
-        worst = int(beyond.argmax())
-        if beyond[worst] <= 0.0:
-            return ""
-        parts = [
-            f"{self._names[i]} is held with {weight[i] + wrong[i]:.1f} Nm where the model says {weight[i]:.1f}"
-            for i in np.flatnonzero(beyond > 0.0)
-        ]
-        return f"{', '.join(parts)}, and would run away; {CHECK}, and let go of the arm"
+_WEIGHT_S = 1.0  # time for which the torque of an arm that nobody touches is the same, s: no hand is so steady
+_VARIES = 0.01  # variation of a hand's torque, as a share of the joint's torque limit: 0.1 Nm at a wrist
+_GRIPPED = 0.1  # squeeze of the trigger that shows a hand at the handle
+_SOON_S = 5.0  # time after a pause in which another one counts as the second, s
 
 
 class FloatMonitor:
@@ -116,6 +35,7 @@ class FloatMonitor:
         self._j, self._names = slice(hardware.joints), hardware.joint_names
         self._balance = GravityBalance(self._names, range_nm(hardware))
         self._now = -math.inf
+        self.pushed = False  # whether the joint that `watch` found was made too fast by a hand
         self._awaited_since: float | None = None
 
     def watch(self, now: float, held: bool, afloat: bool) -> str:
@@ -134,6 +54,7 @@ class FloatMonitor:
         # A joint that supports no weight can only have been moved by a push.
         if joint is None or not self._impedance.carries(self._estimate.q[self._j], joint):
             return ""
+        self.pushed = self._impedance.float_speed.pushed(joint)
         return (
             f"{self._names[joint]} goes on at {dq[joint]:.1f} rad/s though it is damped, and is held now; {CHECK}. "
             "If a hand was so fast, raise float_speed_rad_s"
@@ -161,10 +82,102 @@ class FloatMonitor:
         Raises:
             LifeCycleError: joints would run away; the message names joints and torques.
         """
-        if not self._names:
-            return
-        hw, q = self._hardware, self._estimate.q[self._j]
-        at_stop = (q > hw.upper[self._j] - _AT_STOP_RAD).astype(float) - (q < hw.lower[self._j] + _AT_STOP_RAD)
-        wrong = self._balance.verdict(self._now, at_stop, _MEMORY_S)
+        wrong = self.weigh(_MEMORY_S)
         if wrong:
             raise LifeCycleError(f"{arm} does not float: {wrong}")
+
+    def weigh(self, memory_s: float = 0.0) -> str | None:
+        """Return why the held arm must not float; "" if it may, None while it moves. memory_s: see `GravityBalance`."""
+        if not self._names:
+            return ""
+        hw, q = self._hardware, self._estimate.q[self._j]
+        at_stop = (q > hw.upper[self._j] - _AT_STOP_RAD).astype(float) - (q < hw.lower[self._j] + _AT_STOP_RAD)
+        return self._balance.verdict(self._now, at_stop, memory_s)
+
+    @property
+    def wrong_nm(self) -> np.ndarray:
+        """Difference (joints,) of the torque of the arm at rest from the model's, Nm."""
+        return self._balance.wrong_nm
+
+
+class FloatPause:
+    """Pause of a floating arm that went too fast for too long: hold it gently, weigh it, and let it float again.
+
+    What the arm's damping took, or a squeezed trigger, tells whether a hand made it fast. Held, the arm is weighed:
+
+        balanced, and a hand made it fast  the arm floats again
+        balanced, and no hand              it floats again once a hand has touched it; untouched for 1 s: a fault
+        wrong by the same torque for 1 s   it is the weight: a fault
+        wrong, and the torque varies       a hand is at the arm: the pause goes on
+
+    A second pause soon after the first ends only once a hand has touched the arm, so that nothing floats away, is held
+    and floats away for ever. Meanwhile a hand may push the arm, which yields at a quarter of its torque.
+
+    Advance once per tick.
+
+    Args:
+        actuation, floating: parts of the arm.
+        suffer: called with fault, message and time.
+    """
+
+    def __init__(self, actuation: Actuation, floating: FloatMonitor, suffer: Callable[[Trouble, str, float], None]):
+        self._arm, self._floating, self._suffer = actuation, floating, suffer
+        self._message = ""  # why the arm is held; empty: no pause
+        self._ended_s = -math.inf
+        self._hand = self._touched = False  # whether a hand made the arm fast; whether it floats again once balanced
+        self._since_s = math.inf  # time since which the arm rests with the same torque
+        self._wrong_nm: np.ndarray = np.zeros(actuation.hardware.joints)
+
+    def advance(self, now: float, held: bool, trigger: float) -> None:
+        """Process one tick.
+
+        Args:
+            now: time, s.
+            held: whether all motors hold the arm.
+            trigger: the handle's trigger, 0 released … 1 squeezed; NaN without one.
+        """
+        arm, status = self._arm, self._arm.status
+        wrong = self._floating.watch(now, held, status.afloat)
+        if wrong:
+            arm.setpoint.move_at(arm.estimate.dq[: arm.hardware.joints])  # a sudden stop would throw the arm
+            if status.mode is not Mode.FLOAT or arm.grips:
+                self._suffer(Trouble.RUNAWAY, wrong, now)
+                return
+            logger.warning("%s: %s. It is held until it rests and is balanced", arm.name, wrong)
+            self._message, self._since_s = wrong, math.inf
+            self._hand = trigger > _GRIPPED or self._floating.pushed
+            self._touched = self._hand and now - self._ended_s > _SOON_S
+            arm.hold_here()
+            arm.impedance.gentle = True
+        elif self._message and (status.mode is not Mode.HOLD or status.halted):
+            self.end()
+        if self._message:
+            self._weigh(now)
+
+    def end(self) -> None:
+        """End the pause, because somebody else decides what the arm does."""
+        self._message, self._arm.impedance.gentle = "", False
+
+    def _weigh(self, now: float) -> None:
+        arm, j = self._arm, slice(self._arm.hardware.joints)
+        felt_nm = FELT_SHARE * arm.hardware.torque_limit_nm
+        arm.setpoint.press_less(arm.impedance.kp, arm.impedance.sag_nm, felt_nm[j])
+        verdict, nm = self._floating.weigh(), self._floating.wrong_nm
+        began = math.isinf(self._since_s)
+        if verdict is None:
+            self._touched |= not began  # a hand moves it
+            self._since_s = math.inf
+            return
+        varies = bool((np.abs(nm - self._wrong_nm) > _VARIES * arm.hardware.torque_limit_nm[j]).any())
+        if began or (verdict and varies):
+            self._touched |= not began
+            self._since_s, self._wrong_nm = now, nm.copy()
+        if verdict == "" and self._touched:
+            logger.info("%s: floats again", arm.name)
+            self._ended_s = now
+            self.end()
+            arm.enter(Mode.FLOAT)
+        elif now - self._since_s > _WEIGHT_S and (verdict or not self._hand):
+            message = self._message
+            self.end()
+            self._suffer(Trouble.RUNAWAY, message, now)

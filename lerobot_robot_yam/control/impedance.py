@@ -9,6 +9,7 @@ from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.laws import mit_laws
+from lerobot_robot_yam.control.laws.gravity_balance import range_nm, tolerance_nm
 from lerobot_robot_yam.control.laws.sag import SOFT_NM_RAD, Sag
 from lerobot_robot_yam.state.faults import MOST_RAD_S2
 from lerobot_robot_yam.state.modes import Mode
@@ -26,6 +27,7 @@ _RUBS = 0.05  # maximum friction torque, as a share of the torque limit: 1.4 Nm 
 _MOST_KD = 5.0  # maximum damping accepted by the motors, Nm s/rad, so that unsupported parts sink slowly
 _PLANNED_SHARE = 0.9  # share of the torque limit available to a set-point; the rest is for unmodelled torque
 _LEAST_SHARE = 0.2  # minimum share of the acceleration: a set-point must always be able to brake
+_WRONG_TIMES = 2.0  # tolerated errors of the weight beyond which a hand pushes: a weight is checked in one pose only
 _POSES = 500  # number of random poses that find the largest weight to a few percent; takes 7 ms
 _AHEAD_TICKS = 1.5  # ticks from a sample to the middle of the tick in which the command computed from it acts
 
@@ -131,6 +133,7 @@ class Impedance:
         live: the arm's own gains, which a caller may change.
         weight_nm: (joints,) gravity torque by the model at the last commands.
         needed_nm: (joints,) torque by the model for gravity and the set-point's motion at the last commands.
+        gentle: whether a hand may push the holding arm away: beside the weight it pulls with a quarter of its torque.
         coupled: whether the arm follows a leader at loop rate. While coupled, the profile's friction of soft joints is
             fed forward unless the configuration sets friction.
     """
@@ -149,7 +152,10 @@ class Impedance:
         asked = hardware.config.coulomb_friction_nm is not None
         self._soft_nm = np.where(soft & (not asked), hardware.arm.coulomb_friction_nm, 0.0)
         self._soft_share = 0.0
-        self.coupled = False
+        self.coupled = self.gentle = False
+        # An arm with a gripper may lose a heavy object while it floats, and is damped with all its torque then.
+        self._felt_nm = (1.0 if hardware.has_gripper else mit_laws.FELT_SHARE) * hardware.torque_limit_nm
+        self._range_nm = range_nm(hardware)
         self._clipped = False
         # Bounds of all commanded positions; the gripper has its own stops.
         beyond = np.append(np.full(hardware.joints, RANGE_TOLERANCE_RAD), [np.inf] * hardware.has_gripper)
@@ -201,11 +207,13 @@ class Impedance:
             tau[j] += inputs.assist[0]
             out[j, mit_laws.TAU] = tau[j]
             out[j, mit_laws.KD] += inputs.assist[1]
-        share = self.float_speed.share(dq[j], inputs.dt)
-        if share is not None:
-            # Limit the damping to the torque margin: the torque clip would turn a misread speed into a commanded one.
-            room = np.maximum(hw.torque_limit_nm[j] - np.abs(tau[j]), 0.0) / np.maximum(np.abs(dq[j]), 1e-9)
-            out[j, mit_laws.KD] = np.minimum(out[j, mit_laws.KD] + share * (_MOST_KD - hw.idle_kd[j]), room)
+        most_kd = np.maximum(_MOST_KD - out[j, mit_laws.KD], 0.0)
+        # The torque clip would turn a misread speed into a commanded one, so damping stays within the torque margin.
+        room = np.minimum(np.maximum(hw.torque_limit_nm[j] - np.abs(tau[j]), 0.0), self._felt_nm[j])
+        wrong_nm = _WRONG_TIMES * tolerance_nm(self._range_nm, self.weight_nm)
+        kd = self.float_speed.damping(dq[j], inputs.dt, most_kd, room, wrong_nm)
+        if kd is not None:
+            out[j, mit_laws.KD] += kd
         wall = mit_laws.soft_wall(
             out[j], q[j], dq[j], hw.lower[j], hw.upper[j], hw.kp[j], hw.kd[j], hw.torque_limit_nm[j]
         )
@@ -312,7 +320,10 @@ class Impedance:
         clip does not move the command out of the range.
         """
         q = np.minimum(np.maximum(inputs.q, self._lower), self._upper)
-        self._clipped = mit_laws.clip_torque(out, q, inputs.dq, self._hardware.torque_limit_nm, inputs.before)
+        limit = self._hardware.torque_limit_nm
+        if self.gentle:
+            limit = np.minimum(limit, np.abs(out[:, mit_laws.TAU]) + mit_laws.FELT_SHARE * limit)
+        self._clipped = mit_laws.clip_torque(out, q, inputs.dq, limit, inputs.before)
         out[:, mit_laws.Q] = np.minimum(np.maximum(out[:, mit_laws.Q], self._lower), self._upper)
         return out, limited | Limited.TORQUE if self._clipped else limited
 

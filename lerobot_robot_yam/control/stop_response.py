@@ -18,9 +18,10 @@ import numpy as np
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.fault_response import FaultResponse
-from lerobot_robot_yam.control.float_monitor import FloatMonitor, range_nm, tolerance_nm
+from lerobot_robot_yam.control.float_monitor import FloatMonitor
 from lerobot_robot_yam.control.impedance import Impedance
 from lerobot_robot_yam.control.landing_response import LandingResponse
+from lerobot_robot_yam.control.laws.gravity_balance import range_nm, tolerance_nm
 from lerobot_robot_yam.errors import ConfigError, LifeCycleError, YamError
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode

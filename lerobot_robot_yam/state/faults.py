@@ -284,10 +284,12 @@ RESPONSES: dict[Trouble, Rule] = {
         "and `disable_torque` LifeCycleError, and the arm goes on holding",
     ),
     Trouble.RUNAWAY: _hold(
-        "a floating joint is faster than `float_speed_rad_s` for 0.25 s, though it is damped then; also during an "
-        "emergency stop",
-        1.0,
-        "MotorError that names the joint and what to check",
+        "a floating joint is faster than `float_speed_rad_s` in one direction for 0.25 s (0.6 s where a hand pushes), "
+        "though it is damped. It is held at once. It is a fault if then its torque is not the model's, or neither the "
+        "damping's power nor the trigger shows a hand; else a pause, and it floats again. During an emergency stop and "
+        "while an arm is guided by hand it is always a fault",
+        3.0,
+        "in a pause nothing, a warning in the log; else MotorError that names the joint and what to check",
     ),
     Trouble.LEADER_LOST: Rule(
         "the leader's state is older than 0.03 s, or tells no target: a motor, its process or its link is lost",

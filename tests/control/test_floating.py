@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from lerobot_robot_yam.control.float_monitor import GravityBalance
+from lerobot_robot_yam.control.laws.gravity_balance import GravityBalance
 from lerobot_robot_yam.control.laws.mit_laws import KD, FloatDamping
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
@@ -91,8 +91,8 @@ def test_what_passes_and_floats_away_all_the_same_is_slowed_down_and_held(rig, s
 @pytest.mark.long
 def test_what_runs_away_can_be_rearmed_once_it_is_balanced(rig, started):
     session = started(LEADER)
-    rig.push(LEADER, "gripper", [0.0, 0.0, 12.0], 3.0)  # somebody lifts it, and lets go in full swing
-    session.clock.sleep(2.0)
+    rig.push(LEADER, "gripper", [0.0, 0.0, 12.0], 4.0)  # it has lost 1.2 kg
+    session.clock.sleep(3.2)
     assert session[LEADER].published().trouble is Trouble.RUNAWAY
     with pytest.raises(LifeCycleError, match=r"does not float: joint_\d is held with"):
         session[LEADER].rearm()
@@ -199,16 +199,69 @@ def test_a_hand_feels_nothing_below_the_speed(rig, started):
     assert session[LEADER].observe().mode is Mode.FLOAT
 
 
-def test_a_quick_move_of_a_hand_is_no_runaway():
+def test_a_quick_hand_leads_on_and_feels_no_blow(rig, started):
+    """A wrist to and fro by 0.3 rad twice a second, then turned by 2 rad in a third of a second."""
+    session = started(LEADER)
+    controller = session._runner._loop._controllers[0]
+    limit_nm, idle_kd = controller.actuation.hardware.torque_limit_nm, controller.actuation.hardware.idle_kd
+    rig.hand(LEADER, [1.2], [POSE])
+    session.clock.sleep(1.5)
+    t = np.arange(0.0, 2.0, 0.01)
+    swing, turn = 0.3 * np.sin(4.0 * np.pi * np.minimum(t, 1.5)), 1.0 - np.cos(np.pi * np.clip((t - 1.6) * 3, 0.0, 1.0))
+    q = np.tile(POSE, (len(t), 1))
+    q[:, 3:] += swing[:, None]
+    q[:, 3] += turn
+    rig.hand(LEADER, t + 0.1, q)
+    fast, brakes_nm, end = 0.0, np.zeros(6), session.clock.now() + 2.5
+    while session.clock.now() < end:
+        session.clock.sleep(0.004)
+        dq = np.abs(controller.actuation.estimate.dq)
+        brakes_nm = np.maximum(brakes_nm, (controller.interface.sent[:, KD] - idle_kd) * dq)
+        fast = max(fast, dq.max())
+        assert session[LEADER].mode() is Mode.FLOAT
+    assert fast > 8.0 and brakes_nm.max() > 2.0
+    assert (brakes_nm < 0.6 * limit_nm).all()  # a quarter, and what the joint gains in a tick
+
+
+def test_what_pushes_for_too_long_is_paused_and_the_second_time_until_it_is_touched(rig, started):
+    session = started(LEADER)
+
+    def after(seconds):
+        session.clock.sleep(seconds)
+        state = session[LEADER].published()
+        assert state.trouble is None
+        return state.mode
+
+    rig.push(LEADER, "gripper", [0.0, 0.0, 12.0], 1.3)
+    assert after(1.3) is Mode.HOLD
+    assert after(1.5) is Mode.FLOAT
+    rig.push(LEADER, "gripper", [18.0, 0.0, 0.0], 1.3)
+    assert after(1.3) is Mode.HOLD
+    assert after(2.5) is Mode.HOLD
+    rig.push(LEADER, "gripper", [0.0, 0.0, -20.0], 0.5)
+    session.clock.sleep(0.5)
+    assert after(1.0) is Mode.FLOAT
+
+
+@pytest.mark.parametrize(("wrong_nm", "lasts_s"), [(9.0, 0.26), (1.0, 0.63)])
+def test_a_quick_move_of_a_hand_is_no_runaway(wrong_nm, lasts_s):
     speed = FloatDamping(FLOAT_RAD_S, 6)
-    for _ in range(5):  # strokes of 0.15 s at 3.3 rad/s, with rests between
-        for tick in range(250):
-            share = speed.share(np.array([3.3 if tick < 37 else 0.5, 0, 0, 0, 0, 0]), 0.004)
-            assert not 1 <= tick < 37 or (share is not None and 0.0 < share[0] < 1.0)
+
+    def damping(dq):
+        kd = speed.damping(np.array(dq), 0.004, np.full(6, 4.5), np.full(6, 7.0), np.full(6, wrong_nm))
+        assert kd is None or np.abs(kd * dq).max() <= 7.0 + 1e-9
+        return kd
+
+    for way in (1.0, -1.0) * 5:  # strokes of 0.2 s at 4 rad/s, to and fro
+        for tick in range(50):
+            kd = damping([4.0 * way, 0, 0, 0, 0, 0])
+            assert tick < 1 or kd[0] > 0.0
         assert speed.runs_away is None
-    for _ in range(75):
-        speed.share(np.array([0, 0, -4.0, 0, 0, 0]), 0.004)
-    assert speed.runs_away == 2
+    ticks = 0
+    while speed.runs_away is None:
+        damping([0, 0, -4.0, 0, 0, 0])
+        ticks += 1
+    assert speed.runs_away == 2 and abs(ticks * 0.004 - lasts_s) < 0.02
     speed.reset()
     assert speed.runs_away is None
 

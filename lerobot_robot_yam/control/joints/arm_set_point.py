@@ -144,13 +144,13 @@ class ArmSetPoint(SetPoint):
             keeps = float(self._estimate.q[joint] + gap[joint] * kp_before[joint] / kp_now[joint])
             (self.shift if at_once else self.reseed)(int(joint), keeps)
 
-    def press_less(self, kp: np.ndarray, carries_nm: np.ndarray, most_nm: float) -> None:
+    def press_less(self, kp: np.ndarray, carries_nm: np.ndarray, most_nm: float | np.ndarray) -> None:
         """Move set-points closer to the joints until |kp (q_set − q) + carries_nm| ≤ most_nm.
 
         Args:
             kp: (n,) stiffness, Nm/rad.
             carries_nm: (joints,) correction torque that is fed forward, Nm.
-            most_nm: maximum torque of spring and correction together, Nm.
+            most_nm: maximum torque of spring and correction together, Nm; (joints,) or one number.
         """
         here, kp = self.here, np.maximum(kp[: self._joints], 1.0)
         gap = (self.q - here)[: self._joints]

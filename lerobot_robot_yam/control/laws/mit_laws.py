@@ -11,11 +11,15 @@ Q, DQ, KP, KD, TAU = range(5)
 
 _FRICTION_SPEED_RAD_S = 0.05  # width of the smoothed sign function in the friction term: avoids chatter at standstill
 _WALL_STIFFNESS = 0.3  # wall stiffness, as a share of the position gain
-_WALL_TORQUE = 0.25  # maximum wall torque, as a share of the torque limit
+FELT_SHARE = 0.25  # maximum torque against a hand at a floating joint, as a share of the torque limit
 _WALL_DAMPED_RAD = 0.03  # distance beyond a joint limit at which the wall reaches its full damping
 _FULL = 0.25  # excess speed, as a share of the speed limit, from which the damping is full
 _RELEASE_S = 0.1  # time in which the share of damping decays from 1 to 0
 _RUNS_AWAY_S = 0.25  # time at the speed limit after which a joint is running away: hand motions are shorter or slower
+_HAND_COUNTS = (
+    0.4  # count of a second in which a hand pushes: 0.6 s in all, in which it crosses half of a joint's range
+)
+_PUSHED_S = 0.04  # time after which power proves a hand, s: ten ticks
 _FORGET = 0.5  # decay of the time counted at the speed limit, s per second below the limit
 _ABOUT = 0.9  # share of the speed limit above which a damped joint still counts as at the limit
 
@@ -38,16 +42,18 @@ def float_free(out: np.ndarray, q: np.ndarray, idle_kd: np.ndarray, tau: np.ndar
 
 
 class FloatDamping:
-    """Damping for n floating joints that move faster than a hand does, and detection of joints that run away.
+    """Damping for n floating joints that move faster than most hands do, and detection of joints that run away.
 
-        share = clip((v / limit − 1) / 0.25, 0, 1),  kd = idle kd + share (maximum kd − idle kd)
+        share = clip((v / limit − 1) / 0.25, 0, 1),  kd = share · maximum kd,  kd |dq| ≤ maximum torque
 
     v is the smaller |dq| of the last two ticks: a hand that grasps a light wrist moves the wrist at 4 rad/s for one
     tick. The share grows at once and decays slowly: a wrist is slowed down within one tick, so a share with a quick
     decay would release and catch the wrist at every other tick.
 
     Damping alone does not stop an arm whose model is wrong: the arm drifts to its mechanical stops. A joint that needs
-    the damping for longer than a quick hand motion lasts is running away. Call `share` once per tick.
+    the damping in one direction for longer than a quick hand motion lasts is running away. Where the damping takes more
+    power than a wrong weight can give, a hand pushes, and the time counts less: a hand ends at a joint's range.
+    Call `damping` once per tick.
 
     Args:
         limit_rad_s: speed up to which no joint is damped.
@@ -59,16 +65,25 @@ class FloatDamping:
         self._before: np.ndarray = np.zeros(joints)  # |dq| at the last tick
         self._none: np.ndarray = np.zeros(joints)
         self._share, self._damped_s, self._damps = self._none, self._none, False
+        self._way: np.ndarray = self._none  # direction of the counted motion
+        self._pushed_s: np.ndarray = self._none  # time for which a hand pushed during the counted motion
 
     def reset(self) -> None:
         """Forget all speeds after the end of floating."""
-        self._share = self._damped_s = self._none
+        self._share = self._damped_s = self._way = self._pushed_s = self._none
         self._damps = False
 
-    def share(self, dq: np.ndarray, dt: float) -> np.ndarray | None:
-        """Compute the share (n,) of the maximum damping that each joint needs at `dq` (n,) rad/s. dt: tick period, s.
+    def damping(
+        self, dq: np.ndarray, dt: float, most_kd: np.ndarray, most_nm: np.ndarray, wrong_nm: np.ndarray
+    ) -> np.ndarray | None:
+        """Compute the damping (n,), Nm s/rad, that each joint needs at `dq` (n,) rad/s in addition to its own.
 
         Return None if no joint needs damping, the usual case.
+
+        Args:
+            dt: tick period, s.
+            most_kd, most_nm: (n,) maximum damping, and maximum torque of the damping.
+            wrong_nm: (n,) torque that a wrong weight may add.
         """
         fast = np.abs(dq)
         speed, self._before = np.minimum(fast, self._before), fast
@@ -76,16 +91,26 @@ class FloatDamping:
             return None
         needed = np.minimum(np.maximum((speed / self._limit - 1.0) / _FULL, 0.0), 1.0)
         self._share = np.maximum(needed, self._share - dt / _RELEASE_S)
-        at_limit = speed > np.where(self._damped_s > 0.0, _ABOUT, 1.0) * self._limit
-        self._damped_s = np.maximum(self._damped_s + np.where(at_limit, dt, -_FORGET * dt), 0.0)
+        kd: np.ndarray = np.minimum(self._share * most_kd, most_nm / np.maximum(fast, 1e-9))
+        counted = np.where(dq * self._way < 0.0, 0.0, self._damped_s)
+        at_limit = speed > np.where(counted > 0.0, _ABOUT, 1.0) * self._limit
+        pushed = kd * fast > wrong_nm
+        self._pushed_s = np.where(counted > 0.0, self._pushed_s, 0.0) + pushed * dt
+        passes = np.where(pushed, _HAND_COUNTS, 1.0) * dt
+        self._damped_s = np.maximum(counted + np.where(at_limit, passes, -_FORGET * dt), 0.0)
+        self._way = np.where(at_limit, dq, self._way)
         self._damps = any_of(self._damped_s > 0.0)
-        return self._share
+        return kd
 
     @property
     def runs_away(self) -> int | None:
         """Index of the joint that has been too fast for longer than a hand motion lasts; None: no joint has."""
         worst = int(self._damped_s.argmax()) if len(self._damped_s) else 0
         return worst if len(self._damped_s) and self._damped_s[worst] > _RUNS_AWAY_S else None
+
+    def pushed(self, joint: int) -> bool:
+        """Return whether a hand, and no wrong weight, has made the joint too fast."""
+        return bool(self._pushed_s[joint] > _PUSHED_S)
 
 
 def soft_wall(
@@ -118,7 +143,7 @@ def soft_wall(
     stiffness = np.where(depth > 0.0, _WALL_STIFFNESS * kp, 0.0)
     damping = np.maximum(kd - out[:, KD], 0.0) * np.minimum(depth / _WALL_DAMPED_RAD, 1.0)
     torque = np.abs(stiffness * beyond + damping * dq)
-    share = np.minimum(_WALL_TORQUE * limit_nm / np.maximum(torque, 1e-9), 1.0)
+    share = np.minimum(FELT_SHARE * limit_nm / np.maximum(torque, 1e-9), 1.0)
     out[:, Q] = q - beyond
     out[:, KP] += share * stiffness
     out[:, KD] += share * damping

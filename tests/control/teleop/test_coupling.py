@@ -159,6 +159,25 @@ def test_an_emergency_stop_ends_it_and_it_goes_on_smoothly(rig, pair):
     assert np.abs(gap).max() < 0.05
 
 
+@pytest.mark.long
+def test_a_leader_that_pauses_is_followed_all_the_while(rig, pair):
+    session, caller = pair
+    rig.release(LEADER)
+    caller.run(0.5)
+    recorders.truth_start(rig, FOLLOWER, 4.0)
+    rig.push(LEADER, "gripper", [25.0, 0.0, 0.0], 1.3)
+    modes = set()
+
+    def note():
+        modes.add(session[LEADER].newest().mode)
+        assert session[FOLLOWER].newest().coupled
+
+    caller.run(3.5, note)
+    assert modes == {Mode.FLOAT, Mode.HOLD}
+    assert session[LEADER].newest().mode is Mode.FLOAT
+    assert steps(recorders.truth(rig, FOLLOWER)["dq"][:, :6]) < 0.4
+
+
 @pytest.mark.parametrize("motor", spread([None, "joint_4"], 0))
 @pytest.mark.parametrize("channel", [LEADER, FOLLOWER])
 def test_a_dropout_of_a_tenth_of_a_second_is_a_pause(rig, pair, channel, motor):
