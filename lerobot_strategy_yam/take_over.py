@@ -17,7 +17,7 @@ from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.driving.drive_options import DriveOptions
 from lerobot_robot_yam.face.lerobot_command.running_command import Meaning, Situation
 from lerobot_robot_yam.face.operator_keys.auto_episodes import LIFTED
-from lerobot_robot_yam.face.operator_keys.handle_buttons import RisingEdges, buttons_of
+from lerobot_robot_yam.face.operator_keys.handle_buttons import BUTTONS, Presses
 from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
 from lerobot_teleoperator_yam.leader_options import BUTTON_OPTIONS
@@ -160,7 +160,7 @@ class TakeOverSignals:
                         f"button {prefix}{button} has two meanings: {name}, and yam_dagger's; give it one"
                     )
         self._keys: deque[str] = deque()
-        self._edges = RisingEdges()
+        self._presses = Presses()
         self._toggled, self._opened = set[str](), set[str]()
 
     def key(self, name: str) -> None:
@@ -179,9 +179,9 @@ class TakeOverSignals:
     def look(self) -> tuple[set[str], set[Wish]]:
         """Return the prefixes of the arms that the person wants to drive, and other requests since the last call."""
         wishes, states = set[Wish](), self._leaders.arm_states()
-        pressed = self._edges.pressed(buttons_of(states))
+        pressed = self._presses.new(states)
         for prefix in states:
-            if f"{prefix}{self._config.take_over_button}" in pressed and prefix not in self._gated:
+            if pressed.count(f"{prefix}{self._config.take_over_button}") % 2 and prefix not in self._gated:
                 self._toggled ^= {prefix}
             if f"{prefix}{self._config.rewind_button}" in pressed:
                 wishes.add(Wish.REWIND)

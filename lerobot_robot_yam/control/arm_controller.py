@@ -183,7 +183,7 @@ class ArmController:
         if self.lead is not None:
             sample = arm.q, arm.estimate.dq, arm.chain.stamp_s
             mode = None if status.halted else status.mode
-            self.lead.advance(now, mode, sample, self.handle, arm.impedance.weight_nm)
+            self.lead.advance(now, mode, sample, self.handle[:3], arm.impedance.weight_nm)
             arm.assist = self.lead.assist
 
     def _derate(self, now: float, monitor: ThermalMonitor) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops
+from lerobot_robot_yam.control.gripper.handle_reader import HandleState
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.state.about import forget_about, tell_about
 from lerobot_robot_yam.state.faults import Trouble
@@ -62,7 +63,7 @@ class ControllerBlocks:
         # Views of the record: looking up a field by name takes longer than filling the field.
         self._measured = [self._record[field][self._slots] for field in _MEASURED]
         self._sunk = self._record["sunk"][: hardware.joints]
-        self._handle: tuple = (controller.handle.trigger, *controller.handle.buttons, controller.handle.stamp_s)
+        self._handle = _packed(controller.handle)
         self._well = False  # whether all motors were well in the last published state
         self._seldom: tuple | None = None  # rarely changing values in the last published state
 
@@ -115,8 +116,7 @@ class ControllerBlocks:
         self._ended = status.mode is Mode.OFF
         self.published_mode = status.mode
         if not self._ended:  # once an arm is off, its handle is not read any more
-            handle = self._controller.handle
-            self._handle = (handle.trigger, *handle.buttons, handle.stamp_s)
+            self._handle = _packed(self._controller.handle)
         _EACH_TICK.pack_into(
             self._bytes,
             _EACH_TICK_AT,
@@ -182,3 +182,8 @@ class ControllerBlocks:
         if remove:
             forget_about(self._key)
         self._commands.close()
+
+
+def _packed(handle: HandleState) -> tuple[float, ...]:
+    """Return the handle's values in the order of `EACH_TICK`."""
+    return handle.trigger, *handle.buttons, handle.stamp_s, *handle.presses

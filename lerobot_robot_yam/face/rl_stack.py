@@ -27,7 +27,7 @@ from lerobot_robot_yam.face.devices.feature_names import STEPS
 from lerobot_robot_yam.face.devices.pair_check import Models
 from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
 from lerobot_robot_yam.face.operator_keys.auto_episodes import LIFTED
-from lerobot_robot_yam.face.operator_keys.handle_buttons import RisingEdges, buttons_of
+from lerobot_robot_yam.face.operator_keys.handle_buttons import Presses
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import ArmState
 
@@ -177,10 +177,10 @@ class TeleopEventWatch:
             self._thread.start()
 
     def _run(self, ends: threading.Event) -> None:
-        edges = RisingEdges()
+        presses = Presses()
         while not ends.wait(_PERIOD_S):
             try:
-                pressed = edges.pressed(buttons_of(self._read()))
+                pressed = presses.new(self._read())
             except YamError as error:  # arms off or loop ended, which is reported elsewhere
                 logger.debug("no buttons: %s", error)
                 continue

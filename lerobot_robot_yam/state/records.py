@@ -62,7 +62,7 @@ ACTION_SLOTS = MAX_MOTORS + 1  # slots of a follower's target: a follower may ha
 STATE_DTYPE = np.dtype(
     [
         ("owner_pid", "u8"),  # pid of the control loop's process; changes when another process takes over
-        # `EACH_TICK` has the fields from stamp_s to handle_stamp_s.
+        # `EACH_TICK` has the fields from stamp_s to presses.
         ("stamp_s", "f8"),  # monotonic time of publication
         ("tick", "u8"),
         ("asked_s", "f8"),  # monotonic time of the oldest command whose reply is among the motors' samples
@@ -73,6 +73,7 @@ STATE_DTYPE = np.dtype(
         ("trigger", "f8"),
         ("buttons", "u1", 2),
         ("handle_stamp_s", "f8"),
+        ("presses", "u8", 2),  # presses of each button since the control loop began
         ("joints", "u1"),  # number of joints
         ("motors", "u1"),  # number of motors: joint motors, and the gripper motor if present
         ("q", "f8", MAX_MOTORS),
@@ -154,8 +155,8 @@ def packed(dtype: np.dtype, motors: int, only: Collection[str] | None = None) ->
     return struct.Struct(layout), start
 
 
-EACH_TICK = STATE_DTYPE.fields["stamp_s"][1], struct.Struct("<dQdBHBBd2Bd")  # type: ignore[index]
-"""Offset and layout of the fields that change at every tick, stamp_s … handle_stamp_s."""
+EACH_TICK = STATE_DTYPE.fields["stamp_s"][1], struct.Struct("<dQdBHBBd2Bd2Q")  # type: ignore[index]
+"""Offset and layout of the fields that change at every tick, stamp_s … presses."""
 _STATES = [packed(STATE_DTYPE, motors) for motors in range(MAX_MOTORS + 1)]
 _JOINTS_AT, _MOTORS_AT = (STATE_DTYPE.fields[name][1] for name in ("joints", "motors"))  # type: ignore[index]
 OWNER = STATE_DTYPE.fields["owner_pid"][1], struct.Struct("<Q")  # type: ignore[index]
@@ -265,6 +266,12 @@ class ArmState:
         """Buttons of the teaching handle; True: pressed."""
         first = self._at["buttons"]
         return bool(self._values[first]), bool(self._values[first + 1])
+
+    @property
+    def presses(self) -> tuple[int, int]:
+        """Number of presses of each button since the control loop began, however short they were."""
+        first = self._at["presses"]
+        return self._values[first], self._values[first + 1]
 
     @property
     def gate(self) -> Gate:

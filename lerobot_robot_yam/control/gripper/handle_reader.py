@@ -10,15 +10,18 @@ from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
 logger = logging.getLogger(__name__)
 
 _SILENT_S = 0.25
-_BOUNCE_S = 0.01  # debounce time of the buttons, s: switches bounce for some milliseconds
+_BOUNCE_S = 0.01  # time for which a button has to be up before it is released, s: switches bounce for some milliseconds
 
 
 class HandleState(NamedTuple):
-    """Trigger 0 released … 1 squeezed, NaN while the handle is silent; buttons; timestamp of the newest report, s."""
+    """Trigger 0 released … 1 squeezed, NaN while the handle is silent; whether each button is down; timestamp of the
+    newest report, s; presses of each button since the start.
+    """
 
     trigger: float
     buttons: tuple[bool, bool]
     stamp_s: float
+    presses: tuple[int, int] = (0, 0)
 
 
 NO_HANDLE = HandleState(math.nan, (False, False), -math.inf)
@@ -36,9 +39,10 @@ class HandleReader:
     def __init__(self, arm: str, encoder: HandleEncoder, travel: TriggerRange):
         self._arm, self._encoder, self._travel = arm, encoder, travel
         self._silent = False
-        self._buttons = [False, False]
-        self._since_s = [math.inf, math.inf]  # time since which each button is reported as changed
-        self._held = [True, True]  # whether held since the handle was silent; ignored until released
+        self._down = [True, True]  # whether down, or not known to be up: no press is missed, and none is invented
+        self._held = [True, True]  # whether down since the handle was silent, which is no press
+        self._up_since_s = [math.inf, math.inf]
+        self._presses = [0, 0]
 
     @property
     def raw_buttons(self) -> tuple[bool, bool]:
@@ -52,18 +56,28 @@ class HandleReader:
         if self._silent:
             if not before:
                 logger.warning("%s: the teaching handle is silent; its trigger and buttons are unknown", self._arm)
-            self._buttons, self._since_s, self._held = [False, False], [math.inf, math.inf], [True, True]
-            return HandleState(math.nan, (False, False), encoder.stamp_s)
+            self._down, self._held, self._up_since_s = [True, True], [True, True], [math.inf, math.inf]
+            return HandleState(math.nan, (False, False), encoder.stamp_s, self._counted)
         if before and encoder.stamp_s > -math.inf:
             logger.info("%s: the teaching handle answers again", self._arm)
         for index, down in enumerate(encoder.report.buttons):
-            if self._held[index]:
-                self._held[index] = down
-            elif down is self._buttons[index]:
-                self._since_s[index] = math.inf
-            else:
-                self._since_s[index] = min(self._since_s[index], encoder.stamp_s)
-                if encoder.stamp_s - self._since_s[index] >= _BOUNCE_S:
-                    self._buttons[index], self._since_s[index] = down, math.inf
-        buttons = self._buttons[0], self._buttons[1]
-        return HandleState(self._travel.share(encoder.report.trigger), buttons, encoder.stamp_s)
+            self._note(index, down, encoder.stamp_s)
+        buttons = [down and not held for down, held in zip(self._down, self._held, strict=True)]
+        trigger = self._travel.share(encoder.report.trigger)
+        return HandleState(trigger, (buttons[0], buttons[1]), encoder.stamp_s, self._counted)
+
+    def _note(self, index: int, down: bool, stamp_s: float) -> None:
+        """Process one button of a report. The first report of a press counts, so that a short tap is heard."""
+        if down:
+            self._up_since_s[index] = math.inf
+            if not self._down[index]:
+                self._down[index] = True
+                self._presses[index] += 1
+            return
+        self._up_since_s[index] = min(self._up_since_s[index], stamp_s)
+        if stamp_s - self._up_since_s[index] >= _BOUNCE_S:
+            self._down[index] = self._held[index] = False
+
+    @property
+    def _counted(self) -> tuple[int, int]:
+        return self._presses[0], self._presses[1]

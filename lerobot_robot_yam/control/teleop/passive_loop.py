@@ -104,10 +104,10 @@ class PassiveArm:
         self._trigger.report = HandleReport(angle, rate, encoders.buttons, self._mapping.trigger(angle))
         self._trigger.stamp_s = float(encoders.stamp_s[joints])
         handle = self._handle.read(now)
-        record["trigger"], record["buttons"], record["handle_stamp_s"] = handle
+        record["trigger"], record["buttons"], record["handle_stamp_s"], record["presses"] = handle
         self._tell([self._lost] if self._lost else encoders.silent(now - _SILENT_S))
         if self._lead is not None:
-            self._lead.advance(now, mode, (q, dq, encoders.stamp_s[j].copy()), handle, np.zeros(joints))
+            self._lead.advance(now, mode, (q, dq, encoders.stamp_s[j].copy()), handle[:3], np.zeros(joints))
             self._lead.note(record)
         self._states.write(record)
 

@@ -86,25 +86,36 @@ def _known(word: Any, what: str, known: Iterable[str]) -> str:
 
 
 class RisingEdges:
-    """Detector of button presses. The control loop has already debounced the buttons.
+    """Detector of presses of buttons that are held to act: a gamepad's, or a handle's drive button.
 
-    A button that is down at first, or after its handle was silent, has to be up before it counts as pressed.
+    A button that is down at first, or after its device was silent, has to be up before it counts as pressed.
     """
 
     def __init__(self) -> None:
         self._up: set[str] = set()  # buttons that were up at the last call
 
     def pressed(self, buttons: Mapping[str, bool | None]) -> list[str]:
-        """Return the buttons pressed since the last call. buttons: name → whether down; None: the handle is silent."""
+        """Return the buttons pressed since the last call. buttons: name → whether down; None: the device is silent."""
         edges = [name for name, down in buttons.items() if down and name in self._up]
         self._up = {name for name, down in buttons.items() if down is False}
         return edges
 
 
-def buttons_of(states: Mapping[str, ArmState]) -> dict[str, bool | None]:
-    """Return button name, such as left_bottom, → whether down, from prefix → state; None: the handle is silent."""
-    return {
-        f"{prefix}{name}": None if state.trigger is None else down
-        for prefix, state in states.items()
-        for name, down in zip(BUTTONS, state.buttons, strict=True)
-    }
+class Presses:
+    """Counter of the presses of handles' buttons, which the control loop has counted: none is missed between calls."""
+
+    def __init__(self) -> None:
+        self._counted: dict[str, int] = {}
+
+    def new(self, states: Mapping[str, ArmState]) -> list[str]:
+        """Return the names, such as left_bottom, of the buttons pressed since the last call, once for each press.
+
+        states: prefix → state of the arm.
+        """
+        before = self._counted
+        self._counted = {
+            f"{prefix}{name}": count
+            for prefix, state in states.items()
+            for name, count in zip(BUTTONS, state.presses, strict=True)
+        }
+        return [name for name, count in self._counted.items() for _ in range(count - before.get(name, count))]

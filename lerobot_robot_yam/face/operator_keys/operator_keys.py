@@ -12,7 +12,7 @@ from lerobot_robot_yam.face.lerobot_command import running_command
 from lerobot_robot_yam.face.lerobot_command.running_command import LABELS, Meaning, Phase, Situation
 from lerobot_robot_yam.face.operator_keys import key_plan, requests
 from lerobot_robot_yam.face.operator_keys.auto_episodes import AutoEpisodes, all_lifted, led_by_hand
-from lerobot_robot_yam.face.operator_keys.handle_buttons import RisingEdges, buttons_of
+from lerobot_robot_yam.face.operator_keys.handle_buttons import Presses
 from lerobot_robot_yam.face.operator_keys.key_plan import StopRequest
 from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_robot_yam.face.recorder.outcomes import OutcomeBook
@@ -45,7 +45,7 @@ class OperatorKeys:
         self._forget()
 
     def _forget(self) -> None:
-        self._edges, self._book, self._asked = RisingEdges(), OutcomeBook(), SimpleQueue[Press]()
+        self._presses, self._book, self._asked = Presses(), OutcomeBook(), SimpleQueue[Press]()
         self._auto = AutoEpisodes() if self._automatic else None
         self._goal: Phase | None = None
         self._stop: StopRequest | None = None
@@ -95,8 +95,7 @@ class OperatorKeys:
                 return
 
     def _tick(self, now_s: float, states: Mapping[str, ArmState]) -> None:
-        buttons = self._edges.pressed(buttons_of(states))
-        pressed = [Press(name, self._meanings[name]) for name in buttons if name in self._meanings]
+        pressed = [Press(name, self._meanings[name]) for name in self._presses.new(states) if name in self._meanings]
         with contextlib.suppress(Empty):
             while True:
                 pressed.append(self._asked.get_nowait())

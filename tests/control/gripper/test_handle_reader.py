@@ -29,24 +29,41 @@ def fed(encoder, found, levels, begin=1.0):
     return said
 
 
-def test_a_press_counts_once_it_has_lasted():
+UP = [False] * 4  # for as long as a release takes
+
+
+def test_a_press_counts_at_once_and_lasts_until_the_button_was_up_for_some_time():
     encoder, found = reader()
-    said = fed(encoder, found, [False, True, True, True, True, True])
-    assert said == [False, False, False, False, True, True]
+    said = fed(encoder, found, [*UP, True, False, False, False, False, True])
+    assert said == [*UP, True, True, True, True, False, True]
+    assert found.read(1.0).presses == (2, 0)
+
+
+def test_every_tap_of_10_ms_counts_at_any_phase(rig):
+    with arm_on(rig, "leader_left") as arm:
+        client = arm._session["leader_left"]
+        arm.clock.sleep(0.05)
+        for number in range(50):
+            arm.clock.sleep(0.0213)  # the phase of each tap is another one
+            rig.press("leader_left", "record", 0.01)
+            arm.clock.sleep(0.05)
+            assert client.published().presses == (0, number + 1)
 
 
 def test_a_button_held_from_the_start_or_through_silence_is_no_press():
     encoder, found = reader()
     assert not any(fed(encoder, found, [True] * 20))
-    assert any(fed(encoder, found, [False, *[True] * 20], 2.0))
+    assert any(fed(encoder, found, [*UP, *[True] * 20], 2.0))
     assert found.read(3.0).buttons == (False, False)
     assert not any(fed(encoder, found, [True] * 20, 3.0))
-    assert any(fed(encoder, found, [False, *[True] * 20], 4.0))
+    assert not any(fed(encoder, found, [False, *[True] * 20], 4.0))
+    assert any(fed(encoder, found, [*UP, *[True] * 20], 5.0))
+    assert found.read(5.1).presses == (2, 0)
 
 
 def test_bounce_is_one_press_and_one_release():
     encoder, found = reader()
-    levels = [False, True, False, True, True, False, *[True] * 10, False, True, False, *[False] * 10]
+    levels = [*UP, True, False, True, True, False, *[True] * 10, False, True, False, *[False] * 10]
     said = fed(encoder, found, levels)
     edges = sum(a is not b for a, b in zip(said, said[1:], strict=False))
     assert edges == 2 and said[-1] is False and any(said)
@@ -54,8 +71,10 @@ def test_bounce_is_one_press_and_one_release():
 
 def test_one_report_that_repeats_does_not_count_as_several():
     encoder, found = reader()
-    encoder.accept(encode_report(0.0, 0.0, (True, False)), 1.0)
-    assert not any(found.read(1.0 + tick * TICK_S).buttons[0] for tick in range(20))
+    fed(encoder, found, [*UP, True])
+    assert [found.read(1.02 + tick * TICK_S).presses for tick in range(20)] == [(1, 0)] * 20
+    encoder.accept(encode_report(0.0, 0.0, (False, False)), 1.1)
+    assert all(found.read(1.1 + tick * TICK_S).buttons[0] for tick in range(20))
 
 
 def test_a_stop_does_not_wait_for_the_bounce():

@@ -1,10 +1,12 @@
 """The option `buttons`, and when a button counts as pressed."""
 
+import numpy as np
 import pytest
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
-from lerobot_robot_yam.face.operator_keys.handle_buttons import SETS, RisingEdges, button_meanings
+from lerobot_robot_yam.face.operator_keys.handle_buttons import SETS, Presses, RisingEdges, button_meanings
+from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState
 
 TWO = ["left_", "right_"]
 
@@ -81,3 +83,20 @@ def test_buttons_are_independent():
     assert edges.pressed({"top": False, "bottom": False}) == []
     assert edges.pressed({"top": False, "bottom": True}) == ["bottom"]
     assert edges.pressed({"top": True, "bottom": True}) == ["top"]
+
+
+def test_presses_that_the_loop_counted_between_two_looks_are_not_missed():
+    presses = Presses()
+
+    def look(left, right):
+        record = np.zeros((), STATE_DTYPE)
+        states = []
+        for record["presses"] in (left, right):
+            states.append(ArmState(record.tobytes()))
+        return presses.new(dict(zip(["left_", "right_"], states, strict=True)))
+
+    assert look((3, 0), (0, 9)) == []  # of which nothing is known: before the start
+    assert look((3, 1), (0, 9)) == ["left_bottom"]
+    assert look((3, 3), (1, 9)) == ["left_bottom", "left_bottom", "right_top"]
+    assert look((0, 0), (1, 9)) == []  # another process drives the leader
+    assert look((0, 1), (1, 9)) == ["left_bottom"]
