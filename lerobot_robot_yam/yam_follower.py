@@ -259,7 +259,10 @@ class FollowerBase(ArmDevice, RecordedRobot):
         for side, leader in zip(self._arms.sides, leaders or [None] * len(self._arms.sides), strict=True):
             index = side.gripper_index
             gripper = None if index is None else target[index]
-            sent[side.slice], gripper = self._arms[side].write_target(target[side.slice], gripper, leader=leader or "")
+            key, take_over = (leader, (0, 0)) if leader else self._arms.leader_at_hand(side)
+            sent[side.slice], gripper = self._arms[side].write_target(
+                target[side.slice], gripper, leader=key, take_over=take_over
+            )
             if index is not None:
                 sent[index] = gripper
         return sent

@@ -32,6 +32,11 @@ class YamDaggerStrategyConfig(RolloutStrategyConfig):
         "gate for that",
         "bottom",
     )
+    take_over: Literal["toggle", "hold"] = option(
+        "toggle: a press takes the arm over, the next one gives it back; hold: the person drives while the button is "
+        "down",
+        "toggle",
+    )
     rewind_button: Literal["top", "bottom"] | None = option(
         "button of any handle that ends the episode and sends the arms back along their way", "top"
     )
@@ -56,6 +61,8 @@ class YamDaggerStrategyConfig(RolloutStrategyConfig):
         """Check the values. Raises RefusedConfigError: a value is invalid."""
         if self.rewind_button == self.take_over_button:
             raise RefusedConfigError("yam_dagger: take_over_button and rewind_button are the same; give each its own")
+        if self.take_over not in ("toggle", "hold"):
+            raise RefusedConfigError(f"yam_dagger: take_over takes toggle or hold, not {self.take_over!r}")
         for name in ("rewind_s", "hand_back_s"):
             if not 0.0 <= getattr(self, name) <= 60.0:
                 raise RefusedConfigError(f"yam_dagger: {name} takes a time within 0 … 60 s, not {getattr(self, name)}")

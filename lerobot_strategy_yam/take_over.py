@@ -133,6 +133,8 @@ class TakeOverSignals:
 
     Attributes:
         prefixes: prefix of each arm.
+        pressed: prefixes of the arms that a press has taken over since the call before the last `look`. Their followers
+            obey the person since the press.
 
     Raises:
         ConfigError: the teleoperator is no YAM leader with a follower, or drives a base; or a button has two meanings.
@@ -162,6 +164,13 @@ class TakeOverSignals:
         self._keys: deque[str] = deque()
         self._presses = Presses()
         self._toggled, self._opened = set[str](), set[str]()
+        # prefix → index of the button that takes the arm over; none for a gate that a lift opens
+        given = {
+            prefix: arm.gate_button if prefix in self._gated else config.take_over_button
+            for prefix, arm in arms.items()
+        }
+        self._buttons = {prefix: BUTTONS.index(button) for prefix, button in given.items() if button is not None}
+        self._wanted, self.pressed = set[str](), set[str]()
 
     def key(self, name: str) -> None:
         """Store a key. LeRobot's listeners call `key`."""
@@ -181,7 +190,8 @@ class TakeOverSignals:
         wishes, states = set[Wish](), self._leaders.arm_states()
         pressed = self._presses.new(states)
         for prefix in states:
-            if pressed.count(f"{prefix}{self._config.take_over_button}") % 2 and prefix not in self._gated:
+            presses = pressed.count(f"{prefix}{self._config.take_over_button}")
+            if presses % 2 and prefix not in self._gated and self._config.take_over == "toggle":
                 self._toggled ^= {prefix}
             if f"{prefix}{self._config.rewind_button}" in pressed:
                 wishes.add(Wish.REWIND)
@@ -192,7 +202,23 @@ class TakeOverSignals:
             arms = set(_ARM_KEYS.get(name, ())) & (states.keys() - self._gated)
             self._toggled = self._toggled - arms if arms <= self._toggled else self._toggled | arms
         self._opened = {prefix for prefix in self._gated if states[prefix].gate in LIFTED}
-        return self._toggled | self._opened, wishes
+        held = set[str]()
+        if self._config.take_over == "hold":
+            held = {
+                prefix
+                for prefix, at in self._buttons.items()
+                if prefix not in self._gated and states[prefix].buttons[at]
+            }
+        before, self._wanted = self._wanted, self._toggled | self._opened | held
+        by_button = {prefix for prefix, at in self._buttons.items() if f"{prefix}{BUTTONS[at]}" in pressed}
+        self.pressed = (self._wanted - before) & by_button
+        free = self._buttons.keys() - self._wanted
+        self._leaders.let_take_over({p: (self._buttons[p] + 1, states[p].presses[self._buttons[p]]) for p in free})
+        return set(self._wanted), wishes
+
+    def end(self) -> None:
+        """Let no press take over an arm any more: the arms go back and land."""
+        self._leaders.let_take_over({})
 
     def give_all_back(self) -> set[str]:
         """Give back arms taken over by button or key. Return the prefixes of arms taken over by a gate."""

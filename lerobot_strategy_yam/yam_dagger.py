@@ -45,6 +45,8 @@ class _Episodes:
     def __init__(self, dataset: Any, features: Mapping[str, Any], task: str, longest: int):
         self._dataset, self._features, self._task, self._longest = dataset, features, task, longest
         self._frames = self.saved = 0
+        # observation, action and taken arms of the newest frame, which a press may still change
+        self._newest: tuple[dict[str, Any], Action, set[str]] | None = None
 
     @property
     def full(self) -> bool:
@@ -53,24 +55,42 @@ class _Episodes:
 
     def add(self, observation: Mapping[str, Any], action: Mapping[str, float], taken: Set[str]) -> None:
         """Add a frame: observation, action, and the prefixes of the arms that a person drove."""
-        frame = build_dataset_frame(self._features, observation, prefix=OBS_STR)
+        self._write()
+        self._newest = build_dataset_frame(self._features, observation, prefix=OBS_STR), dict(action), set(taken)
+        self._frames += 1
+
+    def correct(self, action: Mapping[str, float], pressed: Set[str]) -> None:
+        """Replace these arms' part of the newest frame: a press within the frame gave them to the person.
+
+        action: the targets that the arms have executed since the press.
+        """
+        if self._newest is not None:
+            self._newest[1].update({key: action[key] for key in action if key.startswith(tuple(pressed))})
+            self._newest[2].update(pressed)
+
+    def _write(self) -> None:
+        """Write the newest frame, if there is one, which is final."""
+        if self._newest is None:
+            return
+        (frame, action, taken), self._newest = self._newest, None
         frame |= build_dataset_frame(self._features, action, prefix=ACTION)
         arms = np.array(["" in taken or f"{side}_" in taken for side in SIDES])
         told = {"intervention": np.array([bool(taken)]), "intervention_arms": arms}
         told = {key: told[key] for key in told if key in self._dataset.features}  # a resumed data set may be older
         self._dataset.add_frame(frame | {"task": self._task} | told)
-        self._frames += 1
 
     def keep(self) -> bool:
         """Save the current episode, unless it is empty. Return whether an episode was saved."""
         if not self._frames:
             return False
+        self._write()
         self._dataset.save_episode()
         logger.info("episode %d saved, %d frames", self.saved, self._frames)
         self._frames, self.saved = 0, self.saved + 1
         return True
 
     def discard(self) -> None:
+        self._newest = None
         if self._frames:
             self._dataset.clear_episode_buffer()
             logger.info("episode %d discarded, %d frames", self.saved, self._frames)
@@ -186,6 +206,8 @@ class YamDaggerStrategy(RolloutStrategy):
         action = self._next_action(observation)
         if not action:
             return
+        if not self._rewinds:
+            self._episodes.correct(action, self._signals.pressed & self._arms.taken)
         robot.send_action(processors.robot_action_processor((action, observation)))
         if self._rewinds:
             return
@@ -227,6 +249,7 @@ class YamDaggerStrategy(RolloutStrategy):
     def teardown(self, ctx: Any) -> None:
         """Finish the data set, and upload it if requested; then move the arms to their start pose, and land."""
         requests.leave(self._signals)
+        self._signals.end()
         if self._listener is not None:
             self._listener.stop()
         options = ctx.runtime.cfg.dataset

@@ -150,6 +150,14 @@ class LeaderBase(ArmDevice, Teleoperator):
         """Return the last published state of each leader, by feature prefix ("", or "left_" and "right_")."""
         return {side.prefix: self._arms[side].published() for side in self._arms.sides}
 
+    def let_take_over(self, known: Mapping[str, tuple[int, int]]) -> None:
+        """Let a person take over the followers of these arms within the control loop, while a policy drives them.
+
+        known: prefix of an arm → (number of its button from 1, presses of this button that the caller has seen). One
+            press more makes the follower follow this leader, until its next target.
+        """
+        self._arms.take_overs = dict(known)
+
     def disconnect(self) -> None:
         """Land the arms, then write the last labels. Idempotent."""
         self._keys.end()

@@ -12,7 +12,7 @@ from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.state.about import forget_about, tell_about
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import EACH_TICK, OWNER, STATE_DTYPE, BlockPair, Request, state_path
+from lerobot_robot_yam.state.records import EACH_TICK, OWNER, STATE_DTYPE, BlockPair, Led, Request, state_path
 
 logger = logging.getLogger(__name__)
 
@@ -95,9 +95,9 @@ class ControllerBlocks:
             velocity = None if np.isnan(dq).any() else dq
             age_s = float(now - command["target_stamp_s"])
             if age_s <= controller.config.command_timeout_s:
-                leader = command["leader"].item().decode()
-                if leader:
-                    controller.coupling.permit(leader, now)
+                led = Led(command["leader"].item().decode(), int(command["button"]), int(command["presses"]))
+                if led.leader:
+                    controller.coupling.permit(led, now)
                     if controller.coupling.can_follow(now):
                         return
                     controller.coupling.give_way()

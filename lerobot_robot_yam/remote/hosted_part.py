@@ -177,8 +177,13 @@ class HostedArm(HostedPart[ArmClient]):
         leader = command["leader"].decode(errors="replace")
         if leader and leader not in self.leaders:
             raise LifeCycleError(f"it cannot follow {leader}")
+        take_over = int(command["button"]), int(command["presses"])
+        if take_over[0] > 2:
+            raise LifeCycleError(f"a handle has no button {take_over[0]}")
         given_s = min(given_s, self._session.clock.now())
-        client.write_target(command["q"][:joints].tolist(), gripper, **options, leader=leader, given_s=given_s)
+        client.write_target(
+            command["q"][:joints].tolist(), gripper, **options, leader=leader, take_over=take_over, given_s=given_s
+        )
 
     @property
     def in_a_hand(self) -> bool:

@@ -18,7 +18,7 @@ from lerobot_robot_yam.errors import LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.session.caller_blocks import CommandWriter, StateReader, without_stops
 from lerobot_robot_yam.session.target_limits import LimitLog, limit_target
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import ArmState, Descriptors, Limited, Request
+from lerobot_robot_yam.state.records import ArmState, Descriptors, Led, Limited, Request
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
 REQUEST_TIMEOUT_S = 1.0  # wait for the control loop's reply to a request, s
@@ -99,6 +99,7 @@ class ArmClient:
         kp: Vector | None = None,
         kd: Vector | None = None,
         leader: str = "",
+        take_over: tuple[int, int] = (0, 0),
         given_s: float | None = None,
     ) -> tuple[np.ndarray, float | None]:
         """Write a target. The control loop moves the set-point to the target within its limits.
@@ -111,6 +112,8 @@ class ArmClient:
                 of a configuration: kp from 1, kd from a fiftieth of kp, both up to the motor's largest.
             leader: channel key of the leader that produced the target; the control loop reads its later targets itself,
                 until another target or request, at most for `command_timeout_s`. Empty: none.
+            take_over: (number of this leader's button, from 1, its presses as far as the caller knows): the loop reads
+                the leader's targets once the button has been pressed again, and obeys this target until then.
             given_s: timestamp of a target that another computer sent, in this clock's time, s; None: now.
 
         Returns:
@@ -142,7 +145,7 @@ class ArmClient:
         target, limited = limit_target(target, measured, self._lower, self._upper, relative)
         self._limit_log.note(limited)
         now = self._clock.now()
-        self._commands.write_target(now if given_s is None else given_s, target, options, leader)
+        self._commands.write_target(now if given_s is None else given_s, target, options, Led(leader, *take_over))
         return np.array(target[: hw.joints]), target[-1] if hw.has_gripper else None
 
     def _validated_options(self, **given: Vector | None) -> dict[str, np.ndarray]:

@@ -10,7 +10,16 @@ import numpy as np
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import GripperError, LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import COMMAND_DTYPE, PUBLISHED, STATE_DTYPE, ArmState, Request, packed
+from lerobot_robot_yam.state.records import (
+    COMMAND_DTYPE,
+    NOT_LED,
+    PUBLISHED,
+    STATE_DTYPE,
+    ArmState,
+    Led,
+    Request,
+    packed,
+)
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 from lerobot_robot_yam.system.shared_block import SharedBlock, allocate
 
@@ -171,7 +180,7 @@ class CommandWriter:
         self._pack = packed(COMMAND_DTYPE, motors)[0].pack
         self._unset = [math.nan] * motors
         self._stamp_s, self._number, self._target = 0.0, 0, self._unset
-        self._leader = b""
+        self._led = NOT_LED
         self._options = [self._unset] * len(_GRIPPER_OPTIONS)
         self._own = [*self._unset, *self._unset]
         self._asked, self._requests, self._asked_s = Request.NONE, 0, -math.inf
@@ -190,14 +199,14 @@ class CommandWriter:
         stamp_s: float,
         target: Sequence[float],
         options: Mapping[str, np.ndarray],
-        leader: str = "",
+        led: Led = NOT_LED,
     ) -> None:
         """Write a target with timestamp `stamp_s` (time on the clock).
 
         Args:
             target: joints in rad, then the gripper, 0 closed … 1 open, if the arm has one.
             options: optional dq (rad/s), kp (Nm/rad) and kd (Nm s/rad) of the joints.
-            leader: channel key of the leader whose later targets the loop reads itself; empty: none.
+            led: leader whose later targets the loop reads itself.
 
         Raises:
             LifeCycleError: the arm belongs to another process.
@@ -209,7 +218,7 @@ class CommandWriter:
         self._check_process()
         with self._lock:
             self._target, self._options = list(target), rows
-            self._stamp_s, self._leader = stamp_s, leader.encode()
+            self._stamp_s, self._led = stamp_s, led
             self._number += 1
             self._write()
 
@@ -251,6 +260,6 @@ class CommandWriter:
             *(value for row in self._options for value in row),
             *self._own,
         ]
-        values += [self._leader, self._asked_s, self._asked, self._requests]
+        values += [self._led.leader.encode(), *self._led[1:], self._asked_s, self._asked, self._requests]
         self._block.write_bytes(self._pack(*values))
         self._written()

@@ -105,6 +105,22 @@ STATE_DTYPE = np.dtype(
     ]
 )
 
+
+class Led(NamedTuple):
+    """Permission of a caller for a follower to take its targets from a leader's state at loop rate.
+
+    Attributes:
+        leader: channel key of the leader; empty: no permission.
+        button: number of the leader's button, from 1, whose next press takes the follower over; 0: it is permitted now.
+        presses: `ArmState.presses` of this button that the caller has seen.
+    """
+
+    leader: str = ""
+    button: int = 0
+    presses: int = 0
+
+
+NOT_LED = Led()
 KEY_BYTES = 200  # maximum length of a channel key, which may contain a rig's name and a channel's name
 
 COMMAND_DTYPE = np.dtype(
@@ -118,6 +134,8 @@ COMMAND_DTYPE = np.dtype(
         ("own_kp", "f8", MAX_MOTORS),  # gains for targets without gains; NaN: as configured
         ("own_kd", "f8", MAX_MOTORS),
         ("leader", f"S{KEY_BYTES}"),  # channel key of the leader whose targets replace later ones; empty: none
+        ("button", "u1"),  # button of this leader by which a person takes over, from 1; 0: its targets replace at once
+        ("presses", "u8"),  # presses of this button that the caller knows of; one more takes over
         ("request_stamp_s", "f8"),
         ("request", "u1"),
         ("request_sequence", "u8"),

@@ -15,12 +15,12 @@ import numpy as np
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.teleop.peer_block import PeerBlock
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import coupling_number
+from lerobot_robot_yam.state.records import NOT_LED, Led, coupling_number
 from lerobot_robot_yam.system.few_values import largest
 
 logger = logging.getLogger(__name__)
 
-_FIELDS = ("mode", "action", "action_dq", "action_stamp_s")
+_FIELDS = ("mode", "action", "action_dq", "action_stamp_s", "presses")
 _LEADS = (Mode.FLOAT, Mode.HOLD, Mode.TRACK)
 _AGE_MOST_S = 0.03  # maximum age of a leader's sample: seven ticks
 _AHEAD_S = 0.0033  # time from the decision to the middle of the tick in which the motors obey the command
@@ -45,6 +45,7 @@ class Coupling:
         self._relative = hardware.config.max_relative_target
         self._leader: PeerBlock | None = None
         self.active, self.permitted_s = False, -math.inf
+        self._led = NOT_LED
         self._gap: np.ndarray = np.zeros(hardware.n)
         self._gap_rate: np.ndarray = np.zeros(hardware.n)
         self._apart = False  # whether the gap is still open
@@ -55,13 +56,14 @@ class Coupling:
         self.target: np.ndarray = np.zeros(hardware.n)
         self.velocity: np.ndarray = np.zeros(hardware.n)
 
-    def permit(self, leader: str, now: float) -> None:
-        """Permit coupling to the leader with the channel key `leader`, until `end`."""
-        if self._leader is None or self._leader.key != leader:
+    def permit(self, led: Led, now: float) -> None:
+        """Permit coupling to a leader until `end`; if `led` names a button, from its next press on."""
+        self._led = led
+        if self._leader is None or self._leader.key != led.leader:
             self.end()
             if self._leader is not None:
                 self._leader.close()
-            self._leader = PeerBlock(leader, _FIELDS)
+            self._leader = PeerBlock(led.leader, _FIELDS)
             self._told = False
         self.active, self.permitted_s = True, now
 
@@ -98,6 +100,9 @@ class Coupling:
         """Return the leader's action, extrapolated to the present, and its speed; None if unknown or stale."""
         leader, n = self._leader, self._hardware.n
         if leader is None or not leader.look(now) or leader.value("mode") not in _LEADS:
+            return None
+        button = self._led.button
+        if button and leader.slots("presses", 2)[button - 1] <= self._led.presses:
             return None
         told = leader.slots("action", n + 1)
         q, dq = told[:n], leader.slots("action_dq", n)

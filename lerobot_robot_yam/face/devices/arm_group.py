@@ -63,6 +63,8 @@ class ArmGroup(DeviceSession):
         is_joint: (n,) whether each value is an angle; the other values are gripper openings.
         paused: whether followers hold until they get a new target, see `pause_followers`.
         give_action: for connected leaders, function that returns their current action; None for followers.
+        take_overs: for leaders, prefix of an arm → (number of the button from 1, presses known) by which a person takes
+            its follower over within the control loop, while a policy drives it; see `Led`.
         recognise: for connected leaders, function that takes an action and returns (joints, same), or None if no arm's
             part of it is that of their last action. joints: joints (n,) of their last action. same: for each arm,
             whether its part is the same in both actions. None for followers.
@@ -96,6 +98,7 @@ class ArmGroup(DeviceSession):
         self.paused = False
         self.give_action: Callable[[], Mapping[str, float]] | None = None
         self.recognise: Recognise | None = None
+        self.take_overs: dict[str, tuple[int, int]] = {}
 
     def __getitem__(self, side: _Side) -> ArmClient:
         return self._session[side.name]
@@ -132,6 +135,7 @@ class ArmGroup(DeviceSession):
             YamError: an arm cannot be driven; no arm is energised.
         """
         self._action_keys, self._models, self.paused = list(action_keys), models, False
+        self.take_overs = {}
         self.give_action, self.recognise = give_action, recognise
         for other in _running():
             if other._leads is not self._leads:
@@ -203,6 +207,14 @@ class ArmGroup(DeviceSession):
             pairs = zip(other.sides, same, strict=True)
             return target, [side.key if side.follower_key and is_given else None for side, is_given in pairs]
         return None
+
+    def leader_at_hand(self, side: _Side) -> tuple[str, tuple[int, int]]:
+        """Return (channel key, take-over) of the leader that may take over the follower `side`; ("", (0, 0)): none."""
+        for other in _running():
+            for leader in other.sides:
+                if leader.follower_key == side.key and leader.prefix in other.take_overs:
+                    return leader.key, other.take_overs[leader.prefix]
+        return "", (0, 0)
 
     def follower_state(self, key: str) -> ArmState | None:
         """Return the state of the follower with this channel key; None if it is not in this process, or is in fault."""

@@ -253,3 +253,33 @@ def test_another_arm_than_the_configured_follower_is_not_led_at_loop_rate(rig, c
     assert caplog.text.count("is another arm than its follower") == 1
     assert caller.given
     session.discard()
+
+
+@pytest.mark.parametrize("tap_s", [0.01, 0.05])
+def test_a_press_gives_a_policys_arm_to_the_person_within_30_ms(rig, tap_s):
+    """The policy gives a target every 0.1 s; the leader mirrors, and the hand that presses pulls at it."""
+    session, caller = started(rig, mirror=True)
+    leader, follower, clock = session[LEADER], session[FOLLOWER], session.clock
+    took_s = []
+    for number in range(5):
+        target = follower.newest().setpoint_q
+        presses = leader.newest().presses[1]
+        follower.write_target(target, 0.5, leader=session.key(LEADER), take_over=(2, presses))
+        clock.sleep(0.05 + 0.0117 * number)
+        assert not follower.newest().coupled
+        pressed_s = clock.now()
+        rig.press(LEADER, "record", tap_s)
+        while not follower.newest().coupled:
+            clock.sleep(0.001)
+            assert clock.now() - pressed_s < 0.03
+        took_s.append(clock.now() - pressed_s)
+        clock.sleep(0.03)
+        follower.write_target(target, 0.5, leader=session.key(LEADER), take_over=(2, presses))
+        clock.sleep(2 * TICK_S)
+        assert follower.newest().coupled  # a target that was computed before the press was known
+        clock.sleep(0.05)
+        follower.write_target(target, 0.5, leader=session.key(LEADER), take_over=(2, presses + 1))
+        clock.sleep(2 * TICK_S)
+        assert not follower.newest().coupled  # the caller has decided otherwise
+    assert max(took_s) < 0.02
+    session.discard()
