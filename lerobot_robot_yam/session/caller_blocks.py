@@ -10,6 +10,7 @@ import numpy as np
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import GripperError, LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.state.record_layout import packed
 from lerobot_robot_yam.state.records import (
     COMMAND_DTYPE,
     NOT_LED,
@@ -18,7 +19,6 @@ from lerobot_robot_yam.state.records import (
     ArmState,
     Led,
     Request,
-    packed,
 )
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 from lerobot_robot_yam.system.shared_block import SharedBlock, allocate

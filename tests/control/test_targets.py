@@ -79,3 +79,15 @@ def test_only_re_arming_leads_out_of_a_fault(rig, session, ask):
     with pytest.raises(LifeCycleError, match="internal error.*re-arm"):
         getattr(port, ask)()
     assert port.mode() is Mode.FAULT
+
+
+def test_a_target_that_reaches_the_loop_too_late_moves_nothing(session):
+    """As one that a network, or a caller that hung while writing, has kept."""
+    port = session[CHANNEL]
+    before = port.observe().setpoint_q
+    port.write_target(before + 0.2, 0.5, given_s=session.clock.now() - 0.6)
+    session.clock.sleep(0.1)
+    assert np.array_equal(port.observe().setpoint_q, before)
+    port.write_target(before + 0.2, 0.5, given_s=session.clock.now() - 0.1)
+    session.clock.sleep(0.1)
+    assert np.abs(port.observe().setpoint_q - before).max() > 0.01
