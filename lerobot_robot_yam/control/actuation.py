@@ -88,7 +88,8 @@ class Actuation:
     def check(self, now: float) -> Finding:
         """Check which motors are reliable; update the estimate and the set-points of distrusted and sunk joints."""
         self.finding = self.estimate.check(now)
-        self.setpoint.keep_disbelieved(self._interface.sent[:, mit_laws.Q])
+        sent = self._interface.sent  # without stiffness, the motor holds nowhere
+        self.setpoint.keep_disbelieved(np.where(sent[:, mit_laws.KP] > 0.0, sent[:, mit_laws.Q], self.estimate.motor_q))
         self.setpoint.fetch_sunk(self.landing is not None)
         return self.finding
 

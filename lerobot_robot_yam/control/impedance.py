@@ -29,6 +29,7 @@ _PLANNED_SHARE = 0.9  # share of the torque limit available to a set-point; the 
 _LEAST_SHARE = 0.2  # minimum share of the acceleration: a set-point must always be able to brake
 _WRONG_TIMES = 2.0  # tolerated errors of the weight beyond which a hand pushes: a weight is checked in one pose only
 _POSES = 500  # number of random poses that find the largest weight to a few percent; takes 7 ms
+_NEAR_RAD = 0.1  # maximum distance from the set-point at which weight is computed, rad: the arm lags by less
 _AHEAD_TICKS = 1.5  # ticks from a sample to the middle of the tick in which the command computed from it acts
 
 
@@ -42,7 +43,6 @@ class Inputs(NamedTuple):
     Attributes:
         now, dt: time, and time since the last tick, s.
         q, dq: (n,) joint-space motor positions and speeds, gripper in rad.
-        before: q and dq of each motor's previous sample, NaN without one.
         gripper: the gripper's measured rate and torque, strokes/s and Nm.
         asked, asked_ddq: (2, n) position and speed of the set-point, (n,) acceleration of the set-point.
         mode: present mode of the arm.
@@ -59,7 +59,6 @@ class Inputs(NamedTuple):
     dt: float
     q: np.ndarray
     dq: np.ndarray
-    before: tuple[np.ndarray, np.ndarray]
     gripper: tuple[float, float]
     asked: np.ndarray
     asked_ddq: np.ndarray
@@ -287,6 +286,7 @@ class Impedance:
         """Compute the feedforward torque (n,), Nm, for gravity and the set-point's speed and acceleration.
 
         Without speed and acceleration terms, an arm overshoots a quick start with up to twice the set-point's speed.
+        A joint that reads far from its set-point counts as near it: if the reading is wrong, so would its weight be.
 
         Returns:
             The torque, and the share to which the set-point's acceleration must be reduced, so that the arm does not
@@ -299,7 +299,9 @@ class Impedance:
         j = slice(hw.joints)
         ddq = np.minimum(np.maximum(inputs.asked_ddq[j], -MOST_RAD_S2), MOST_RAD_S2)
         dq = inputs.asked[1, j]
-        ahead = inputs.q[j] + _AHEAD_TICKS * inputs.dt * dq
+        goal = inputs.asked[0, j]
+        near = np.minimum(np.maximum(inputs.q[j], goal - _NEAR_RAD), goal + _NEAR_RAD)
+        ahead = near + _AHEAD_TICKS * inputs.dt * dq
         weight, turning, inertia = self._gravity.torques(ahead, dq, ddq)
         self.weight_nm = weight * hw.arm.gravity_factor
         steady, inertia = self.weight_nm + turning, inertia + hw.arm.armature_kg_m2 * ddq
@@ -323,7 +325,7 @@ class Impedance:
         limit = self._hardware.torque_limit_nm
         if self.gentle:
             limit = np.minimum(limit, np.abs(out[:, mit_laws.TAU]) + mit_laws.FELT_SHARE * limit)
-        self._clipped = mit_laws.clip_torque(out, q, inputs.dq, limit, inputs.before)
+        self._clipped = mit_laws.clip_torque(out, q, inputs.dq, limit)
         out[:, mit_laws.Q] = np.minimum(np.maximum(out[:, mit_laws.Q], self._lower), self._upper)
         return out, limited | Limited.TORQUE if self._clipped else limited
 

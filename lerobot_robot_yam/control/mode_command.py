@@ -71,7 +71,7 @@ class ModeCommand:
             q, dq = np.where(unheard, setpoint.q, q), np.where(unheard, setpoint.dq, dq)
         gripper = float(estimate.dq[-1]), float(estimate.tau[-1])
         mode = self._status.mode
-        return Inputs(now, dt, q, dq, estimate.before, gripper, setpoint.asked, setpoint.asked_ddq, mode, whole)
+        return Inputs(now, dt, q, dq, gripper, setpoint.asked, setpoint.asked_ddq, mode, whole)
 
     def _float(self, now: float, dt: float, grips: bool, assist: Assist | None) -> np.ndarray:
         status = self._status

@@ -17,6 +17,7 @@ from lerobot_robot_yam.control.actuation import Actuation
 from lerobot_robot_yam.control.joints.enabling import enable
 from lerobot_robot_yam.control.joints.joint_interface import JointInterface
 from lerobot_robot_yam.control.laws import mit_laws
+from lerobot_robot_yam.control.safety import torque_check
 from lerobot_robot_yam.damiao.receiver import FeedbackStore
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
 from lerobot_robot_yam.errors import MotorError
@@ -30,7 +31,6 @@ _HOLD_TICKS = 8  # maximum number of ticks until every motor is well
 _SWINGS_RAD_S = 1.0  # speed above which a limp joint counts as swinging
 _TOO_FAST_RAD_S = 10.0  # maximum speed of a joint for re-arming: stopping a faster joint at once would be a blow
 _PUSHED_RAD = 0.5  # maximum distance by which a hand or load can push a holding joint off its set-point
-_OFF_SHARE = 0.15  # tolerated difference between measured and commanded torque, as a share of the motor's range
 
 
 class Rearm:
@@ -141,10 +141,8 @@ class Rearm:
             low[-1], high[-1] = min(low[-1], believed), max(high[-1], believed)
         gap = np.maximum(low - q, q - high)
         range_nm = np.array([motor_type(spec.type).torque_max_nm for spec in specs])
-        spring_nm = sent[:, mit_laws.KP] * (sent[:, mit_laws.Q] - q)
-        damping_nm = sent[:, mit_laws.KD] * (sent[:, mit_laws.DQ] - dq * direction)
-        gives_nm = np.clip(spring_nm + damping_nm + sent[:, mit_laws.TAU], -range_nm, range_nm)
-        off = (gap > _PUSHED_RAD) | (np.abs(gives_nm - tau) > _OFF_SHARE * range_nm)
+        gives_nm = np.clip(mit_laws.motor_torque(sent, q, dq * direction), -range_nm, range_nm)
+        off = (gap > _PUSHED_RAD) | (np.abs(gives_nm - tau) > torque_check.SHARE * range_nm)
         told = "; ".join(
             f"{self._name(i)} still reads {q[i]:.2f} rad and was sent to {sent[i, mit_laws.Q]:.2f}, and "
             f"works with {tau[i]:.1f} Nm where its command gives {gives_nm[i]:.1f}"

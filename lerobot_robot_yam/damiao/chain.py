@@ -64,8 +64,6 @@ class MotorChain:
     temp_rotor_c: np.ndarray = _of("feedback.temp_rotor_c")
     stamp_s: np.ndarray = _of("feedback.stamp_s")
     asked_s: np.ndarray = _of("feedback.asked_s")
-    before_rad: np.ndarray = _of("feedback.before_rad")
-    before_rad_s: np.ndarray = _of("feedback.before_rad_s")
     fault: np.ndarray = _of("feedback.fault")
     distrusted: np.ndarray = _of("feedback.distrusted")
     all_normal: bool = _of("feedback.all_normal")

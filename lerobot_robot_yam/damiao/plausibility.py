@@ -11,6 +11,10 @@ than u = 2 rad/s. No joint of an arm is that light, but a gripper is: it opens a
 During a silence a hand may have snatched at a joint, which then moves up to 0.24 rad farther, at up to 5 rad/s.
 Whatever delays an adapter adds, a joint turns by at most 0.5 rad between two readings and gains at most 10 rad/s.
 
+What many samples may hide, a sum over half a second shows: the part of  q₁ − q₀  outside  min(v) Δt … max(v) Δt,  less
+a fiftieth of the way, adds up to 0.03 rad at most, and that of a gripper to 0.3 rad. So a position that creeps while
+the speed says otherwise is found within this distance.
+
 A reading beyond these bounds is never used, only counted. In three cases the reading is kept until the next one, which
 is then also compared with the kept reading:
 
@@ -39,6 +43,10 @@ _GAINED_RAD_S = 2.5  # maximum gain of a joint's speed from one sample to the ne
 _DOUBTS = 4  # number of impossible readings after which a motor is distrusted
 _FORGET = 1.0 / 50.0  # number of impossible readings that one good reading offsets
 
+_DRIFT_RAD, _LIGHT_DRIFT_RAD = 0.03, 0.3  # maximum sum of distances that the speeds do not explain, rad
+_DRIFT_S = 0.5  # time in which the sum is forgotten, s
+_DRIFT_SHARE = 0.02  # share of a distance that need not be explained: speeds are filtered, and known to 1/4096
+
 _UNHEARD_S = 0.02  # silence after which a single reading is not trusted, s: five ticks
 
 
@@ -57,7 +65,7 @@ class Plausibility:
         light: per motor, whether its load has next to no mass, as in a gripper.
 
     Attributes:
-        before: per motor, position (rad) and speed (rad/s) of the sample with which the last good one was compared.
+        crept: per motor, distance by which its position has crept without a speed, rad.
         rejected: per motor, number of impossible readings so far.
         distrusted: per motor, whether its readings are no longer used.
     """
@@ -69,7 +77,9 @@ class Plausibility:
         self._unseen = [row.velocity_max_rad_s if free else _UNSEEN_RAD_S for row, free in rows]
         self._gained = [2.0 * row.velocity_max_rad_s if free else _GAINED_RAD_S for row, free in rows]
         self._acceleration = [row.acceleration_max_rad_s2 for row in types]
-        self.before = [(math.nan, math.nan)] * count
+        self._drift = [0.0] * count  # sum of the distances that the speeds do not explain, rad
+        self.crept = [0.0] * count
+        self._drift_most = [_LIGHT_DRIFT_RAD if free else _DRIFT_RAD for free in light]
         self._good: list[_Sample] = [_NOTHING] * count
         self._struck: list[_Sample | None] = [None] * count  # kept sample, to be compared with the next one
         self._heard_s = [math.nan] * count
@@ -81,6 +91,7 @@ class Plausibility:
         """Accept the next reading of each of these motors without a check."""
         for i in motors:
             self._good[i], self._struck[i], self._doubt[i], self.distrusted[i] = _NOTHING, None, 0.0, False
+            self._drift[i] = self.crept[i] = 0.0
 
     def distrust(self, motors: Iterable[int]) -> None:
         """Reject all further readings of these motors."""
@@ -111,8 +122,8 @@ class Plausibility:
         struck = self._struck[motor]
         if struck is not None:  # the rare case
             self._struck[motor] = None
-            if _continues(struck, sample, slack):
-                self.before[motor], self._good[motor] = struck[:2], sample
+            if not abs(_unexplained(struck, sample)) > slack:
+                self._good[motor], self._drift[motor], self.crept[motor] = sample, 0.0, 0.0
                 self._doubt[motor] = max(0.0, self._doubt[motor] - 1.0)
                 return True
         good = self._good[motor]
@@ -120,19 +131,37 @@ class Plausibility:
         leaps = abs(q - good[0]) > _AWAY_RAD or faster > _BLOW_RAD_S
         if leaps and not self._light[motor]:
             pass  # rejected without keeping the sample: no later reading could make such a leap possible
-        elif _continues(good, sample, slack):
+        elif not abs(beyond := _unexplained(good, sample)) > slack:  # NaN: nothing to compare with
             gained = min(self._acceleration[motor] * (latest_s - good[2]), self._gained[motor])
-            if not faster > gained + _NOISE_RAD_S:
-                self.before[motor], self._good[motor] = good[:2], sample
+            if faster > gained + _NOISE_RAD_S:
+                self._struck[motor] = sample
+            elif not self._drifts(motor, beyond, q - good[0], since_s):
+                self._good[motor] = sample
                 if self._doubt[motor] > 0.0:
                     self._doubt[motor] = max(0.0, self._doubt[motor] - _FORGET)
                 return True
-            self._struck[motor] = sample
         elif self._may_continue(motor, good, sample, since_s):
             self._struck[motor] = sample
         self.rejected[motor] += 1
         self._doubt[motor] += 1.0
         self.distrusted[motor] = self._doubt[motor] > _DOUBTS - 0.5
+        return False
+
+    def _drifts(self, motor: int, beyond: float, moved: float, since_s: float) -> bool:
+        """Return whether unexplained distances add up to too much, with this one of `beyond` rad, of `moved` in all."""
+        keeps, drift = 1.0 - since_s / _DRIFT_S, self._drift[motor]
+        if beyond == 0.0 == drift:
+            return False
+        crept = 0.0
+        if beyond:
+            beyond = math.copysign(max(abs(beyond) - _DRIFT_SHARE * abs(moved), 0.0), beyond)
+            if beyond * moved > 0.0:  # else the speed is wrong, not the position
+                crept = beyond if abs(beyond) < abs(moved) else moved
+        keeps = keeps if keeps > 0.0 else 0.0
+        drift = drift * keeps + beyond
+        if abs(drift) > self._drift_most[motor]:
+            return True
+        self._drift[motor], self.crept[motor] = drift, self.crept[motor] * keeps + crept
         return False
 
     def _slack(self, motor: int, unheard_s: float) -> float:
@@ -144,18 +173,21 @@ class Plausibility:
         slack = self._slack(motor, unheard_s)
         if unheard_s > _UNHEARD_S and not self._light[motor]:
             slack = min(slack + _SNATCHED_RAD, _NOISE_RAD + _SNATCHED_RAD_S * unheard_s)
-        return _reaches(before, after, after[4] - before[5], after[5] - before[4], slack)
+        return not abs(_beyond(before, after, after[4] - before[5], after[5] - before[4])) > slack
 
 
-def _continues(before: _Sample, after: _Sample, slack: float) -> bool:
-    """Return whether a joint can have moved from one sample to the other, if the adapter's delay is unchanged."""
-    return _reaches(before, after, after[2] - before[3], after[3] - before[2], slack)
+def _unexplained(before: _Sample, after: _Sample) -> float:
+    """Return how far a joint has moved beyond what its speeds explain, rad, if the adapter's delay is unchanged."""
+    return _beyond(before, after, after[2] - before[3], after[3] - before[2])
 
 
-def _reaches(before: _Sample, after: _Sample, least_s: float, most_s: float, slack: float) -> bool:
-    """Return whether a joint can have moved from one sample to the other within least_s … most_s."""
+def _beyond(before: _Sample, after: _Sample, least_s: float, most_s: float) -> float:
+    """Return how far a joint has moved beyond what its speeds explain within least_s … most_s, rad; 0: not beyond."""
     least_s = least_s if least_s > 0.0 else 0.0
     low, high = (before[1], after[1]) if before[1] < after[1] else (after[1], before[1])
     step = after[0] - before[0]
-    beyond = step > high * (most_s if high > 0.0 else least_s) + slack
-    return not (beyond or step < low * (most_s if low < 0.0 else least_s) - slack)
+    most = high * (most_s if high > 0.0 else least_s)
+    if step > most:
+        return step - most
+    least = low * (most_s if low < 0.0 else least_s)
+    return step - least if step < least else 0.0

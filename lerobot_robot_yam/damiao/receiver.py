@@ -23,8 +23,8 @@ from lerobot_robot_yam.damiao.round_trip import RoundTrip
 from lerobot_robot_yam.damiao.tables import Fault, motor_type
 
 _NO_STATE = 0x10  # first data bytes below this contain no state: feedback of a disabled motor, or a register reply
-# Position, velocity, torque, two temperatures, time of sampling, time of the request, previous position and velocity.
-_NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, -math.inf, -math.inf, math.nan, math.nan)
+# Position, velocity, torque, two temperatures, time of sampling, time of the request, doubt about the time of sampling.
+_NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, -math.inf, -math.inf, 0.0)
 
 
 class FeedbackStore:
@@ -41,8 +41,8 @@ class FeedbackStore:
         position_rad, velocity_rad_s, torque_nm: state; positions of motors with `turns` are unwrapped.
         temp_mos_c, temp_rotor_c: temperatures of power stage and coil, °C.
         stamp_s: when the motor sampled its state (the chain's clock), -inf before the first reply.
-        before_rad, before_rad_s: position and speed of the previous sample, NaN at first.
         asked_s: when the command was sent to which the state is the reply.
+        doubt_s: time by which the sample may be newer than `stamp_s`, s: 0 unless the adapter has become slower.
         fault: fault code, see `tables.Fault`.
         distrusted: whether the motor's readings are implausible and no longer used.
         all_normal: whether all motors are enabled, trusted and without a fault.
@@ -85,11 +85,14 @@ class FeedbackStore:
             elif step < -half:
                 turn += 2.0 * half
                 position += 2.0 * half
-        if not self._judge.accept(index, position, velocity, sampled_s, latest_s, asked_s, arrived_s):
+        judge = self._judge
+        if not judge.accept(index, position, velocity, sampled_s, latest_s, asked_s, arrived_s):
+            if judge.distrusted[index] and judge.crept[index]:  # the motor is where it was before its reading crept
+                row = self._newest[index]
+                self._newest[index], judge.crept[index] = (row[0] - judge.crept[index], *row[1:]), 0.0
             return
         self._fresh[index], self._turn_rad[index], self._fault[index] = False, turn, fault
-        before = self._judge.before[index]
-        self._newest[index] = (position, velocity, torque, mos, rotor, sampled_s, asked_s, *before)
+        self._newest[index] = (position, velocity, torque, mos, rotor, sampled_s, asked_s, latest_s - sampled_s)
 
     def assume(self, position_rad: np.ndarray, velocity_rad_s: np.ndarray, sampled_s: np.ndarray) -> None:
         """Assume the positions that motors had at their last known samples, (n,) in motor coordinates.
@@ -147,7 +150,7 @@ class FeedbackStore:
         state = np.array(self._newest).reshape(-1, len(_NOTHING)).T.copy()
         self.position_rad, self.velocity_rad_s, self.torque_nm = state[0], state[1], state[2]
         self.temp_mos_c, self.temp_rotor_c, self.stamp_s, self.asked_s = state[3], state[4], state[5], state[6]
-        self.before_rad, self.before_rad_s = state[7], state[8]
+        self.doubt_s = state[7]
         self.fault = np.array(self._fault)
         self.distrusted = np.array(self._judge.distrusted)
         self.all_normal = self._fault == self._normal and not any(self._judge.distrusted)

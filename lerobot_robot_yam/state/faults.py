@@ -177,7 +177,8 @@ RESPONSES: dict[Trouble, Rule] = {
     Trouble.LINK_DOWN: _lose("sending fails: network is down", TICK_S),
     Trouble.ADAPTER_GONE: _lose("sending or receiving fails: no such device, or in a way that nobody knows", TICK_S),
     Trouble.IMPLAUSIBLE: _hold(
-        "four answers of a motor that its joint cannot have reached since the last good one; single ones are not used",
+        "four answers of a motor that its joint cannot have reached since the last good one, alone or as a drift, or "
+        "that its torque contradicts; single ones are not used",
         0.05,
     ),
     Trouble.WRONG_ID: Rule(

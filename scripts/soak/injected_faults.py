@@ -219,6 +219,14 @@ def _lie(rng: random.Random) -> dict[str, Any]:
     return _on_motor(rng, value, rng.uniform(0.1, 1.0))
 
 
+def _drift(rng: random.Random) -> dict[str, Any]:
+    """Return a reading that creeps, freezes or is scaled, which soon is a fault or harmless."""
+    value = rng.choice(
+        [{"drift_rad": _offset(rng, 0.001, 0.03)}, {"freeze": True}, {"scale": [rng.uniform(0.5, 1.5), 1.0]}]
+    )
+    return _on_motor(rng, value, rng.uniform(0.1, 1.0))
+
+
 def _garbled(rng: random.Random) -> dict[str, Any]:
     return _on_channel(0.2, 1.0)(rng) | {"value": round(rng.uniform(0.1, 0.5), 2)}
 
@@ -247,6 +255,7 @@ RANDOM = {
     "motor_silent": Kind(75.0, lambda rng: _on_motor(rng, seconds=rng.uniform(0.03, 1.5)), "silent", cuts=True),
     "reading_glitch": Kind(4.0, _glitch, "reading"),
     "reading_lies": Kind(60.0, _lie, "reading"),
+    "reading_drifts": Kind(90.0, _drift, "reading"),
     "garbled": Kind(90.0, _garbled, "corrupt_rate", 0.0, {"all_bytes": True}),
     "second_arm": Kind(150.0, _on_channel(0.2, 1.5), "second_arm", also=_TWO_ARMS),
     "slow_adapter": Kind(60.0, _slow_adapter, "latency_s", 0.0),

@@ -39,7 +39,7 @@ _KEPT_S = 2.0  # span of true samples that the rig keeps; longer than the interv
 _SLOW_ADAPTERS = frozenset({"slow_adapter", "held_back"})
 _SLOW_S = 0.12  # additional state age that slow adapters may cause
 _PUSHES = frozenset({"push"})
-_LYING = frozenset({"reading_lies", "garbled", "second_arm"})
+_LYING = frozenset({"reading_lies", "reading_drifts", "garbled", "second_arm"})
 _REARMED_S = 2.0  # time within which the arm has been re-armed after the fault
 _STALE_COMMANDS = frozenset(  # faults after which the motors keep executing the last command received
     {

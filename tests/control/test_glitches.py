@@ -67,6 +67,30 @@ def lie(chance):
     return motor, kind, value, {}
 
 
+def creep(chance):
+    """As `lie`, of readings that creep, step, freeze or are scaled, one motor or several, one kind or several."""
+    value = {}
+    for kind in chance.sample(["drift", "step", "freeze", "scale", "speed"], chance.choice([1, 1, 2, 3])):
+        if kind == "drift":
+            value["drift_rad"] = chance.choice([-1, 1]) * 10 ** chance.uniform(-3.2, -1.5)
+        elif kind == "step":
+            value["position_rad"] = chance.choice([-1, 1]) * 10 ** chance.uniform(-3.0, 1.0)
+        elif kind == "freeze":
+            value["freeze"] = True
+        elif kind == "scale":
+            value["scale"] = [chance.uniform(0.0, 2.0), chance.uniform(0.0, 2.0)]
+        else:
+            value["velocity_rad_s"] = chance.uniform(-4.0, 4.0)
+    if "drift_rad" in value and chance.random() < 0.3:
+        value["velocity_rad_s"] = value["drift_rad"] / 0.004  # so that speed and position agree
+    return chance.choice([None, *(f"joint_{i}" for i in range(1, 7))]), "reading", value, {}
+
+
+def agrees_with_itself(value):
+    """Whether a floating arm cannot tell the reading from a hand: its position drifts as its speed says."""
+    return "velocity_rad_s" in value and "drift_rad" in value
+
+
 def settle(rig, session, mode):
     """The fault is over: an operator re-arms, and the arm goes on in a mode."""
     rig.clear_faults(CHANNEL)
@@ -85,7 +109,7 @@ def settle(rig, session, mode):
     session.clock.sleep(0.05)
 
 
-def try_lies(rig, seed, count):
+def try_lies(rig, seed, count, draw=lie, after_s=AFTER_S):
     """`count` of them, one after the other, on a new arm whenever one cannot be re-armed in place."""
     chance = random.Random(seed)
     done = 0
@@ -98,12 +122,14 @@ def try_lies(rig, seed, count):
             while done < count:
                 mode = chance.choice([Mode.HOLD, Mode.TRACK, Mode.FLOAT, Mode.STOPPED])
                 settle(rig, session, mode)
-                motor, kind, value, details = lie(chance)
+                motor, kind, value, details = draw(chance)
+                if mode is Mode.FLOAT and draw is creep and agrees_with_itself(value):
+                    continue
                 what = f"seed {seed}, number {done}, {mode.name}, {motor} {kind} {value} {details}"
                 before = judge.tool()
                 rig.fault(CHANNEL, motor, kind, value, **details)
                 farthest = 0.0
-                for _ in range(int(AFTER_S / 0.02)):
+                for _ in range(int(after_s / 0.02)):
                     if mode is Mode.TRACK and session[CHANNEL].mode() is Mode.TRACK:
                         session[CHANNEL].write_target(POSE, 0.5)
                     session.clock.sleep(0.02)
@@ -126,6 +152,24 @@ def test_no_lie_moves_an_arm(rig, seed, count):
     try_lies(rig, seed, count)
 
 
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("seed, count", spread([(2, 8), *((seed, 1000) for seed in range(200, 210))], 0))
+def test_no_creeping_reading_moves_an_arm(rig, seed, count):
+    try_lies(rig, seed, count, creep, 0.4)
+
+
+@pytest.mark.parametrize("value", [{"drift_rad": 0.005}, {"drift_rad": -0.012, "velocity_rad_s": -3.0}])
+def test_a_drifting_encoder_does_not_throw_the_arm(rig, held, value):
+    """Neither one whose speed stays 0, nor one whose speed agrees with its position."""
+    judge = Judge(rig, held)
+    before = judge.tool()
+    rig.fault(CHANNEL, "joint_2", "reading", value)
+    held.clock.sleep(0.6)
+    judge.check("drifting")
+    assert np.linalg.norm(judge.tool() - before) < MOST_M / 4
+    assert held[CHANNEL].published().trouble is Trouble.IMPLAUSIBLE
+
+
 @pytest.fixture
 def held(rig):
     session = session_on(rig, sim_config(rig, CHANNEL))
@@ -138,7 +182,7 @@ def held(rig):
 def test_readings_that_cannot_be_are_a_fault_with_a_name(rig, held):
     rig.fault(CHANNEL, "joint_2", "reading", {"position_rad": 6.283})
     held.clock.sleep(0.05)
-    with pytest.raises(MotorError, match=r"joint_2 \(id 2\): readings that jump as no joint can; check cable"):
+    with pytest.raises(MotorError, match=r"joint_2 \(id 2\): readings that no joint can have; check cable"):
         held[CHANNEL].observe()
     assert held[CHANNEL].published().trouble is Trouble.IMPLAUSIBLE
 

@@ -8,8 +8,9 @@ from lerobot_robot_yam.arm.joint_map import JointMap
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.safety.channel_monitor import ChannelMonitor, Finding
+from lerobot_robot_yam.control.safety.torque_check import TorqueCheck
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.damiao.tables import Fault, motor_type
 from lerobot_robot_yam.state.faults import SILENT_S
 
 _JUST_NOW_S = 0.02  # maximum age of a fresh sample, s; the adapter's delay is added
@@ -27,7 +28,6 @@ class JointEstimate:
     Attributes:
         q, dq, tau: (n,) rad, rad/s, Nm; the gripper's q is 0 closed … 1 open, its dq strokes/s.
         motor_q, motor_dq: (n,) rad and rad/s, also for the gripper.
-        before: motor_q and motor_dq of each motor's previous sample; NaN without one.
         usable, all_usable: (n,) bool, reliable motors, and whether all motors are reliable.
         disbelieved: joints, without the gripper, whose readings became distrusted at the last `check`.
     """
@@ -36,9 +36,10 @@ class JointEstimate:
         n, self._joints = hardware.n, hardware.joints
         self._direction, self._chain, self._map, self._gripper = hardware.direction, chain, turns, gripper
         self._watch = ChannelMonitor(chain)
+        self._torques = TorqueCheck(np.array([motor_type(motor.type).torque_max_nm for motor in chain.motors]))
+        self.sent = self._torques.sent
         self.q, self.dq, self.tau = np.zeros(n), np.zeros(n), np.zeros(n)
         self.motor_q, self.motor_dq = np.zeros(n), np.zeros(n)
-        self.before = np.full(n, np.nan), np.full(n, np.nan)
         self._bad = np.zeros(n, dtype=bool)
         self.usable, self.all_usable = ~self._bad, True
         self.disbelieved: list[int] = []
@@ -48,7 +49,6 @@ class JointEstimate:
         chain, direction = self._chain, self._direction
         self.motor_q = self._map.position(chain.position_rad)
         self.motor_dq = chain.velocity_rad_s * direction
-        self.before = self._map.position(chain.before_rad), chain.before_rad_s * direction
         self.tau = chain.torque_nm * direction
         self.q, self.dq = self.motor_q.copy(), self.motor_dq.copy()
         if self._gripper is not None:
@@ -60,10 +60,14 @@ class JointEstimate:
 
     def check(self, now: float) -> Finding:
         """Check for unreliable motors; update `usable`, `all_usable` and `disbelieved`."""
+        chain = self._chain
+        lying = self._torques.lying(self.motor_q, self.motor_dq, self.tau, chain.stamp_s, self.usable)
+        if lying:
+            chain.feedback.distrust(lying, chain.position_rad)
         finding = self.find_trouble(now)
         self.disbelieved = []
         if finding.bad is not self._bad:  # the same array as long as all motors are well
-            newly = (self._chain.distrusted & finding.bad & ~self._bad)[: self._joints]
+            newly = (chain.distrusted & finding.bad & ~self._bad)[: self._joints]
             self.disbelieved = np.flatnonzero(newly).tolist()
             self._bad, self.usable = finding.bad, ~finding.bad
             self.all_usable = bool(self.usable.all())

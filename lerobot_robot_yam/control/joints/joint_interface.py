@@ -124,6 +124,7 @@ class JointInterface:
         instead, self.instead = self.instead, {}
         self.chain.send(self._map.commands(commands), instead)
         self.sent[:] = commands
+        self.estimate.sent(commands)
 
     def receive(self, until_s: float) -> None:
         """Process the replies to the last `send`; wait for late ones until `until_s`. Raises BusError: channel lost."""

@@ -164,39 +164,37 @@ def sink(out: np.ndarray, joints: np.ndarray, kd: float) -> None:
     out[joints, KD] = kd
 
 
-def clip_torque(
-    out: np.ndarray,
-    q: np.ndarray,
-    dq: np.ndarray,
-    limit_nm: np.ndarray,
-    before: tuple[np.ndarray, np.ndarray] | None = None,
-) -> bool:
+def motor_torque(commands: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """Compute the torque (…, n), Nm, that motors at q, dq (n,) exert for commands (…, n, 5), without their limits."""
+    nm: np.ndarray = (
+        commands[..., KP] * (commands[..., Q] - q) + commands[..., KD] * (commands[..., DQ] - dq) + commands[..., TAU]
+    )
+    return nm
+
+
+def clip_torque(out: np.ndarray, q: np.ndarray, dq: np.ndarray, limit_nm: np.ndarray) -> bool:
     """Clamp the torque that the motor will compute to ±limit (n,); return whether a command was changed.
 
-    The excess is first removed from the position error, by moving q* towards q, then from the damping, by moving dq*
-    towards dq, and only the rest from tau. A distant set-point, or a blow, causes more torque than the frame's torque
-    field can cancel (kp = 80 Nm/rad and 1 rad: 80 of 28 Nm; kd = 1.5 Nm s/rad and 15 rad/s: 22 of 10 Nm).
+    The excess is first removed from the spring, by reducing kp, then from the damping, by reducing kd, and only the
+    rest from tau. A distant set-point, or a blow, causes more torque than the frame's torque field can cancel
+    (kp = 80 Nm/rad and 1 rad: 80 of 28 Nm; kd = 1.5 Nm s/rad and 15 rad/s: 22 of 10 Nm).
+
+    q* and dq* stay. If q or dq is wrong, and the joint still is at its set-point, the motor keeps the joint there,
+    softly: a q* moved towards a wrong q would throw the joint, with kp times the error.
 
     Args:
         out: (n, 5) commands, changed in place.
         q, dq: (n,) measured position and speed.
-        before: q and dq of the previous sample, NaN without one. A single wrong sample must not move an arm, so only
-            the excess common to both samples is removed. After a blow the clamp acts from the second sample on; until
-            then the motor's own damping acts.
     """
     spring, damping = out[:, KP] * (out[:, Q] - q), out[:, KD] * (out[:, DQ] - dq)
     tau = spring + damping + out[:, TAU]
     if all_of(np.abs(tau) <= limit_nm):  # the usual case
         return False
     excess = tau - np.minimum(np.maximum(tau, -limit_nm), limit_nm)
-    if before is not None:
-        earlier = out[:, KP] * (out[:, Q] - before[0]) + out[:, KD] * (out[:, DQ] - before[1]) + out[:, TAU]
-        also = earlier - np.minimum(np.maximum(earlier, -limit_nm), limit_nm)
-        excess = np.where(np.isnan(also), excess, _share(excess, also))
     from_spring = _share(excess, spring)
     from_damping = _share(excess - from_spring, damping)
-    out[:, Q] -= from_spring / np.maximum(out[:, KP], 1e-9)
-    out[:, DQ] -= from_damping / np.maximum(out[:, KD], 1e-9)
+    out[:, KP] *= 1.0 - from_spring / np.where(spring == 0.0, 1.0, spring)
+    out[:, KD] *= 1.0 - from_damping / np.where(damping == 0.0, 1.0, damping)
     out[:, TAU] -= excess - from_spring - from_damping
     return True
 

@@ -16,7 +16,7 @@ _CHANNEL_MISSED = 5  # commands without a reply, for every motor, that may mean 
 _WINDOW_S = 0.4  # counting window for stray frames, s; reports them within 0.5 s
 _DUPLICATES = 5  # surplus replies per window, late ones excluded, that indicate a duplicate CAN id
 _FOREIGN = 3  # foreign commands per window that indicate another driver
-_LIES = "readings that jump as no joint can; check cable and plug, and that no second arm shares the channel"
+_LIES = "readings that no joint can have; check cable and plug, and that no second arm shares the channel"
 
 _BUS_TROUBLE = {
     errno.ENODEV: Trouble.ADAPTER_GONE,

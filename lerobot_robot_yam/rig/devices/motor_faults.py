@@ -55,12 +55,15 @@ class LinkFaults:
 class FalseReading:
     """Offsets (joint sign) for the next `answers` replies, None for all; with `freeze`, all repeat the first reply.
 
+    The position's offset grows by `drift_rad` with each reply. `scale` multiplies the true position and speed.
     The motor's own servo uses the true values.
     """
 
     position_rad: float = 0.0
     velocity_rad_s: float = 0.0
     torque_nm: float = 0.0
+    drift_rad: float = 0.0
+    scale: tuple[float, float] = (1.0, 1.0)
     answers: int | None = None
     freeze: bool = False
     _frozen: State | None = field(default=None, init=False)
@@ -71,8 +74,10 @@ class FalseReading:
             if self.answers <= 0:
                 return true
             self.answers -= 1
-        offsets = self.position_rad, self.velocity_rad_s, self.torque_nm
-        position, velocity, torque = (value + direction * offset for value, offset in zip(true, offsets, strict=True))
+        self.position_rad += self.drift_rad
+        position = true[0] * self.scale[0] + direction * self.position_rad
+        velocity = true[1] * self.scale[1] + direction * self.velocity_rad_s
+        torque = true[2] + direction * self.torque_nm
         if not self.freeze:
             return position, velocity, torque
         self._frozen = self._frozen or (position, velocity, torque)

@@ -133,14 +133,19 @@ def _corrupt_rate(motor: SimMotor, value: Any, details: _Details) -> None:
     motor.faults.corrupt_all = flag(details.get("all_bytes", False))
 
 
+_OFFSETS = ("position_rad", "velocity_rad_s", "torque_nm", "drift_rad")
+
+
 def _reading(motor: SimMotor, value: Any, details: _Details) -> None:
     if value is False:
         motor.reading = None
         return
-    fields = _fields(value, (), ("position_rad", "velocity_rad_s", "torque_nm", "answers", "freeze"))
-    offsets = {key: number(fields[key]) for key in ("position_rad", "velocity_rad_s", "torque_nm") if key in fields}
+    fields = _fields(value, (), (*_OFFSETS, "scale", "answers", "freeze"))
+    offsets = {key: number(fields[key]) for key in _OFFSETS if key in fields}
     answers = whole(fields["answers"], 0, _COUNT_MAX) if "answers" in fields else None
-    motor.reading = FalseReading(**offsets, answers=answers, freeze=flag(fields.get("freeze", False)))
+    q_scale, dq_scale = vector(fields.get("scale", (1.0, 1.0)), 2).tolist()
+    freeze = flag(fields.get("freeze", False))
+    motor.reading = FalseReading(**offsets, scale=(q_scale, dq_scale), answers=answers, freeze=freeze)
 
 
 def _temperatures(motor: SimMotor, value: Any, details: _Details) -> None:
@@ -212,10 +217,11 @@ class FaultOperations(Operations):
             "wrong_id" (identifier, or False): replies have this identifier instead of the one in the registers.
             "corrupt_rate" (0 … 1; all_bytes=True): fraction of replies with random contents; motor number and fault
                 code stay intact unless all_bytes is set.
-            "reading" ({"position_rad", "velocity_rad_s", "torque_nm", "answers", "freeze"}, each optional, or False):
-                the next `answers` replies, by default all, are false; the motor's own servo is not affected. The given
-                offsets are added (joint sign; positions wrap at the end of the frame's range). With "freeze": true all
-                these replies repeat position, velocity and torque of the first.
+            "reading" ({"position_rad", "velocity_rad_s", "torque_nm", "drift_rad", "scale", "answers", "freeze"}, each
+                optional, or False): the next `answers` replies, by default all, are false; the motor's own servo is not
+                affected. The given offsets are added (joint sign; positions wrap at the end of the frame's range);
+                drift_rad is added once more with each reply. "scale" multiplies position and velocity. With "freeze":
+                true all these replies repeat position, velocity and torque of the first.
             "temperatures_c" ([power stage, coil] °C, or False): false readings; the motor does not react.
             "temperature_ramp" ({"rate_c_per_s", "from_c"}, or False): the motor warms or cools from from_c. At OT_VALUE
                 (power stage, 0xB) or 100 °C (coil, 0xC) it switches off, and again after CLEAR if still too hot.
