@@ -25,7 +25,7 @@ from lerobot_robot_yam.face.recorder.rehearsal import rehearse
 from lerobot_robot_yam.face.rl_stack import MotorBus
 from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.robot_options import FollowerOptions
-from lerobot_robot_yam.state.records import ArmState
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.system.clock import Clock
 
 logger = logging.getLogger(__name__)

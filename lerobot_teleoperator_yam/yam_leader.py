@@ -19,8 +19,9 @@ from lerobot_robot_yam.face.lerobot_command.running_command import command_above
 from lerobot_robot_yam.face.operator_keys.operator_keys import OperatorKeys
 from lerobot_robot_yam.face.recorder.kept_episodes import saves_finished_episode
 from lerobot_robot_yam.face.rl_stack import TeleopEventWatch, ToolSteps
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.modes import Gate, Mode
-from lerobot_robot_yam.state.records import ArmState, coupling_number
+from lerobot_robot_yam.state.records import coupling_number
 from lerobot_teleoperator_yam.config_yam_leader import (
     BiYamLeaderConfig,
     BiYamRemoteLeaderConfig,

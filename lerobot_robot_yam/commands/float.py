@@ -31,8 +31,8 @@ from lerobot_robot_yam.session.playback import Playback, replay
 from lerobot_robot_yam.session.state_recorder import StateRecorder
 from lerobot_robot_yam.session.trajectory import Trajectory
 from lerobot_robot_yam.session.trajectory_file import load_trajectory, save_trajectory
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.system.paths import user_path
 
 HELP = "f: float  h: hold  d: down, land  r: record  p: replay  s: save  l: load  q: land and quit"

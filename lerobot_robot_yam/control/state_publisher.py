@@ -1,6 +1,7 @@
 """The control loop's side of an arm's shared blocks: publish states, read targets and requests."""
 
 import logging
+import math
 import os
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from lerobot_robot_yam.control.arm_controller import ArmController
 from lerobot_robot_yam.control.gripper.gripper_stops import GripperStops
 from lerobot_robot_yam.control.gripper.handle_reader import HandleState
+from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.errors import YamError
 from lerobot_robot_yam.state.about import forget_about, tell_about
 from lerobot_robot_yam.state.faults import Trouble
@@ -16,8 +18,19 @@ from lerobot_robot_yam.state.records import EACH_TICK, OWNER, STATE_DTYPE, Block
 
 logger = logging.getLogger(__name__)
 
-_MEASURED = ("q", "dq", "tau", "setpoint", "motor_stamp_s", "temp_mos_c", "temp_rotor_c", "offset_rad")  # NaN at first
+_MEASURED = (
+    "q",
+    "dq",
+    "tau",
+    "setpoint",
+    "motor_stamp_s",
+    "stamp_doubt_s",
+    "temp_mos_c",
+    "temp_rotor_c",
+    "offset_rad",
+)  # NaN at first
 _ACTION = ("action", "action_dq", "action_stamp_s")
+_LOSS_S = 0.4  # time after a lost reply for which stamps are uncertain, s: the windows of `RoundTrip`, and a margin
 _SELDOM = ("fault", "distrusted", "lost")
 _EACH_TICK_AT, _EACH_TICK = EACH_TICK
 
@@ -57,6 +70,7 @@ class ControllerBlocks:
         self._seen = 0
         self._asked = self._answered = int(self._record["request_sequence"])
         self._ended = False
+        self._lost, self._lost_s = 0, -math.inf  # number of lost replies, and when it last grew, s
         self.published_mode = Mode.OFFLINE
         self._coupled = False  # whether coupled, in the last published state
         self._slots = hardware.slots
@@ -129,9 +143,10 @@ class ControllerBlocks:
             arm.gripper is not None and arm.gripper.stalled,
             *self._handle,
         )
-        q, dq, tau, setpoint, stamps, mos, rotor, offset = self._measured
+        q, dq, tau, setpoint, stamps, doubt, mos, rotor, offset = self._measured
         q[...], dq[...], tau[...] = estimate.q, estimate.dq, estimate.tau
         setpoint[...], stamps[...] = arm.setpoint.asked[0], chain.stamp_s
+        doubt[...] = self._stamp_doubt_s(chain, now)
         mos[...], rotor[...], offset[...] = chain.temp_mos_c, chain.temp_rotor_c, self._controller.interface.offset_rad
         self._sunk[...] = arm.sunk
         if not (self._well and chain.all_normal and chain.all_answered):
@@ -145,6 +160,16 @@ class ControllerBlocks:
         self._note_action()
         self._note_seldom(None if arm.gripper is None else arm.gripper.stops, status.trouble, status.message)
         self._states.write_bytes(self._bytes)
+
+    def _stamp_doubt_s(self, chain: MotorChain, now: float) -> np.ndarray:
+        """Return the time (n,), s, by which samples may be newer than their stamps.
+
+        After a loss, replies may count for older requests than they answer, and the adapter seem slower than it is.
+        """
+        lost = int(chain.lost.sum())
+        if lost != self._lost:
+            self._lost, self._lost_s = lost, now
+        return now - chain.stamp_s if now - self._lost_s < _LOSS_S else chain.feedback.doubt_s
 
     def _note_action(self) -> None:
         """Write a leader's target for its follower, or a coupled follower's target, into the record."""

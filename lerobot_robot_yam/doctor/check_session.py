@@ -13,9 +13,10 @@ from lerobot_robot_yam.damiao.tables import Fault, fault_text
 from lerobot_robot_yam.doctor.kit.findings import Section
 from lerobot_robot_yam.doctor.kit.targets import Examined, Target
 from lerobot_robot_yam.errors import StaleStateError
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.base_records import BASE_STATE_DTYPE, BaseState
 from lerobot_robot_yam.state.modes import ENERGISED, Mode
-from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, lock_path, state_path
+from lerobot_robot_yam.state.records import STATE_DTYPE, lock_path, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 _WATCH_S = 0.5

@@ -28,8 +28,8 @@ from lerobot_robot_yam.face.devices.pair_check import Models
 from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
 from lerobot_robot_yam.face.operator_keys.auto_episodes import LIFTED
 from lerobot_robot_yam.face.operator_keys.handle_buttons import Presses
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import ArmState
 
 logger = logging.getLogger(__name__)
 

@@ -17,8 +17,9 @@ from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.errors import LifeCycleError, MotorError, StaleStateError
 from lerobot_robot_yam.session.caller_blocks import CommandWriter, StateReader, without_stops
 from lerobot_robot_yam.session.target_limits import LimitLog, limit_target
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import ArmState, Descriptors, Led, Limited, Request
+from lerobot_robot_yam.state.records import Descriptors, Led, Limited, Request
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 
 REQUEST_TIMEOUT_S = 1.0  # wait for the control loop's reply to a request, s

@@ -9,17 +9,9 @@ import numpy as np
 
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import GripperError, LifeCycleError, MotorError, StaleStateError
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.record_layout import packed
-from lerobot_robot_yam.state.records import (
-    COMMAND_DTYPE,
-    NOT_LED,
-    PUBLISHED,
-    STATE_DTYPE,
-    ArmState,
-    Led,
-    Request,
-)
+from lerobot_robot_yam.state.records import COMMAND_DTYPE, NOT_LED, PUBLISHED, STATE_DTYPE, Led, Request, packed
 from lerobot_robot_yam.system.clock import SYSTEM, Clock
 from lerobot_robot_yam.system.shared_block import SharedBlock, allocate
 

@@ -12,7 +12,7 @@ import numpy as np
 from lerobot_robot_yam.errors import ActionError, ConfigError, YamError
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.trajectory import Trajectory, columns_of
-from lerobot_robot_yam.state.records import ArmState
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.system.paths import write_whole
 
 _POLL_S = 0.001  # polling interval of the states, s: a quarter of a tick

@@ -29,7 +29,7 @@ from lerobot_robot_yam.session.playback import Playback, approach_s, ready, repl
 from lerobot_robot_yam.session.state_recorder import StateRecorder, recording
 from lerobot_robot_yam.session.trajectory import Trajectory, soft_way, soft_way_s
 from lerobot_robot_yam.session.uncopyable import Uncopied
-from lerobot_robot_yam.state.records import ArmState
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.system.clock import Clock
 from lerobot_robot_yam.system.paths import user_path
 

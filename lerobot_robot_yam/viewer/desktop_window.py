@@ -21,8 +21,8 @@ from lerobot_robot_yam.errors import ConfigError, LifeCycleError, YamError
 from lerobot_robot_yam.rig.world.world_model import add_scenery
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import ArmState
 from lerobot_robot_yam.viewer.live.arm_panel import warnings as warnings_of
 from lerobot_robot_yam.viewer.live.placement import row_of
 from lerobot_robot_yam.viewer.live.watched_arms import WatchedArms

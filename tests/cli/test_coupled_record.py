@@ -9,7 +9,8 @@ from lerobot.datasets import LeRobotDataset
 
 from lerobot_robot_yam.commands.lib.feel_figures import likeness
 from lerobot_robot_yam.rig.control import running_rig
-from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, channel_key, state_path
+from lerobot_robot_yam.state.arm_state import ArmState
+from lerobot_robot_yam.state.records import STATE_DTYPE, channel_key, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
 from scripts import recorders
 from tests.cli.conftest import Commands, one_episode, options, virtual

@@ -8,8 +8,9 @@ from lerobot.teleoperators.utils import TeleopEvents
 
 from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
 from lerobot_robot_yam.face.rl_stack import TeleopEventWatch
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.modes import Gate, Mode
-from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState
+from lerobot_robot_yam.state.records import STATE_DTYPE
 
 LOOK_S = 0.03  # a few looks at the handle
 

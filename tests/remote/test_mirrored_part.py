@@ -8,8 +8,9 @@ import pytest
 
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.remote.mirrored_part import MirroredPart
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, lock_path
+from lerobot_robot_yam.state.records import STATE_DTYPE, lock_path
 from lerobot_robot_yam.system.runtime_files import FileLock
 from lerobot_robot_yam.system.shared_block import SharedBlock
 

@@ -44,7 +44,7 @@ class FollowerView:
         self._told: str | None = ""  # problem logged last; None: no problem
         self.there = self.coupled = self.follows = self.led_by_another = False
         self.q, self.dq, self.setpoint = np.zeros(motors), np.zeros(motors), np.zeros(motors)
-        self._stamp_s = -math.inf
+        self._stamps_s, self._stamp_s = np.zeros(joints), -math.inf
 
     def look(self, now: float) -> bool:
         """Read the follower's newest state; return `there`."""
@@ -54,7 +54,8 @@ class FollowerView:
         self.there = fits and block.value("mode") in (Mode.HOLD, Mode.TRACK)
         if self.there:
             values = block.slots("q", count), block.slots("dq", count), block.slots("setpoint", count)
-            self._stamp_s = min(block.slots("motor_stamp_s", self._joints), default=-math.inf)
+            self._stamps_s = np.array(block.slots("motor_stamp_s", self._joints))
+            self._stamp_s = min(self._stamps_s.tolist(), default=-math.inf)
             finite = math.isfinite(sum(map(sum, values)))
             self.there = finite and now - self._stamp_s < _AGE_MOST_S
             if self.there:
@@ -85,7 +86,7 @@ class FollowerView:
     def q_at(self, now: float) -> np.ndarray:
         """Return the follower's position (joints,) at time `now`, extrapolated from the newest sample, rad."""
         j = slice(self._joints)
-        q: np.ndarray = self.q[j] + self.dq[j] * self.age_s(now)
+        q: np.ndarray = self.q[j] + self.dq[j] * (now - self._stamps_s)
         return q
 
     def _tell(self, now: float, other: bool) -> None:

@@ -6,8 +6,7 @@ from typing import Any
 
 from lerobot_robot_yam.damiao.motor_spec import MAX_MOTORS
 from lerobot_robot_yam.errors import YamError
-from lerobot_robot_yam.state.record_layout import packed
-from lerobot_robot_yam.state.records import STATE_DTYPE, state_path
+from lerobot_robot_yam.state.records import STATE_DTYPE, packed, state_path
 from lerobot_robot_yam.system.shared_block import SharedBlock
 
 FRESH_S = 0.03  # maximum age of a usable state: seven ticks without an update by the other loop

@@ -18,7 +18,8 @@ from lerobot_robot_yam.mobile.base_config import BaseConfig
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
 from lerobot_robot_yam.session.target_limits import refuse_degrees, validate_action
-from lerobot_robot_yam.state.records import ArmState, channel_key
+from lerobot_robot_yam.state.arm_state import ArmState
+from lerobot_robot_yam.state.records import channel_key
 
 logger = logging.getLogger(__name__)
 

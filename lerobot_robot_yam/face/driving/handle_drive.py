@@ -14,8 +14,8 @@ from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile
 from lerobot_robot_yam.arm.tool_pose import rotation_vector
 from lerobot_robot_yam.face.driving.base_drive import VALID_S, Asked, shaped
 from lerobot_robot_yam.face.operator_keys.handle_buttons import BUTTONS, RisingEdges
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import ArmState
 
 _FULL = np.array([0.12, 0.12, 0.6, 0.12])  # full deflection of x, y, theta, height: m, m, rad, m
 _DEAD_ZONE = 0.15  # share of the full deflection; a floating handle trembles

@@ -12,8 +12,8 @@ In lerobot-rollout, episodes belong to the policy: leaders neither begin nor end
 from collections.abc import Sequence
 
 from lerobot_robot_yam.face.lerobot_command.running_command import RECORD, Meaning, Phase, Situation
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.modes import Gate, Mode
-from lerobot_robot_yam.state.records import ArmState
 
 LIFTED = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
 _LEAST_FRAMES = 5  # minimum number of frames of an episode: a shorter episode was ended by a late key

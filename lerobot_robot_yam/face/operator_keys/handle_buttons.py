@@ -6,7 +6,7 @@ from typing import Any
 
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
-from lerobot_robot_yam.state.records import ArmState
+from lerobot_robot_yam.state.arm_state import ArmState
 
 BUTTONS = ("top", "bottom")  # names of a handle's buttons, in the order of the handle's report
 

@@ -16,7 +16,7 @@ from lerobot_robot_yam.face.operator_keys.handle_buttons import Presses
 from lerobot_robot_yam.face.operator_keys.key_plan import StopRequest
 from lerobot_robot_yam.face.operator_keys.requests import Press
 from lerobot_robot_yam.face.recorder.outcomes import OutcomeBook
-from lerobot_robot_yam.state.records import ArmState
+from lerobot_robot_yam.state.arm_state import ArmState
 
 logger = logging.getLogger(__name__)
 

@@ -19,7 +19,8 @@ import numpy as np
 from lerobot_robot_yam.face.lerobot_command.running_command import Phase, Situation, recording
 from lerobot_robot_yam.face.recorder.disk_guard import LEFT_FREE, DiskGuard
 from lerobot_robot_yam.face.recorder.kept_episodes import SIDE_CAR, tell_what_is_kept
-from lerobot_robot_yam.state.records import ArmState, Limited
+from lerobot_robot_yam.state.arm_state import ArmState
+from lerobot_robot_yam.state.records import Limited
 
 logger = logging.getLogger(__name__)
 

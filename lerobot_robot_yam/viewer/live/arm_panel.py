@@ -9,9 +9,10 @@ import viser
 from viser import uplot
 
 from lerobot_robot_yam.control.safety.thermal_monitor import COIL_TRIP_C, MOS_TRIP_C, WARM_C
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.faults import RESPONSES
 from lerobot_robot_yam.state.modes import Gate, Mode
-from lerobot_robot_yam.state.records import ArmState, Limited
+from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.viewer.live.watched_arms import WatchedArm
 
 _SPAN_S = 10.0

@@ -10,8 +10,9 @@ from lerobot_robot_yam.arm.config import VIRTUAL, ArmConfig, LeadArmConfig
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import StaleStateError, YamError
 from lerobot_robot_yam.state.about import read_about
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.modes import ENERGISED, Mode
-from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState
+from lerobot_robot_yam.state.records import STATE_DTYPE
 from lerobot_robot_yam.system.runtime_dirs import STATE, sessions
 from lerobot_robot_yam.system.runtime_files import runtime_dir, slug
 from lerobot_robot_yam.system.shared_block import SharedBlock

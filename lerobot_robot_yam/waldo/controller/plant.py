@@ -17,8 +17,8 @@ from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.errors import ControllerError, LifeCycleError, YamError
 from lerobot_robot_yam.session.arm_client import ArmClient
 from lerobot_robot_yam.session.arm_session import ArmSession, Isolation
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import ArmState
 
 _JAW_ROUNDING = 0.03  # maximum position error of free jaws, as a fraction of the stroke
 _STILL_PER_S = 0.02  # speed below which the jaws count as still, strokes/s

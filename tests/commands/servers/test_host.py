@@ -17,9 +17,10 @@ from lerobot_robot_yam.commands.servers.host import groups_of, main
 from lerobot_robot_yam.remote.host_question import Host
 from lerobot_robot_yam.remote.host_watch import watched, watched_key
 from lerobot_robot_yam.rig.control import running_rig
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState, state_path
+from lerobot_robot_yam.state.records import STATE_DTYPE, state_path
 from lerobot_robot_yam.system.runtime_dirs import sessions
 from lerobot_robot_yam.system.runtime_files import runtime_dir
 from lerobot_robot_yam.system.shared_block import SharedBlock

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.modes import Mode
-from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState
+from lerobot_robot_yam.state.records import STATE_DTYPE
 from lerobot_robot_yam.viewer.live.arm_panel import ArmHistory
 
 N = 7
