@@ -6,7 +6,8 @@ import pytest
 from lerobot_robot_yam.errors import ConfigError
 from lerobot_robot_yam.face.lerobot_command.running_command import Meaning
 from lerobot_robot_yam.face.operator_keys.handle_buttons import SETS, Presses, RisingEdges, button_meanings
-from lerobot_robot_yam.state.records import STATE_DTYPE, ArmState
+from lerobot_robot_yam.state.arm_state import ArmState
+from lerobot_robot_yam.state.records import STATE_DTYPE
 
 TWO = ["left_", "right_"]
 
