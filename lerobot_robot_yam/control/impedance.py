@@ -30,6 +30,7 @@ _LEAST_SHARE = 0.2  # minimum share of the acceleration: a set-point must always
 _WRONG_TIMES = 2.0  # tolerated errors of the weight beyond which a hand pushes: a weight is checked in one pose only
 _POSES = 500  # number of random poses that find the largest weight to a few percent; takes 7 ms
 _NEAR_RAD = 0.1  # maximum distance from the set-point at which weight is computed, rad: the arm lags by less
+_LEAST_KP = 0.1  # stiffness below which that distance does not grow any more, Nm/rad
 _AHEAD_TICKS = 1.5  # ticks from a sample to the middle of the tick in which the command computed from it acts
 
 
@@ -300,7 +301,8 @@ class Impedance:
         ddq = np.minimum(np.maximum(inputs.asked_ddq[j], -MOST_RAD_S2), MOST_RAD_S2)
         dq = inputs.asked[1, j]
         goal = inputs.asked[0, j]
-        near = np.minimum(np.maximum(inputs.q[j], goal - _NEAR_RAD), goal + _NEAR_RAD)
+        most_rad = _NEAR_RAD * hw.kp[j] / np.maximum(self.kp[j], _LEAST_KP)
+        near = np.minimum(np.maximum(inputs.q[j], goal - most_rad), goal + most_rad)
         ahead = near + _AHEAD_TICKS * inputs.dt * dq
         weight, turning, inertia = self._gravity.torques(ahead, dq, ddq)
         self.weight_nm = weight * hw.arm.gravity_factor

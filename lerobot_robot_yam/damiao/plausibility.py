@@ -152,6 +152,9 @@ class Plausibility:
         keeps, drift = 1.0 - since_s / _DRIFT_S, self._drift[motor]
         if beyond == 0.0 == drift:
             return False
+        if since_s > _UNHEARD_S:  # during a silence its speed was unknown
+            self._drift[motor] = self.crept[motor] = 0.0
+            return False
         crept = 0.0
         if beyond:
             beyond = math.copysign(max(abs(beyond) - _DRIFT_SHARE * abs(moved), 0.0), beyond)

@@ -42,8 +42,8 @@ def check_against_truth(rig, session, seconds=2.5):
         assert (stamps >= state.asked_s).all() and (stamps < now).all()
         if stamps.min() < truth["stamp_s"][0]:
             continue
-        true = [np.interp(at, truth["stamp_s"], truth["q"][:, i]) for i, at in enumerate(stamps)]
-        assert np.abs(state.q - true).max() <= MOST_RAD
+        true = [np.interp(state.stamp_s, truth["stamp_s"], truth["q"][:, i]) for i in range(6)]
+        assert np.abs(state.q - true).max() <= MOST_RAD and state.q_error_rad <= 0.002
     assert seen[-1][1].mode is Mode.TRACK
     return max(now - state.asked_s for now, state in seen)
 

@@ -30,6 +30,7 @@ class Handle:
         """The upper button, down and up again."""
         for down in (1, 0):
             self._record["buttons"] = down, 0
+            self._record["presses"][0] += down
             time.sleep(LOOK_S)
 
 

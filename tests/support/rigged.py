@@ -152,8 +152,10 @@ def carry(rig, clock, channel, q):
     """A hand that brings an arm to a pose (n,), at 0.5 rad/s at most: no joint leaps."""
     start = np.array(rig.state()["arms"][channel]["q"])[: len(q)]
     steps = int(np.ceil(np.abs(np.array(q) - start).max() / 0.002))
+    way = np.array(q) - start
     for step in range(1, steps + 1):
-        rig.set_pose(channel, (start + (np.array(q) - start) * step / steps).tolist())
+        speed = way / steps / 0.004 if step < steps else np.zeros(len(q))
+        rig.set_pose(channel, (start + way * step / steps).tolist(), dq=speed.tolist())
         clock.sleep(0.004)
 
 

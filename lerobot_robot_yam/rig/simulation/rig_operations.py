@@ -216,11 +216,20 @@ class RigOperations(HandOperations, FaultOperations):
         self.device.events.add("placed", prop=prop, pos=position.tolist())
 
     @operation
-    def set_pose(self, channel: str, q: Sequence[float] | None = None, opening: float | None = None) -> None:
-        """Set an arm's joints q (n,) and its gripper's opening, 0 … 1, instantly and at rest."""
+    def set_pose(
+        self,
+        channel: str,
+        q: Sequence[float] | None = None,
+        opening: float | None = None,
+        dq: Sequence[float] | None = None,
+    ) -> None:
+        """Set an arm's joints q (n,), moving at dq (n,) or at rest, and its gripper's opening, 0 … 1, instantly."""
         pose = None if q is None else vector(q, len(q))
         self.device.world.set_pose(
-            self._channel_of(channel).name, pose, None if opening is None else number(opening, 0.0, 1.0)
+            self._channel_of(channel).name,
+            pose,
+            None if opening is None else number(opening, 0.0, 1.0),
+            0.0 if dq is None or q is None else vector(dq, len(q)),
         )
         self.device.world.refresh()
         self.device.events.add("set_pose", channel=channel)

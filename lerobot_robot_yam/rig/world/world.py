@@ -123,14 +123,20 @@ class World:
         fingers = self._addresses[channel][1][0]
         return float((sum(self.qpos[a] for a in fingers) / len(fingers) - low) / (high - low))
 
-    def set_pose(self, channel: str, q_rad: np.ndarray | None = None, opening: float | None = None) -> None:
-        """Teleport an arm to q_rad (n,) and its fingers to `opening`, at rest. Raises ConfigError: n is wrong."""
+    def set_pose(
+        self, channel: str, q_rad: np.ndarray | None = None, opening: float | None = None, dq: np.ndarray | float = 0.0
+    ) -> None:
+        """Teleport an arm to q_rad (n,), with speed dq (n,) rad/s, and its fingers to `opening`, at rest.
+
+        Raises:
+            ConfigError: n is wrong.
+        """
         _, gripper = self.profiles[channel]
         (joints, dofs), (fingers, finger_dofs) = self._addresses[channel]
         if q_rad is not None:
             if len(q_rad) != len(joints):
                 raise ConfigError(f"{channel} has {len(joints)} joints, the pose {len(q_rad)}")
-            self.data.qpos[joints], self.data.qvel[dofs] = q_rad, 0.0
+            self.data.qpos[joints], self.data.qvel[dofs] = q_rad, dq
         if opening is not None and gripper.finger_range_m is not None:
             low, high = gripper.finger_range_m
             self.data.qpos[fingers], self.data.qvel[finger_dofs] = low + opening * (high - low), 0.0

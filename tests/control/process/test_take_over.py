@@ -19,6 +19,7 @@ from tests.support.rigged import lockstep_rig, running_arm, sim_config, track
 from tests.support.tiers import spread
 
 CHANNEL = "follower_left"
+HEAVY = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # a wrist joint is braked between two samples, and reads as still
 POSE = np.array([0.2, 1.0, 1.1, -0.3, 0.1, 0.1])
 
 
@@ -110,7 +111,7 @@ def test_who_takes_over_from_soft_gains_holds_the_arm_where_a_hand_keeps_it(rig,
     track(session, {CHANNEL: POSE}, 1.2)
     track(session, {CHANNEL: POSE}, 0.2, **soft)
     for way in np.linspace(0.0, 0.2, 40):
-        rig.set_pose(CHANNEL, POSE + way)
+        rig.set_pose(CHANNEL, POSE + way * HEAVY, dq=0.25 * HEAVY)
         track(session, {CHANNEL: POSE}, 0.02, **soft)
     heir = heir_of(record_of(rig))
     assert np.abs(heir.actuation.setpoint.q[:6] - rig.state()["arms"][CHANNEL]["q"][:6]).max() < 0.05
