@@ -158,9 +158,16 @@ def test_no_creeping_reading_moves_an_arm(rig, seed, count):
     try_lies(rig, seed, count, creep, 0.4)
 
 
-@pytest.mark.parametrize("value", [{"drift_rad": 0.005}, {"drift_rad": -0.012, "velocity_rad_s": -3.0}])
+@pytest.mark.parametrize(
+    "value",
+    [
+        {"drift_rad": 0.005},
+        {"drift_rad": -0.012, "velocity_rad_s": -3.0},
+        {"drift_rad": 0.032, "velocity_rad_s": 8.0},
+    ],
+)
 def test_a_drifting_encoder_does_not_throw_the_arm(rig, held, value):
-    """Neither one whose speed stays 0, nor one whose speed agrees with its position."""
+    """Neither one whose speed stays 0, nor one whose speed agrees with its position, and leaves no torque for kp."""
     judge = Judge(rig, held)
     before = judge.tool()
     rig.fault(CHANNEL, "joint_2", "reading", value)

@@ -21,6 +21,7 @@ _HAND_COUNTS = (
 )
 _PUSHED_S = 0.04  # time after which power proves a hand, s: ten ticks
 _FORGET = 0.5  # decay of the time counted at the speed limit, s per second below the limit
+_LEAST_KP = 1e-9  # minimum share of kp that the torque clip leaves: no torque, but not 0
 _ABOUT = 0.9  # share of the speed limit above which a damped joint still counts as at the limit
 
 
@@ -180,7 +181,8 @@ def clip_torque(out: np.ndarray, q: np.ndarray, dq: np.ndarray, limit_nm: np.nda
     (kp = 80 Nm/rad and 1 rad: 80 of 28 Nm; kd = 1.5 Nm s/rad and 15 rad/s: 22 of 10 Nm).
 
     q* and dq* stay. If q or dq is wrong, and the joint still is at its set-point, the motor keeps the joint there,
-    softly: a q* moved towards a wrong q would throw the joint, with kp times the error.
+    softly: a q* moved towards a wrong q would throw the joint, with kp times the error. A kp above 0 stays above 0:
+    `Actuation.check` tells by it that the joint was held at q*.
 
     Args:
         out: (n, 5) commands, changed in place.
@@ -193,7 +195,7 @@ def clip_torque(out: np.ndarray, q: np.ndarray, dq: np.ndarray, limit_nm: np.nda
     excess = tau - np.minimum(np.maximum(tau, -limit_nm), limit_nm)
     from_spring = _share(excess, spring)
     from_damping = _share(excess - from_spring, damping)
-    out[:, KP] *= 1.0 - from_spring / np.where(spring == 0.0, 1.0, spring)
+    out[:, KP] *= np.maximum(1.0 - from_spring / np.where(spring == 0.0, 1.0, spring), _LEAST_KP)
     out[:, KD] *= 1.0 - from_damping / np.where(damping == 0.0, 1.0, damping)
     out[:, TAU] -= excess - from_spring - from_damping
     return True
