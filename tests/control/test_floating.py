@@ -10,6 +10,7 @@ import pytest
 from lerobot_robot_yam.control.laws.gravity_balance import GravityBalance
 from lerobot_robot_yam.control.laws.mit_laws import KD, FloatDamping
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
+from lerobot_robot_yam.face.operator_keys.auto_episodes import led_by_hand
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.faults import Trouble
 from lerobot_robot_yam.state.modes import Mode
@@ -230,6 +231,7 @@ def test_what_pushes_for_too_long_is_paused_and_the_second_time_until_it_is_touc
         session.clock.sleep(seconds)
         state = session[LEADER].published()
         assert state.trouble is None
+        assert led_by_hand([state])  # else an automatic episode would be dropped
         return state.mode
 
     rig.push(LEADER, "gripper", [0.0, 0.0, 12.0], 1.3)

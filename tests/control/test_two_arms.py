@@ -6,6 +6,7 @@ import pytest
 
 from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import LifeCycleError
+from lerobot_robot_yam.face.operator_keys.auto_episodes import led_by_hand
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
@@ -108,7 +109,8 @@ def test_of_two_arms_in_trouble_the_one_re_armed_first_waits_for_the_other(rig):
             session.rearm()
         track(session, {LEFT: AWAY}, 0.2)
         assert session[LEFT].mode() is Mode.HOLD
-        assert Limited.PEER in session[LEFT].published().limited
+        halted = session[LEFT].published()
+        assert Limited.PEER in halted.limited and not led_by_hand([halted])
         rig.clear_faults(RIGHT)
         rig.fault(LEFT, "joint_5", "nibble", int(Fault.OVERLOAD))
         wait_for(session.clock, "it is noticed", lambda: session[LEFT].mode() is Mode.FAULT, 1.0)

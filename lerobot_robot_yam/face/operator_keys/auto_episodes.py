@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from lerobot_robot_yam.face.lerobot_command.running_command import RECORD, Meaning, Phase, Situation
 from lerobot_robot_yam.state.arm_state import ArmState
 from lerobot_robot_yam.state.modes import Gate, Mode
+from lerobot_robot_yam.state.records import Limited
 
 LIFTED = (Gate.APPROACH, Gate.ENGAGED, Gate.FINE, Gate.RECENTRE)
 _LEAST_FRAMES = 5  # minimum number of frames of an episode: a shorter episode was ended by a late key
@@ -28,8 +29,11 @@ def all_lifted(gates: Sequence[Gate]) -> bool | None:
 
 
 def led_by_hand(leaders: Sequence[ArmState]) -> bool:
-    """Return whether a person can move all leaders: all float, none is stopped or in fault."""
-    return all(leader.mode is Mode.FLOAT for leader in leaders)
+    """Return whether all leaders float, or hold in a pause after a quick hand; none is stopped or in trouble."""
+    return all(
+        leader.mode is Mode.FLOAT or (leader.mode is Mode.HOLD and Limited.PEER not in leader.limited)
+        for leader in leaders
+    )
 
 
 class AutoEpisodes:
