@@ -149,9 +149,9 @@ class FloatPause:
             self._touched = self._hand and now - self._ended_s > _SOON_S
             arm.hold_here()
             arm.impedance.gentle = True
-        elif self._message and (status.mode is not Mode.HOLD or status.halted):
+        elif self._message and status.mode is not Mode.HOLD:
             self.end()
-        if self._message:
+        if self._message and not status.halted:
             self._weigh(now)
 
     def end(self) -> None:

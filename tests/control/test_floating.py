@@ -9,6 +9,7 @@ import pytest
 
 from lerobot_robot_yam.control.laws.gravity_balance import GravityBalance
 from lerobot_robot_yam.control.laws.mit_laws import KD, FloatDamping
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.errors import LifeCycleError, MotorError
 from lerobot_robot_yam.face.operator_keys.auto_episodes import led_by_hand
 from lerobot_robot_yam.state.emergency_stop import EmergencyStop
@@ -243,6 +244,23 @@ def test_what_pushes_for_too_long_is_paused_and_the_second_time_until_it_is_touc
     rig.push(LEADER, "gripper", [0.0, 0.0, -20.0], 0.5)
     session.clock.sleep(0.5)
     assert after(1.0) is Mode.FLOAT
+
+
+def test_a_pause_goes_on_after_the_other_arm_is_rearmed(rig):
+    session = session_on(rig, sim_config(rig, LEADER), sim_config(rig, FOLLOWER))
+    session.start()
+    try:
+        rig.push(LEADER, "gripper", [0.0, 0.0, 12.0], 1.3)
+        session.clock.sleep(1.25)
+        assert session[LEADER].mode() is Mode.HOLD
+        rig.fault(FOLLOWER, "joint_6", "nibble", int(Fault.OVERLOAD))
+        session.clock.sleep(2.0)
+        assert session[LEADER].mode() is Mode.HOLD
+        session.rearm()
+        session.clock.sleep(0.5)
+        assert session[LEADER].mode() is Mode.FLOAT
+    finally:
+        session.discard()
 
 
 @pytest.mark.parametrize(("wrong_nm", "lasts_s"), [(9.0, 0.26), (1.0, 0.63)])
