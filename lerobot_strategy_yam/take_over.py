@@ -19,6 +19,7 @@ from lerobot_robot_yam.face.lerobot_command.running_command import Meaning, Situ
 from lerobot_robot_yam.face.operator_keys.auto_episodes import LIFTED
 from lerobot_robot_yam.face.operator_keys.handle_buttons import BUTTONS, Presses
 from lerobot_robot_yam.face.operator_keys.requests import Press
+from lerobot_robot_yam.state.modes import Mode
 from lerobot_strategy_yam.config_yam_dagger import YamDaggerStrategyConfig
 from lerobot_teleoperator_yam.leader_options import BUTTON_OPTIONS
 from lerobot_teleoperator_yam.yam_leader import LeaderBase
@@ -189,6 +190,8 @@ class TakeOverSignals:
         """Return the prefixes of the arms that the person wants to drive, and other requests since the last call."""
         wishes, states = set[Wish](), self._leaders.arm_states()
         pressed = self._presses.new(states)
+        if any(state.mode is Mode.STOPPED for state in states.values()):
+            pressed = []  # a hand that touches a stopped arm must not move it once the stop is released
         for prefix in states:
             presses = pressed.count(f"{prefix}{self._config.take_over_button}")
             if presses % 2 and prefix not in self._gated and self._config.take_over == "toggle":

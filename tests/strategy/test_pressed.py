@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from lerobot_robot_yam.state.emergency_stop import EmergencyStop
 from lerobot_strategy_yam.take_over import TakeOverSignals
 from tests.face.devices.test_coupled_devices import coupled, state_of
 from tests.support.coupled import LEADER, POSE
@@ -55,4 +56,22 @@ def test_the_arm_is_the_persons_before_the_strategy_knows(rig, pair, take_over):
     clock.sleep(FRAME_S)
     assert look(signals, pair) == set() == signals.pressed
     clock.sleep(0.02)
+    assert not state_of(robot).coupled
+
+
+def test_a_press_during_an_emergency_stop_takes_nothing_over(rig, pair):
+    robot = pair[1]
+    signals, stop = TakeOverSignals(pair[0], HereConfig()), EmergencyStop()
+    look(signals, pair)
+    stop.latch("a test")
+    try:
+        robot.clock.sleep(0.05)
+        rig.press(LEADER, "record", 0.02)
+        robot.clock.sleep(0.05)
+        assert look(signals, pair) == set()
+    finally:
+        stop.release()
+    robot.clock.sleep(0.1)
+    assert look(signals, pair) == set()
+    robot.clock.sleep(0.02)
     assert not state_of(robot).coupled
