@@ -77,6 +77,26 @@ def test_a_stream_that_tells_its_speed_and_comes_unevenly_is_followed_smoothly_a
     assert off.max() < 0.001 and jolts.max() < 0.2 * ACCELERATION  # without the speed: 0.014 rad, the whole limit
 
 
+@pytest.mark.parametrize(
+    "speed, acceleration, amplitude, late_s, above",
+    [(4.0, 30.0, 0.2, 0.025, 1.16), (4.0, 60.0, 0.2, 0.001, 1.01), (4.0, 50.0, 0.3, 0.012, 1.15)],
+)
+def test_a_leader_in_full_swing_is_caught_up_with(speed, acceleration, amplitude, late_s, above):
+    # The first one turns with 31.6 rad/s², more than the set-point may: a chase that brakes too late swings for ever.
+    setpoint, rows, w = make(), [], 4 * np.pi
+    setpoint.limit_speed(np.array([speed]))
+    setpoint.limit_acceleration(np.array([acceleration]))
+    for t in np.arange(0.0, 3.0, DT):
+        setpoint.track(np.array([amplitude * np.sin(w * t)]), np.array([amplitude * w * np.cos(w * t)]), t)
+        setpoint.step(t, DT)
+        assert abs(setpoint.dq[0]) <= speed + 1e-9 and abs(setpoint.asked_ddq[0]) <= acceleration + 1e-6
+        rows.append((t, setpoint.asked[0, 0]))
+    times, q = np.array(rows)[250:].T
+    phase = np.angle(np.sum(q * np.exp(-1j * w * times)) / np.sum(np.sin(w * times) * np.exp(-1j * w * times)))
+    assert abs(phase) / w <= late_s
+    assert np.abs(q).max() <= above * amplitude
+
+
 def test_seeding_outside_the_limits_does_not_jump_and_only_moves_inwards():
     setpoint = make(lower=0.0)
     setpoint.seed(np.array([-0.1]))
