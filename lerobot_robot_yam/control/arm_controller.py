@@ -290,7 +290,7 @@ class ArmController:
         self._note_target(coupling.target)
         if coupling.held_back:
             status.limited |= Limited.RELATIVE_TARGET
-        setpoint.track(coupling.target, coupling.velocity, now)
+        setpoint.track(coupling.target, coupling.velocity, now, coupling.velocity_age_s)
 
     def change_gains(self, kp: np.ndarray, kd: np.ndarray) -> None:
         """Change the arm's own gains (n,); NaN: as configured. Raises LifeCycleError: the arm is landing."""

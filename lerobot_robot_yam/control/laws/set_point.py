@@ -15,6 +15,8 @@ import math
 
 import numpy as np
 
+from lerobot_robot_yam.control.laws.coordinate_step import closing_speed, move, step_to
+
 _PERIOD_RANGE_S = (1 / 400, 0.1)  # a streaming caller's periods; the minimum is below 1/250, since ticks vary
 _PERIOD_GAIN = 0.2  # smoothing factor of the measured caller period
 _STREAM_GAP = 1.5  # caller periods without a target after which the stream counts as ended
@@ -22,7 +24,6 @@ _BORNE_OUT_RAD = 0.01  # tolerance within which a target agrees with the extrapo
 _TRACK_S = 0.02  # time in which a tracking set-point closes a gap: five ticks; less would pass target noise
 _ACCELERATION_S = 0.02  # time constant of the measured acceleration of a tracked target
 _TURNS_S = 0.3  # time in which a target's greatest acceleration is forgotten: the way from turn to turn at 2 Hz
-_LEAST_BRAKING = 0.25  # least share of the acceleration limit that a tracking set-point brakes with
 _WEIGHTS = np.array([0.25, 0.5, 0.25])  # weights of the last three plans
 
 
@@ -60,8 +61,9 @@ class SetPoint:
         self._took_s = (math.inf, math.inf)  # lengths of this tick and of the previous tick, s
         self.target: np.ndarray = np.zeros(n)
         self._target_velocity: np.ndarray = np.zeros(n)
-        self._target_ddq: np.ndarray = np.zeros(n)  # measured acceleration of a tracked target
-        self._most_ddq: np.ndarray = np.zeros(n)  # its greatest amount of late
+        self._none = np.zeros(n)
+        self._target_ddq = self._most_ddq = self._none  # measured acceleration of a tracked target; its maximum of late
+        self._velocity_age_s = 0.0  # age of a tracked target's speed
         self._target_at = -math.inf
         self._arrive_at = -math.inf
         self._brakes = False  # whether the set-point brakes: seeking a target that each `stop` renews, it never would
@@ -149,18 +151,17 @@ class SetPoint:
         before, velocity, before_s = self._told
         return bool(np.abs(target - before - velocity * (at_s - before_s)).max() <= _BORNE_OUT_RAD)
 
-    def track(self, target: np.ndarray, velocity: np.ndarray, now: float) -> None:
-        """Set a target (n,) with its speed (n,), given at every tick, to be followed without lag."""
+    def track(self, target: np.ndarray, velocity: np.ndarray, now: float, age_s: float = 0.0) -> None:
+        """Set a target (n,) with its speed (n,) of `age_s` ago, given at every tick, to be followed without lag."""
         before, since = self._target_velocity, now - self._target_at
         ddq, most = self._target_ddq, self._most_ddq
         told_each_tick = self._tracks and not self._streams and 0.0 < since <= _PERIOD_RANGE_S[1]
         self._follow(target, velocity, now)
         if told_each_tick:
-            share = since / (since + _ACCELERATION_S)
-            self._target_ddq = ddq + share * ((self._target_velocity - before) / since - ddq)
-            kept = most * max(1.0 - since / _TURNS_S, 0.0)
-            self._most_ddq = np.maximum(np.abs(self._target_ddq), kept)
-        self._tracks, self._streams, self._told = True, False, None
+            per_s = 1.0 / (since + _ACCELERATION_S)
+            self._target_ddq = (1.0 - per_s * since) * ddq + per_s * (self._target_velocity - before)
+            self._most_ddq = np.maximum(np.abs(self._target_ddq), max(1.0 - since / _TURNS_S, 0.0) * most)
+        self._tracks, self._streams, self._told, self._velocity_age_s = True, False, None, age_s
 
     def _follow(self, target: np.ndarray, velocity: np.ndarray, now: float) -> None:
         self._rests = self._brakes = False
@@ -168,7 +169,7 @@ class SetPoint:
         most = self.speed_limit
         self._target_velocity = np.minimum(np.maximum(velocity, -most), most)
         self.target = np.minimum(np.maximum(target, self._lower), self._upper)
-        self._target_ddq = self._most_ddq = np.zeros_like(self._target_velocity)
+        self._target_ddq = self._most_ddq = self._none
         self._target_at, self._arrive_at, self._tracks = now, -math.inf, False
 
     def _move_on(self, seconds: float) -> None:
@@ -185,7 +186,7 @@ class SetPoint:
         self._brakes = True
 
     def step(self, now: float, dt: float) -> None:
-        """Plan the step for the next tick of `dt` s; see `_next` for the law of one coordinate."""
+        """Plan the step for the next tick of `dt` s; see `step_to` for the law of one coordinate."""
         if dt <= 0.0:
             return
         self._took_s = dt, self._took_s[0]
@@ -196,6 +197,7 @@ class SetPoint:
             return
         if now - self._target_at > _STREAM_GAP * self._period:
             self._target_velocity[:] = 0.0
+            self._target_ddq = self._none
         if self._tracks and self._streams and now > self._target_at:
             self._move_on(dt)
         if self._tracks:
@@ -204,16 +206,17 @@ class SetPoint:
             left = max(self._arrive_at - now, dt)
             gap = self.target + self._target_velocity * dt - self.q  # this plan is commanded one tick later
             place = gap.tolist(), self._target_velocity.tolist(), self.q.tolist(), self.dq.tolist()
-            moved = [_next(left, dt, *row) for row in zip(*place, *self._limits.tolist(), strict=True)]
+            moved = [step_to(left, dt, *row) for row in zip(*place, *self._limits.tolist(), strict=True)]
         self._plan(np.array(moved).T)
 
     def _chase(self, dt: float) -> list[tuple[float, float]]:
         """Plan the step of each coordinate towards a target whose speed is known."""
         tau = max(_TRACK_S, dt)
-        place = self.target - self.q, self._target_velocity, self._most_ddq, self.q, self.dq
+        meanwhile = self._target_velocity + self._target_ddq * (self._velocity_age_s + 0.5 * dt)
+        place = self.target - self.q, meanwhile, self._most_ddq, self.q, self.dq
         rows = zip(*(values.tolist() for values in place), *self._limits.tolist(), strict=True)
         return [
-            _move(dt, q, dq, velocity + _closing(gap, ddq, limits[1], tau), *limits)
+            move(dt, q, dq, velocity + closing_speed(gap, ddq, limits[1], tau), *limits)
             for gap, velocity, ddq, q, dq, *limits in rows
         ]
 
@@ -266,84 +269,3 @@ class SetPoint:
     def arrived(self) -> bool:
         """Whether the set-point rests at its target."""
         return bool(np.all(np.abs(self.target - self.q) < 1e-4) and np.all(np.abs(self.dq) < 1e-2))
-
-
-def _next(
-    left: float,
-    dt: float,
-    gap: float,
-    target_velocity: float,
-    q: float,
-    dq: float,
-    speed_limit: float,
-    acceleration: float,
-    end_deceleration: float,
-    lower: float,
-    upper: float,
-) -> tuple[float, float]:
-    """Return position and speed of one coordinate after a tick of `dt` s.
-
-    For seven coordinates, numpy would take twice as long.
-
-        v = gap / left,  |v − v_target| ≤ sqrt(2 a |gap|),  |v| ≤ speed limit
-        |v| ≤ sqrt(2 a_end d), with d the distance to the end of the range,  |v − dq| ≤ a dt
-
-    Args:
-        left: time left for closing the gap, s.
-        gap: distance to the target's predicted position.
-    """
-    room = _brakes_within(-gap if gap < 0.0 else gap, acceleration, dt)
-    least, most = target_velocity - room, target_velocity + room
-    wanted = gap / left
-    wanted = least if wanted < least else most if wanted > most else wanted
-    return _move(dt, q, dq, wanted, speed_limit, acceleration, end_deceleration, lower, upper)
-
-
-def _closing(gap: float, target_ddq: float, acceleration: float, tau: float) -> float:
-    """Return the speed relative to a moving target with which its gap is closed without overshoot.
-
-        v = gap / tau near the target, else ±sqrt(2 a |gap| − (a tau)²),  a = acceleration − target's greatest of late
-
-    The two meet with the same value and slope, so that the relative deceleration never exceeds a. The
-    target's acceleration is kept free, since a target that brakes takes that much from the set-point's own.
-    """
-    way = -gap if gap < 0.0 else gap
-    a = acceleration - target_ddq
-    least = _LEAST_BRAKING * acceleration
-    a = least if a < least else a
-    speed = way / tau if way <= a * tau * tau else math.sqrt(2.0 * a * way - (a * tau) ** 2)
-    return -speed if gap < 0.0 else speed
-
-
-def _move(
-    dt: float,
-    q: float,
-    dq: float,
-    wanted: float,
-    speed_limit: float,
-    acceleration: float,
-    end_deceleration: float,
-    lower: float,
-    upper: float,
-) -> tuple[float, float]:
-    """Return position and speed of one coordinate after a tick at the speed `wanted`, as far as its limits allow."""
-    # Without this bound, a moving target could lead the set-point to the end of the range at full speed.
-    most = _brakes_within(q - lower if wanted < 0.0 else upper - q, end_deceleration, dt)
-    most = speed_limit if speed_limit < most else most
-    wanted = -most if wanted < -most else most if wanted > most else wanted
-    change, most = wanted - dq, acceleration * dt
-    speed = dq + (-most if change < -most else most if change > most else change)
-    q_next = q + speed * dt
-    if q_next < lower and q_next < q:
-        return (lower if lower < q else q), 0.0
-    if q_next > upper and q_next > q:
-        return (upper if upper > q else q), 0.0
-    return q_next, speed
-
-
-def _brakes_within(way: float, deceleration: float, dt: float) -> float:
-    """Return the maximum speed for braking to rest within `way`, sqrt(2 a way); 0 if `way` is not positive."""
-    if way <= 0.0:
-        return 0.0
-    # The resolution is one tick: without the bound way / dt the last steps would shrink for ever.
-    return min(math.sqrt(2.0 * deceleration * way), way / dt)

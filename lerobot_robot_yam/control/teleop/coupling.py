@@ -36,7 +36,7 @@ class Coupling:
         active: whether coupling is permitted, and `advance` must be called at this tick.
         permitted_s: time of the last permission, s.
         number: `coupling_number` of the leader followed at this tick; 0: none.
-        target, velocity: (n,) target of this tick, and the target's speed.
+        target, velocity: (n,) target of this tick, and its speed of `velocity_age_s` ago.
         held_back: whether max_relative_target limits the target.
     """
 
@@ -55,6 +55,7 @@ class Coupling:
         self.number = 0
         self.target: np.ndarray = np.zeros(hardware.n)
         self.velocity: np.ndarray = np.zeros(hardware.n)
+        self.velocity_age_s = 0.0
 
     def permit(self, led: Led, now: float) -> None:
         """Permit coupling to a leader until `end`; if `led` names a button, from its next press on."""
@@ -115,8 +116,8 @@ class Coupling:
                 logger.warning(what, self._hardware.name, leader.key)
                 self._told = True
             return None
-        speed = np.array(dq)
-        return np.array(q) + speed * (age_s + _AHEAD_S), speed
+        speed, self.velocity_age_s = np.array(dq), age_s + _AHEAD_S
+        return np.array(q) + speed * self.velocity_age_s, speed
 
     def _follow(self, q: np.ndarray, dq: np.ndarray, asked: tuple[np.ndarray, np.ndarray], dt: float) -> None:
         if not self.number:  # the follower joins
