@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 from lerobot_robot_yam.arm import config_checks
 from lerobot_robot_yam.arm.collision.workspace import WorkspaceConfig
@@ -22,6 +22,18 @@ PROFILES = Path(__file__).parent / "profiles"
 NO_ARM = "none"
 """Arm name for a gripper without an arm: no joints, the gripper fixed in the world."""
 USUAL_ARM, USUAL_GRIPPER = "yam", "linear_4310"
+
+
+class JointPace(NamedTuple):
+    """Limits of a set-point's joints: speed, rad/s (None: the profile's), and acceleration, rad/s²."""
+
+    speed_rad_s: float | None
+    acceleration_rad_s2: float
+
+
+PACES = {"calm": JointPace(None, 30.0), "normal": JointPace(2.5, 40.0), "fast": JointPace(4.0, 60.0)}
+"""Limits per `teleop_speed`. A hand that swings with 2 Hz needs 2.5 rad/s and 32 rad/s² for ±0.2 rad, 3.8 and 47 for
+±0.3; accelerations are a quarter above that, with which a gap is closed."""
 
 
 def _packaged(folder: str, usual: str) -> tuple[str, ...]:
@@ -105,8 +117,18 @@ class ArmConfig:
     )
     speed_limit_rad_s: list[float] | float | None = option(
         "of the set-point, rad/s, one number or one per joint; joints exceed it by a tenth at most. By default "
-        "the profile's, 1.5",
+        "that of `teleop_speed`",
         None,
+    )
+    acceleration_limit_rad_s2: list[float] | float | None = option(
+        "of the set-point, rad/s², 5 to 100, one number or one per joint; less where the torque limits allow less. By "
+        "default that of `teleop_speed`",
+        None,
+    )
+    teleop_speed: Literal["calm", "normal", "fast"] = option(
+        "speed and acceleration limits of a follower: calm (the profile's 1.5 rad/s, and 30 rad/s²), normal (2.5 and "
+        "40) or fast (4 and 60), see docs/teleoperation.md; limits given beside it take its place",
+        "calm",
     )
     gripper_speed_limit: float | None = option(
         "of the gripper's set-point, strokes per second; by default the profile's, 2.5", None

@@ -31,6 +31,9 @@ _RATE_MIN_HZ = 100.0  # minimum loop rate: the watchdog of the motors and the st
 _RATE_MAX_HZ = 1000.0
 _PER_JOINT = -1  # count for one number per joint; `ResolvedArm`, which has the profile, checks the number
 _ABOVE_ZERO = math.nextafter(0.0, 1.0)
+# Allowed accelerations: from one that needs 0.2 rad from 1.5 rad/s to rest, to one that no joint but the light ones of
+# the wrist reaches: joint 3 of a YAM gets 80 rad/s² in its worst pose, joints 1 and 2 less. Poses limit it further.
+_ACCELERATIONS_RAD_S2 = (5.0, 100.0)
 
 
 def _one(what: str, low: float, high: float, unit: str) -> tuple[None, float, float, str]:
@@ -51,6 +54,11 @@ _NUMBERS: dict[str, tuple[int | None, float, float, str]] = {
     "coulomb_friction_nm": _each(_FRICTION_MOST_NM, " Nm"),
     "effort_limit_nm": (_PER_JOINT, _ABOVE_ZERO, math.inf, "numbers above zero, one per joint"),
     "speed_limit_rad_s": (_PER_JOINT, _ABOVE_ZERO, math.inf, "one number above zero, or one per joint"),
+    "acceleration_limit_rad_s2": (
+        _PER_JOINT,
+        *_ACCELERATIONS_RAD_S2,
+        "one number within {:g} … {:g} rad/s², or one per joint".format(*_ACCELERATIONS_RAD_S2),
+    ),
     "float_speed_rad_s": _one("a speed", *_FLOAT_SPEEDS_RAD_S, "rad/s"),
     "payload_mass_kg": _one("a mass", 0.0, PAYLOAD_MOST_KG, "kg"),
     "payload_com_m": (3, -_TOOL_M, _TOOL_M, f"three numbers within ±{_TOOL_M:g} m"),

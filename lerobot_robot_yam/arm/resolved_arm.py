@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lerobot_robot_yam.arm.config import ArmConfig
+from lerobot_robot_yam.arm.config import PACES, ArmConfig
 from lerobot_robot_yam.arm.mounting import mounted
 from lerobot_robot_yam.arm.profile import ArmProfile, GripperProfile, Load
 from lerobot_robot_yam.arm.profile_files import load_arm, load_gripper
@@ -38,6 +38,7 @@ class ResolvedArm:
         slots: slice of the motors in the shared records.
         direction, kp, kd, idle_kd, torque_limit_nm: (n,) values from the profiles.
         speed_limit: (n,) speed limit of the set-point; rad/s, for the gripper strokes per second.
+        acceleration_limit: (joints,) acceleration limit of the set-point, rad/s².
         lower, upper: (n,) command limits; rad, for the gripper 0 … 1.
         coulomb_nm: (joints,) friction feedforward.
         folding: indices of the joints with a role in a landing.
@@ -93,6 +94,7 @@ class ResolvedArm:
             for key in ("kp", "kd", "idle_kd", "torque_limit_nm")
         )
         self.speed_limit = np.array([*joint.speed_limit_rad_s, *(row.speed_limit_per_s for row in grippers)])
+        self.acceleration_limit = np.array(given["acceleration_limit_rad_s2"])
         self.lower = np.array([*joint.joint_limits_rad[:, 0], *(0.0 for _ in grippers)])
         self.upper = np.array([*joint.joint_limits_rad[:, 1], *(1.0 for _ in grippers)])
         self.coulomb_nm = np.array(given.get("coulomb_friction_nm", [0.0] * self.joints))
@@ -148,9 +150,11 @@ class ResolvedArm:
 
 def _per_joint(config: ArmConfig, joints: int) -> dict[str, list[float]]:
     """Map field names to the configuration's numbers per joint. Raises ConfigError: the count is wrong."""
-    given = {}
-    for key in (*_ARM_OVERRIDES, "coulomb_friction_nm", "effort_limit_nm", "rest_q_rad"):
-        value = getattr(config, key)
+    given: dict[str, list[float]] = {}
+    pace = PACES[config.teleop_speed]
+    usual = {"speed_limit_rad_s": pace.speed_rad_s, "acceleration_limit_rad_s2": pace.acceleration_rad_s2}
+    for key in (*_ARM_OVERRIDES, "acceleration_limit_rad_s2", "coulomb_friction_nm", "effort_limit_nm", "rest_q_rad"):
+        value = usual.get(key) if getattr(config, key) is None else getattr(config, key)
         if value is None:
             continue
         given[key] = value if isinstance(value, list) else [value] * joints

@@ -11,7 +11,6 @@ from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.control.laws.gravity_balance import range_nm, tolerance_nm
 from lerobot_robot_yam.control.laws.sag import SOFT_NM_RAD, Sag
-from lerobot_robot_yam.state.faults import MOST_RAD_S2
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
 from lerobot_robot_yam.system.few_values import all_of, largest
@@ -298,7 +297,7 @@ class Impedance:
         if self._gravity is None:
             return tau, None
         j = slice(hw.joints)
-        ddq = np.minimum(np.maximum(inputs.asked_ddq[j], -MOST_RAD_S2), MOST_RAD_S2)
+        ddq = np.minimum(np.maximum(inputs.asked_ddq[j], -hw.acceleration_limit), hw.acceleration_limit)
         dq = inputs.asked[1, j]
         goal = inputs.asked[0, j]
         most_rad = _NEAR_RAD * hw.kp[j] / np.maximum(self.kp[j], _LEAST_KP)

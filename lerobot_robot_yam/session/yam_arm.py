@@ -20,7 +20,6 @@ import numpy as np
 from lerobot_robot_yam.arm.config import ArmConfig
 from lerobot_robot_yam.arm.joint_map import RANGE_TOLERANCE_RAD
 from lerobot_robot_yam.arm.validation import finite_number, finite_vector
-from lerobot_robot_yam.control.joints.arm_set_point import ACCELERATION_LIMIT_RAD_S2
 from lerobot_robot_yam.errors import ActionError, ConfigError, LifeCycleError
 from lerobot_robot_yam.session.arm_client import ArmClient, Vector
 from lerobot_robot_yam.session.arm_info import ArmInfo
@@ -175,7 +174,7 @@ class YamArm(Uncopied):
         goal, seconds = self._goal(q, gripper), finite_number(name, "time_s", time_s)
         start = np.array(self._client.observe().setpoints)
         goal = np.where(np.isnan(goal), start, goal)
-        acceleration = np.concatenate([np.full(hw.joints, ACCELERATION_LIMIT_RAD_S2), [np.inf] * hw.has_gripper])
+        acceleration = np.append(hw.acceleration_limit, [np.inf] * hw.has_gripper)
         least = max(soft_way_s(goal - start, hw.speed_limit, acceleration), _STREAM_S)
         if seconds < least:
             raise ActionError(

@@ -12,7 +12,7 @@ from lerobot_robot_yam.state.modes import Gate, Mode
 from lerobot_robot_yam.state.records import ACTION_SLOTS, STATE_DTYPE, Limited, packed
 
 _CARRY_S = 0.05  # maximum time by which a position is carried, s: farther, its speed says nothing any more
-_MOST_RAD_S2 = 60.0  # acceleration up to which `ArmState.q_error_rad` holds, rad/s²: twice the set-point's
+_MOST_RAD_S2 = 60.0  # acceleration up to which `ArmState.q_error_rad` holds, rad/s²: that of a fast arm's set-point
 _STATES = [packed(STATE_DTYPE, motors) for motors in range(MAX_MOTORS + 1)]
 _JOINTS_AT, _MOTORS_AT = (STATE_DTYPE.fields[name][1] for name in ("joints", "motors"))  # type: ignore[index]
 _MODES = {int(mode): mode for mode in Mode}

@@ -118,12 +118,12 @@ SILENT_S = 0.15  # silence after which a motor is lost, s: a shorter dropout is 
 RAIL_SILENT_S = 0.1  # silence after which a rail's switches and brake are lost, s: a carriage runs on meanwhile
 HEAT_S = 0.6  # maximum time to detect heat, s: a temperature counts once steady for half a second
 HUNG_S = 0.14  # time without a tick after which the stand-by replaces a loop, s: a third of the motors' watchdog time
-MOST_RAD_S2 = 30.0  # maximum feedforward acceleration, rad/s²
-STALE_OVERSHOOT_RAD_S = 1.6  # maximum excess speed of a joint that obeys a stale command, rad/s: a·√(I/kp)
+MOST_RAD_S2 = 30.0  # acceleration limit of a calm arm, rad/s²
+STALE_OVERSHOOT_RAD_S = 1.6  # maximum excess speed of its joint that obeys a stale command, rad/s: a·√(I/kp)
 
 
 def stale_overshoot_rad_s(late_s: float) -> float:
-    """Return a joint's excess speed, rad/s, after obeying an accelerating command for `late_s` too long."""
+    """Return a calm arm's excess speed, rad/s, of a joint that obeys an accelerating command for `late_s` too long."""
     return min(MOST_RAD_S2 * max(late_s, 0.0), STALE_OVERSHOOT_RAD_S)
 
 

@@ -26,6 +26,10 @@ from lerobot_robot_yam.errors import ConfigError
         ("gripper_speed_limit", 100.0, "more than the motor's 4.58"),
         ("gripper_force_limit_n", 1e9, "within 1 … 200 N, or null"),
         ("speed_limit_rad_s", 100.0, "at most the motors'"),
+        ("acceleration_limit_rad_s2", 1.0, "one number within 5 … 100 rad/s², or one per joint"),
+        ("acceleration_limit_rad_s2", [30.0] * 5 + [101.0], "within 5 … 100"),
+        ("acceleration_limit_rad_s2", [30.0] * 5, "takes 6 numbers"),
+        ("teleop_speed", "quick", "'calm' or 'normal' or 'fast'"),
         ("float_speed_rad_s", 1e3, "within 0.5 … 10 rad/s"),
         ("float_speed_rad_s", 0.0, "within 0.5 … 10 rad/s"),
         ("command_timeout_s", 1e9, "within 0.02 … 10 s"),
@@ -38,6 +42,20 @@ from lerobot_robot_yam.errors import ConfigError
 def test_what_cannot_be_meant_is_refused(field, value, takes):
     with pytest.raises(ConfigError, match=rf"(?s)left.*{field.removeprefix('gripper_').split('_')[0]}.*{takes}"):
         ResolvedArm(ArmConfig(name="left", channel="x", **{field: value}))
+
+
+@pytest.mark.parametrize(
+    "fields, speed, acceleration",
+    [
+        ({}, 1.5, 30.0),
+        ({"teleop_speed": "fast"}, 4.0, 60.0),
+        ({"teleop_speed": "fast", "speed_limit_rad_s": 0.5}, 0.5, 60.0),
+        ({"teleop_speed": "normal", "acceleration_limit_rad_s2": [20.0] * 6}, 2.5, 20.0),
+    ],
+)
+def test_a_limit_takes_the_place_of_that_of_teleop_speed(fields, speed, acceleration):
+    arm = ResolvedArm(ArmConfig(name="left", channel="x", **fields))
+    assert (arm.speed_limit[:6] == speed).all() and (arm.acceleration_limit == acceleration).all()
 
 
 @pytest.mark.parametrize("arm", ARMS)

@@ -107,6 +107,10 @@ def drive():
             ("yam", {"rate_hz": 100.0}, "uniform", 0.0, 5),
             ("big_yam", {}, "uniform", 0.0, 10),  # torque ends before acceleration does
             ("yam_ultra", {}, "square", 1.5, 30),
+            ("yam", {"teleop_speed": "fast"}, "uniform", 0.0, 8),
+            ("yam", {"teleop_speed": "normal"}, "square", 1.5, 30),
+            ("yam", {"acceleration_limit_rad_s2": 100.0, "speed_limit_rad_s": 3.0}, "uniform", 0.0, 8),
+            ("big_yam", {"teleop_speed": "fast"}, "square", 1.5, 30),
         ],
         1,
     ),

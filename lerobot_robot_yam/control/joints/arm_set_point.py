@@ -14,8 +14,6 @@ from lerobot_robot_yam.system.few_values import any_of
 
 logger = logging.getLogger(__name__)
 
-ACCELERATION_LIMIT_RAD_S2 = 30.0
-"""Maximum acceleration: stops a joint from its speed limit within 50 ms."""
 LEFT_BEHIND_RAD = 0.05
 """Distance from a set-point that exceeds the lag of an arm with its own gains."""
 _HOLDS_RAD = 0.3  # maximum distance between a set-point and the arm that it holds
@@ -42,7 +40,7 @@ class ArmSetPoint(SetPoint):
         grips, self._joints = [_GRIPPER_ACCELERATION] * hardware.has_gripper, hardware.joints
         super().__init__(
             hardware.speed_limit,
-            np.append(np.full(hardware.joints, ACCELERATION_LIMIT_RAD_S2), grips),
+            np.append(hardware.acceleration_limit, grips),
             hardware.lower,
             hardware.upper,
             np.append(np.full(hardware.joints, _END_DECELERATION_RAD_S2), grips),
@@ -160,4 +158,4 @@ class ArmSetPoint(SetPoint):
 
     def accelerate_as_usual(self) -> None:
         """Restore the usual acceleration limit after a landing."""
-        self.limit_acceleration(np.full(self._joints, ACCELERATION_LIMIT_RAD_S2))
+        self.limit_acceleration(self._hardware.acceleration_limit)

@@ -45,6 +45,32 @@ def test_it_follows_with_little_lag_and_jerk(rig, pair):
     assert found.jerk_ratio < 1.5
 
 
+@pytest.mark.parametrize(
+    "teleop_speed, rad", spread([("fast", 0.2), ("fast", 0.3), ("fast", 0.1), ("normal", 0.2), ("calm", 0.1)], 0)
+)
+def test_a_quick_hand_is_followed_within_the_limits(rig, teleop_speed, rad):
+    session, caller = started(rig, {"teleop_speed": teleop_speed})
+    hardware = session.hardware(FOLLOWER)
+    setpoint = session._runner._loop._controllers[1].actuation.setpoint
+    sweep(rig, 6.0, frequency_hz=2.0, rad=rad)
+    caller.run(1.7)
+    for channel in (LEADER, FOLLOWER):
+        recorders.truth_start(rig, channel, 2.0)
+    asked = []
+    caller.run(1.0, lambda: asked.append((setpoint.asked[1, :6], setpoint.asked_ddq[:6])))
+    assert session[FOLLOWER].newest().coupled
+    leader, follower = (recorders.truth(rig, channel) for channel in (LEADER, FOLLOWER))
+    wave = np.exp(-4j * np.pi * leader["stamp_s"][:1000])  # two turns
+    ratio = wave @ follower["q"][:1000, :6] / (wave @ leader["q"][:1000, :6])
+    assert np.all((np.abs(ratio) > 0.95) & (np.abs(ratio) < 1.05)), np.abs(ratio)
+    assert np.abs(np.angle(ratio)).max() / (4 * np.pi) < 0.01
+    speeds, accelerations = np.abs(asked).max(axis=0)
+    assert np.all(speeds <= hardware.speed_limit[:6] + 1e-9)
+    assert np.all(accelerations <= hardware.acceleration_limit + 1e-6)
+    assert np.abs(follower["dq"][:, :6]).max() < 1.1 * hardware.speed_limit[0]
+    session.discard()
+
+
 def test_what_the_caller_passes_on_is_what_the_follower_was_asked(rig, pair):
     """The caller takes the follower's target of its newest tick, and the set-point goes there."""
     session, caller = pair
