@@ -130,6 +130,19 @@ def test_no_part_enters_a_keep_out_box(rig, running):
     assert Limited.WORKSPACE in session[LEFT].observe().limited
 
 
+@pytest.mark.parametrize("teleop_speed", spread(["normal", "fast"], 1))
+def test_an_outstretched_arm_stops_above_the_floor(rig, running, teleop_speed):
+    floor = WorkspaceConfig(floor_z_m=0.08)
+    session = running(sim_config(rig, LEFT, teleop_speed=teleop_speed, workspace=floor))
+    track(session, {LEFT: [0.0, 1.4, 1.9, 0.5, 0.0, 0.0]}, 1.6)
+    heights = []
+    for _ in range(60):
+        track(session, {LEFT: [0.0, 2.9, 1.9, 0.5, 0.0, 0.0]}, 0.02)
+        heights.append(rig.state()["arms"][LEFT]["tcp_site"]["pos"][2])
+    assert Limited.WORKSPACE in session[LEFT].observe().limited
+    assert 0.123 < min(heights) < 0.14  # at 0.3 rad/s it stops at 0.126
+
+
 def test_a_warm_motor_halves_the_speed(rig, running):
     session = running(sim_config(rig, LEFT))
     track(session, {LEFT: [0.0, 0.8, 0.8, 0.0, 0.0, 0.0]}, 1.5)
