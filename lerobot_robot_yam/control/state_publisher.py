@@ -111,7 +111,7 @@ class ControllerBlocks:
             if age_s <= controller.config.command_timeout_s:
                 led = Led(command["leader"].item().decode(), int(command["button"]), int(command["presses"]))
                 if led.leader:
-                    controller.coupling.permit(led, now)
+                    controller.coupling.permit(led, now - age_s)
                     if controller.coupling.can_follow(now):
                         return
                     controller.coupling.give_way()

@@ -40,6 +40,7 @@ _BOUND_SHARE = 0.25  # maximum force, as a share of the torque limit
 _TAKEN_BACK_S = 0.01  # time in which the damping b takes the energy W back, s
 _FORGOTTEN_S = 0.3  # time constant with which W decays, s: a hand may have taken that energy
 _BACK_MOST = 4.0  # maximum b, Nm s/rad: with the other damping of a leader below the 5 that motors accept
+_BACK_S_RAD = 0.15  # the same as a share of the torque limit, s/rad: a light wrist whose speed is filtered would swing
 _FADE_S = 0.5
 _GENTLE_NM = 1.0  # minimum growth of the bound per `_FADE_S`, Nm
 
@@ -64,6 +65,7 @@ class BilateralForce:
         self.stiffness = gain * kp
         self._steady = LAG_S * self.stiffness  # c
         self._bound, self._gated = _BOUND_SHARE * torque_limit_nm, gated
+        self._back_most = np.minimum(_BACK_S_RAD * torque_limit_nm, _BACK_MOST)
         self.works = bool(self.stiffness.any())
         self._ceiling: np.ndarray = np.zeros(len(gain))  # present bound, which grows to `_bound`
         self._given_way = [0.0] * len(gain)  # y
@@ -117,7 +119,7 @@ class BilateralForce:
         back = self.damping - self._steady
         given = (self._given_j + (tau - back * dq) * dq * dt) * (1.0 - dt / _FORGOTTEN_S)
         self._given_j = given = np.maximum(given, 0.0)
-        self.damping = self._steady + np.minimum(given / np.maximum(dq * dq * _TAKEN_BACK_S, 1e-9), _BACK_MOST)
+        self.damping = self._steady + np.minimum(given / np.maximum(dq * dq * _TAKEN_BACK_S, 1e-9), self._back_most)
         return tau
 
 

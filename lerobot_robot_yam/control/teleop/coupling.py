@@ -57,8 +57,8 @@ class Coupling:
         self.velocity: np.ndarray = np.zeros(hardware.n)
         self.velocity_age_s = 0.0
 
-    def permit(self, led: Led, now: float) -> None:
-        """Permit coupling to a leader until `end`; if `led` names a button, from its next press on."""
+    def permit(self, led: Led, at_s: float) -> None:
+        """Permit coupling to a leader, at time at_s, until `end`; if `led` names a button, from its next press on."""
         self._led = led
         if self._leader is None or self._leader.key != led.leader:
             self.end()
@@ -66,7 +66,7 @@ class Coupling:
                 self._leader.close()
             self._leader = PeerBlock(led.leader, _FIELDS)
             self._told = False
-        self.active, self.permitted_s = True, now
+        self.active, self.permitted_s = True, at_s
 
     def end(self) -> None:
         """End the coupling and its permission at once: another source moves the arm, or the arm holds."""
