@@ -130,7 +130,9 @@ def plan_of_landing(q, struck=None, unheard=None):
         now = tick * 0.004
         if unheard is not None and phases[-UNHEARD_AFTER:] == [unheard[0]] * UNHEARD_AFTER:
             usable[unheard[1]] = False
+        before = landing._sink.shares
         landing.advance(Seen(now, q, np.zeros(joints), usable))
+        assert (before - landing._sink.shares).max() < 0.03, "stiffness fades within 0.15 s at the earliest"
         phases.append(landing.phase)
         if struck is not None and landing.phase is struck[0]:
             setpoint.fall_back(*struck[1:])

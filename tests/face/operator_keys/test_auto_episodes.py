@@ -87,6 +87,24 @@ def test_an_episode_is_saved_while_the_leaders_are_home():
     assert [len(episode) > 40 for episode in recorder.saved] == [True]
 
 
+def test_a_lift_and_a_return_are_answered_at_the_look_that_sees_them():
+    recorder, auto = Recorder(episodes=1), AutoEpisodes()
+
+    def look(lifted):
+        key = auto.key(lifted, True, recorder.situation())
+        if key is not None:
+            recorder.press(key)
+        recorder.tick(lifted)
+        return key
+
+    assert look(HOME) is None  # before the first frame
+    assert look(HOME) is Meaning.RERECORD
+    assert [look(HOME) for _ in range(5)] == [None] * 5 and recorder.phase is Phase.RESETTING
+    assert look(LIFTED) is Meaning.NEXT
+    assert [look(LIFTED) for _ in range(9)] == [None] * 9
+    assert look(HOME) is Meaning.NEXT
+
+
 def test_leaders_that_are_lifted_from_the_start_are_brought_home_first():
     recorder = Recorder(episodes=1)
     session(recorder, lifts(0, 50, 30, 60))
