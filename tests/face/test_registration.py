@@ -70,7 +70,7 @@ FIRST = [
 ]
 
 
-QUICK = ("import lerobot_robot_yam.config_yam_follower", "import lerobot_teleoperator_yam.config_yam_leader")
+QUICK = ("import lerobot_robot_yam.config_yam_follower",)
 FIRST_MARKED = [pytest.param(first, marks=[] if first in QUICK else [pytest.mark.long]) for first in FIRST]
 
 

@@ -31,6 +31,7 @@ def sites(rig):
     return np.array([rig.state()["arms"][arm]["tcp_site"]["pos"] for arm in ARMS])
 
 
+@pytest.mark.long
 def test_arms_ride_hold_and_do_not_tip_the_base(rig):
     body, tilts = rig.device.world.data.body("base"), []
     with running(rig) as session:

@@ -79,6 +79,7 @@ def test_its_caller_is_killed(rig, base):
     assert end["brake_on"] and before - end["height"] < MOST_FALL_M
 
 
+@pytest.mark.long
 def test_the_program_on_the_page(capfd):
     exec(block("docs/mobile-base.md", "python", "home_rail()"), {})
     assert "homed=True" in capfd.readouterr().out

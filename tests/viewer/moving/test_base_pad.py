@@ -120,6 +120,7 @@ def test_an_emergency_stop_reaches_a_base_and_a_button_that_is_still_held_does_n
     held(station, browser, "forward", lambda: state(station).planned[0] > 0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("railed", [True], indirect=True)
 def test_the_rail_moves_once_it_is_homed(station, browser):
     browser.hold("rail up")
