@@ -47,6 +47,7 @@ _DRIFT_RAD, _LIGHT_DRIFT_RAD = 0.03, 0.3  # maximum sum of distances that the sp
 _DRIFT_S = 0.5  # time in which the sum is forgotten, s
 _DRIFT_SHARE = 0.02  # share of a distance that need not be explained: speeds are filtered, and known to 1/4096
 
+_SURE_S = 0.006  # longest time between two samples of which none is lost, s: a tick and a half
 _UNHEARD_S = 0.02  # silence after which a single reading is not trusted, s: five ticks
 
 
@@ -152,7 +153,7 @@ class Plausibility:
         keeps, drift = 1.0 - since_s / _DRIFT_S, self._drift[motor]
         if beyond == 0.0 == drift:
             return False
-        if since_s > _UNHEARD_S:  # during a silence its speed was unknown
+        if since_s > _SURE_S:  # after a loss neither its speed nor the time of its sample is certain
             self._drift[motor] = self.crept[motor] = 0.0
             return False
         crept = 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from lerobot_robot_yam.state.modes import Gate, Mode
 from soak.checks import GRIPPER, Finding, mode_of
 
-_LEAVE_S = 0.2  # validity of the caller's permission: 0.1 s plus one caller frame, at most 0.1 s
+_LEAVE_S = 0.5  # validity of the caller's permission: `command_timeout_s`
 _LOST_S = 0.08  # a leader state is valid for 0.03 s, and the follower comes to rest within another 0.05 s
 _LATE_S = 0.03  # a few late ticks, after which a loop reads the clock again
 _LEADS = (Mode.FLOAT, Mode.HOLD, Mode.TRACK)

@@ -30,7 +30,7 @@ def findings(check, rows):
     return [finding.invariant for follower, leader in rows for finding in check.look(follower, leader)]
 
 
-@pytest.mark.parametrize(("silent_ticks", "found"), [(45, []), (75, [LEAVE])])
+@pytest.mark.parametrize(("silent_ticks", "found"), [(120, []), (145, [LEAVE])])
 def test_a_leader_is_followed_no_longer_than_its_caller_has_said(soak, silent_ticks, found):
     rows = [(told(tick, 0.0, target=tick), asked(tick, 0.0)) for tick in range(50)]
     rows += [(told(50 + tick, 0.0, target=49), asked(50 + tick, 0.0)) for tick in range(silent_ticks)]
