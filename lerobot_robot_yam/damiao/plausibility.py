@@ -13,7 +13,7 @@ Whatever delays an adapter adds, a joint turns by at most 0.5 rad between two re
 
 What many samples may hide, a sum over half a second shows: the part of  q₁ − q₀  outside  min(v) Δt … max(v) Δt,  less
 a fiftieth of the way, adds up to 0.03 rad at most, and that of a gripper to 0.3 rad. So a position that creeps while
-the speed says otherwise is found within this distance.
+the speed says otherwise is found within this distance, if no reply is lost meanwhile: then the sum begins anew.
 
 A reading beyond these bounds is never used, only counted. In three cases the reading is kept until the next one, which
 is then also compared with the kept reading:

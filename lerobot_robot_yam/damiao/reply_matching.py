@@ -6,9 +6,9 @@ A reply does not state its command. Three rules find the command for any adapter
 2. The wire keeps the order of ticks. Once a motor has replied to tick k, replies still owed for earlier ticks are lost.
 3. A channel that has lost whole ticks looks like a channel that has become slower. So, when every motor has owed more
    replies than before for a while, or for a few ticks after a silence of the whole channel, the first motor gets no
-   requests for some ticks. If its replies end before all owed
-   ones have come, the rest are lost, and by rule 2 the other motors' owed replies are lost, too. A single motor that
-   owes more replies than the others is left out of one tick; rule 2 then clears its owed replies.
+   requests for some ticks. If its replies end before all owed ones have come, the rest are lost, and by rule 2 the
+   other motors' owed replies are lost, too. A single motor that owes more replies than the others is left out of one
+   tick; rule 2 then clears its owed replies.
 
 While it is unknown whether replies are lost or delayed, a reply counts for the older request. Its sample may then seem
 too old, but never too new.
