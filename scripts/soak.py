@@ -36,6 +36,9 @@ def arguments(given: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=5.0, help="how long to teleoperate")
     parser.add_argument("--seed", type=int, default=1, help="of the schedule")
+    parser.add_argument(
+        "--rate_hz", type=float, default=250.0, help="of the control loops; 125 on a machine with two slow cores"
+    )
     parser.add_argument("--pace", type=float, default=1.0, help="so many times as many faults")
     parser.add_argument(
         "--coupled", action="store_true", help="leaders lead at loop rate, behind a gate, with force feedback"
@@ -119,7 +122,7 @@ def soak(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     from lerobot_robot_yam.rig.control import RigControl, wait_ended
 
     rig = RigControl.start(seed=args.seed)
-    robot, leader = make_devices(rig.name, folder, args.coupled)
+    robot, leader = make_devices(rig.name, folder, args.rate_hz, args.coupled)
     begin_s = time.monotonic()
     judge = Judge({"rig": rig.name, "arms": robot.jobs() | leader.jobs()}, begin_s)
     schedule = make_schedule(args.minutes * 60.0, args.seed, args.pace)

@@ -13,8 +13,11 @@ from lerobot_robot_yam.control.landing.landing import Landing
 from lerobot_robot_yam.control.laws import mit_laws
 from lerobot_robot_yam.control.mode_command import ModeCommand
 from lerobot_robot_yam.control.safety.channel_monitor import BusLoss, Finding
+from lerobot_robot_yam.control.safety.torque_check import TorqueCheck
 from lerobot_robot_yam.damiao.chain import MotorChain
+from lerobot_robot_yam.damiao.tables import motor_type
 from lerobot_robot_yam.state.modes import Mode
+from lerobot_robot_yam.system.few_values import any_of
 
 if TYPE_CHECKING:
     from lerobot_robot_yam.arm.dynamics import GravityModel
@@ -52,6 +55,9 @@ class Actuation:
         self.setpoint = ArmSetPoint(hw, self.estimate)
         self.impedance = Impedance(hw, gravity or gravity_model(hw), self.gripper)
         self._law = ModeCommand(hw, status, self.estimate, self.setpoint, self.impedance, self.gripper)
+        motors = hw.motors[: hw.joints]
+        self._torques = TorqueCheck(np.array([motor_type(motor.type).torque_max_nm for motor in motors]))
+        self._lost: np.ndarray = np.zeros(hw.joints, dtype=bool)  # joints distrusted while they had no stiffness
         self.commands: np.ndarray = np.zeros((hw.n, 5))
         self.landing: Landing | None = None
         self.grips = False
@@ -87,9 +93,18 @@ class Actuation:
 
     def check(self, now: float) -> Finding:
         """Check which motors are reliable; update the estimate and the set-points of distrusted and sunk joints."""
-        self.finding = self.estimate.check(now)
+        chain, estimate, j = self.chain, self.estimate, slice(self.hardware.joints)
         sent = self._interface.sent  # without stiffness, the motor holds nowhere
-        self.setpoint.keep_disbelieved(np.where(sent[:, mit_laws.KP] > 0.0, sent[:, mit_laws.Q], self.estimate.motor_q))
+        readings = estimate.motor_q[j], estimate.motor_dq[j], estimate.tau[j], chain.stamp_s[j], estimate.usable[j]
+        lying = self._torques.lying(sent[j], *readings)
+        if lying:
+            chain.feedback.distrust(lying, chain.position_rad)
+        self.finding = estimate.check(now)
+        self.setpoint.keep_disbelieved(np.where(sent[:, mit_laws.KP] > 0.0, sent[:, mit_laws.Q], estimate.motor_q))
+        for joint in estimate.disbelieved:
+            self._lost[joint] = sent[joint, mit_laws.KP] == 0.0
+        if any_of(self._lost):  # rare
+            self._lost = self._lost & ~estimate.usable[j]
         self.setpoint.fetch_sunk(self.landing is not None)
         return self.finding
 
@@ -106,6 +121,9 @@ class Actuation:
     def compute_command(self, now: float, dt: float) -> None:
         """Compute the commands for the next `send` from state and set-point. now, dt: time and tick period, s."""
         self.commands = self._law.compute(now, dt, self.landing, self.grips, self.assist)
+        if any_of(self._lost):
+            j = slice(self.hardware.joints)
+            mit_laws.hold_softly(self.commands[j], self._lost, self.hardware.torque_limit_nm[j])
         if self.limp:
             self.commands[self.limp, mit_laws.KP :] = 0.0
 

@@ -142,7 +142,8 @@ class Rearm:
         gap = np.maximum(low - q, q - high)
         range_nm = np.array([motor_type(spec.type).torque_max_nm for spec in specs])
         gives_nm = np.clip(mit_laws.motor_torque(sent, q, dq * direction), -range_nm, range_nm)
-        off = (gap > _PUSHED_RAD) | (np.abs(gives_nm - tau) > torque_check.SHARE * range_nm)
+        soft = sent[:, mit_laws.KP] * _PUSHED_RAD < torque_check.SHARE * range_nm  # a hand may have moved it anywhere
+        off = ((gap > _PUSHED_RAD) & ~soft) | (np.abs(gives_nm - tau) > torque_check.SHARE * range_nm)
         told = "; ".join(
             f"{self._name(i)} still reads {q[i]:.2f} rad and was sent to {sent[i, mit_laws.Q]:.2f}, and "
             f"works with {tau[i]:.1f} Nm where its command gives {gives_nm[i]:.1f}"

@@ -16,6 +16,7 @@ from lerobot_robot_yam.damiao.bus_port import BusPort, data_message, is_classic_
 from lerobot_robot_yam.damiao.codec import SpecialCommand, encode_mit, encode_velocity, pack_mit, ranges_of
 from lerobot_robot_yam.damiao.handle_encoder import REQUEST_ID, HandleEncoder, encode_report_request
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec, check_specs
+from lerobot_robot_yam.damiao.plausibility import PERIOD_S
 from lerobot_robot_yam.damiao.receiver import FeedbackStore, Receiver
 from lerobot_robot_yam.damiao.registers import (
     REGISTERS,
@@ -46,6 +47,9 @@ def _of(path: str) -> Any:
 class MotorChain:
     """All motors (and optionally the handle encoder) on one CAN bus. For use from one thread only.
 
+    Args:
+        period_s: period of the loop that sends commands, s.
+
     Attributes:
         feedback: newest state of the motors; its arrays are also attributes of the chain.
         round_trip: delays of the adapter.
@@ -72,7 +76,13 @@ class MotorChain:
     error_frames: int = _of("_receiver.error_frames")
 
     def __init__(
-        self, bus: can.BusABC, motors: Sequence[MotorSpec], *, channel: str, encoder: HandleEncoder | None = None
+        self,
+        bus: can.BusABC,
+        motors: Sequence[MotorSpec],
+        *,
+        channel: str,
+        encoder: HandleEncoder | None = None,
+        period_s: float = PERIOD_S,
     ):
         """Check the motors. Raises ConfigError: names or ids are not unique, or a type is unknown."""
         check_specs(motors, channel)
@@ -80,7 +90,7 @@ class MotorChain:
         self._ranges = [ranges_of(spec.type) for spec in self.motors]
         self._port = BusPort(bus, channel)
         self.clock = self._port.clock
-        self._receiver = Receiver(self._port, self.motors, encoder)
+        self._receiver = Receiver(self._port, self.motors, encoder, period_s)
         self.feedback, self.round_trip = self._receiver.feedback, self._receiver.round_trip
         self._requests = self._receiver.requests
         # Reused every tick: a bus copies what it queues.

@@ -31,6 +31,8 @@ from collections.abc import Iterable, Sequence
 
 from lerobot_robot_yam.damiao.tables import MotorType
 
+PERIOD_S = 0.004
+"""Period of a control loop at its usual rate, s."""
 _NOISE_RAD = 0.005  # noise of a position, rad: backlash of the gears, 13 codes
 _NOISE_RAD_S = 0.5  # noise of a speed, rad/s
 _UNSEEN_RAD_S = 2.0  # mean speed, beyond both reported speeds, that a joint can have between two samples, rad/s
@@ -47,7 +49,7 @@ _DRIFT_RAD, _LIGHT_DRIFT_RAD = 0.03, 0.3  # maximum sum of distances that the sp
 _DRIFT_S = 0.5  # time in which the sum is forgotten, s
 _DRIFT_SHARE = 0.02  # share of a distance that need not be explained: speeds are filtered, and known to 1/4096
 
-_SURE_S = 0.006  # longest time between two samples of which none is lost, s: a tick and a half
+_SURE_TICKS = 1.5  # longest time between two samples of which none is lost, in periods of the loop
 _UNHEARD_S = 0.02  # silence after which a single reading is not trusted, s: five ticks
 
 
@@ -64,6 +66,7 @@ class Plausibility:
     Args:
         types: types of the motors.
         light: per motor, whether its load has next to no mass, as in a gripper.
+        period_s: period of the control loop, s.
 
     Attributes:
         crept: per motor, distance by which its position has crept without a speed, rad.
@@ -71,10 +74,10 @@ class Plausibility:
         distrusted: per motor, whether its readings are no longer used.
     """
 
-    def __init__(self, types: Sequence[MotorType], light: Sequence[bool]):
+    def __init__(self, types: Sequence[MotorType], light: Sequence[bool], period_s: float = PERIOD_S):
         count = len(types)
         rows = list(zip(types, light, strict=True))
-        self._light = list(light)
+        self._light, self._sure_s = list(light), _SURE_TICKS * period_s
         self._unseen = [row.velocity_max_rad_s if free else _UNSEEN_RAD_S for row, free in rows]
         self._gained = [2.0 * row.velocity_max_rad_s if free else _GAINED_RAD_S for row, free in rows]
         self._acceleration = [row.acceleration_max_rad_s2 for row in types]
@@ -153,7 +156,7 @@ class Plausibility:
         keeps, drift = 1.0 - since_s / _DRIFT_S, self._drift[motor]
         if beyond == 0.0 == drift:
             return False
-        if since_s > _SURE_S:  # after a loss neither its speed nor the time of its sample is certain
+        if since_s > self._sure_s:  # after a loss neither its speed nor the time of its sample is certain
             self._drift[motor] = self.crept[motor] = 0.0
             return False
         crept = 0.0

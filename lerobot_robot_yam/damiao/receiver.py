@@ -16,7 +16,7 @@ from lerobot_robot_yam.damiao.bus_port import BusPort, is_classic_data
 from lerobot_robot_yam.damiao.codec import ranges_of, unpack_feedback
 from lerobot_robot_yam.damiao.handle_encoder import EVENT_ID, HANDLE_IDS, REPORT_ID, HandleEncoder
 from lerobot_robot_yam.damiao.motor_spec import MotorSpec
-from lerobot_robot_yam.damiao.plausibility import Plausibility
+from lerobot_robot_yam.damiao.plausibility import PERIOD_S, Plausibility
 from lerobot_robot_yam.damiao.registers import decode_reply
 from lerobot_robot_yam.damiao.reply_matching import Request, Requests
 from lerobot_robot_yam.damiao.round_trip import RoundTrip
@@ -36,6 +36,7 @@ class FeedbackStore:
     Args:
         types: types of the motors.
         turns: per motor, whether it may rotate beyond the position range of the frames, so that readings are unwrapped.
+        period_s: period of the control loop, s.
 
     Attributes:
         position_rad, velocity_rad_s, torque_nm: state; positions of motors with `turns` are unwrapped.
@@ -48,12 +49,12 @@ class FeedbackStore:
         all_normal: whether all motors are enabled, trusted and without a fault.
     """
 
-    def __init__(self, types: Sequence[str], turns: Sequence[bool]):
+    def __init__(self, types: Sequence[str], turns: Sequence[bool], period_s: float = PERIOD_S):
         self._ranges = [ranges_of(name) for name in types]
         rows = [motor_type(name) for name in types]
         # Half of the range at which positions in frames wrap around.
         self._half = [row.position_max_rad if turning else math.inf for row, turning in zip(rows, turns, strict=True)]
-        self._judge = Plausibility(rows, turns)
+        self._judge = Plausibility(rows, turns, period_s)
         count = len(rows)
         self._newest = [_NOTHING] * count
         self._fault: list[int] = [Fault.DISABLED] * count
@@ -167,8 +168,10 @@ class Receiver:
         late_registers: number of register replies that timed out and may still arrive.
     """
 
-    def __init__(self, port: BusPort, motors: Sequence[MotorSpec], encoder: HandleEncoder | None):
-        self._port, self._encoder = port, encoder
+    def __init__(
+        self, port: BusPort, motors: Sequence[MotorSpec], encoder: HandleEncoder | None, period_s: float = PERIOD_S
+    ):
+        self._port, self._encoder, self._period_s = port, encoder, period_s
         self._index = {spec.answer_key: i for i, spec in enumerate(motors)}
         self._command_ids = frozenset(identifier for spec in motors for identifier in (spec.can_id, spec.command_id))
         self._motors = motors
@@ -183,7 +186,8 @@ class Receiver:
 
     def new_store(self) -> FeedbackStore:
         """Create a store for these motors, without any state."""
-        return FeedbackStore([spec.type for spec in self._motors], [spec.turns for spec in self._motors])
+        motors = self._motors
+        return FeedbackStore([spec.type for spec in motors], [spec.turns for spec in motors], self._period_s)
 
     def drain(self) -> None:
         """Process all frames that have already arrived, without waiting."""

@@ -36,7 +36,7 @@ class Arm:
         channel: CAN channel of the arm.
         job: role; key of the arm's blocks; speed_limit (7,) of the set-point; motor_speed_limit, torque_limit, kp and
             kd (n,) rad/s, Nm, Nm/rad and Nm s/rad at the motors, gripper last; rest_q (6,) rad; peer, channel of the
-            robot's other arm; leads, channel of the follower that this arm leads at loop rate, or None.
+            robot's other arm; leads, channel of the follower that this arm leads at loop rate, or None; tick_s.
     """
 
     def __init__(self, channel: str, job: dict[str, Any]):
@@ -49,7 +49,10 @@ class Arm:
         press_rad = np.zeros(GRIPPER + 1)
         press_rad[:GRIPPER] = PRESS_NM / np.maximum(self.kp[:GRIPPER], 1.0)
         self.speed_limit = np.array(job["speed_limit"])[:GRIPPER]
-        self.check = SetPointCheck(channel, np.array(job["speed_limit"]), job["role"] == "leader", press_rad)
+        self.tick_s: float = job["tick_s"]
+        self.check = SetPointCheck(
+            channel, np.array(job["speed_limit"]), job["role"] == "leader", press_rad, self.tick_s
+        )
         self.record: Any = None
         self.records = 0
         self._history: deque[Any] = deque(maxlen=_KEPT)

@@ -10,7 +10,7 @@ import numpy as np
 
 from lerobot_robot_yam.arm.profile_files import load_arm
 from lerobot_robot_yam.control.landing.landing_move import LANDING_SPEED_RAD_S
-from lerobot_robot_yam.damiao.tables import Fault
+from lerobot_robot_yam.damiao.tables import WATCHDOG_S, Fault
 from lerobot_robot_yam.state.faults import RESPONSES, Response, Trouble
 from lerobot_robot_yam.state.modes import Mode
 from lerobot_robot_yam.state.records import Limited
@@ -22,8 +22,11 @@ READY = frozenset({Mode.HOLD, Mode.TRACK, Mode.FLOAT})
 _STANDS = frozenset({Mode.FAULT, Mode.STOPPED})
 MOVES = frozenset({Mode.TRACK, Mode.FLOAT})  # modes in which a caller or a hand may move the arm
 _WINDOW_S = 0.2  # window over which a speed is measured
-_TICK_S = 0.008  # maximum offset of a record's stamp from the tick that moved its set-point: one tick and a late one
-_JITTER_S = 0.012  # maximum difference between a record's stamp and the clock time used by its tick
+TICK_S = 0.004
+"""Period of a control loop at its usual rate, s."""
+_LATE_TICKS = 2  # maximum offset of a record's stamp from the tick that moved its set-point: one tick and a late one
+_JITTER_TICKS = 3  # maximum difference between a record's stamp and the clock time used by its tick
+_PEER_FRESH_S = 0.02  # maximum age of a peer's record that is judged beside this arm's
 _SMALL = 2e-3  # rad or strokes
 _AT_MEASURED = 0.03  # rad or strokes: a set-point this close to the measured pose was seeded from it
 _MISSED_S = 0.03  # a larger interval between two records means that the monitor missed some
@@ -64,11 +67,11 @@ class SetPointCheck:
 
     A jump is allowed where the set-point is deliberately seeded from the measured pose: when the mode changes (re-arm,
     end of an emergency stop, float to hold), when another process takes the arm over, when a landing meets an obstacle,
-    when a joint has come free, when an emergency stop is latched for an arm in trouble, and for the gripper when its
-    force limiter releases. The set-point must then be at the measured pose, or, in an emergency stop, at most the
-    pressing distance `press_rad` away. In FAULT, a joint with clipped torque may also return to its last sent
-    set-point, which is nearer to the arm, once its readings are rejected. Set-points of floating arms follow the arm
-    and are not checked, nor are those of joints without torque, because they move nothing.
+    when a joint has come free, when a motor without torque is heard again, when an emergency stop is latched for an arm
+    in trouble, and for the gripper when its force limiter releases. The set-point must then be at the measured pose,
+    or, in an emergency stop, at most the pressing distance `press_rad` away. In FAULT, a joint with clipped torque may
+    also return to its last sent set-point, which is nearer to the arm, once its readings are rejected. Set-points of
+    floating arms follow the arm and are not checked, nor are those of joints without torque, because they move nothing.
 
     No record can prove where the arm really was, or that a joint came free: `take_seeds` returns what must be checked.
 
@@ -77,9 +80,18 @@ class SetPointCheck:
         limits: (7,) rad/s, the gripper's in strokes/s.
         floats: whether the arm also floats while it is stopped.
         press_rad: (7,) maximum distance between the set-point of a stopped arm and the arm.
+        tick_s: period of the arm's control loop, s.
     """
 
-    def __init__(self, channel: str, limits: np.ndarray, floats: bool = False, press_rad: np.ndarray | float = 0.0):
+    def __init__(
+        self,
+        channel: str,
+        limits: np.ndarray,
+        floats: bool = False,
+        press_rad: np.ndarray | float = 0.0,
+        tick_s: float = TICK_S,
+    ):
+        self._late_s, self._jitter_s = _LATE_TICKS * tick_s, _JITTER_TICKS * tick_s
         self._channel, self._limits, self._press_rad = channel, limits, press_rad
         self._floating = {Mode.FLOAT, Mode.STOPPED} if floats else {Mode.FLOAT}
         self._limits_landing = limits.copy()
@@ -118,12 +130,12 @@ class SetPointCheck:
             self._window.clear()
             return []
         if not math.isfinite(earlier) or earlier > self._earlier_s:
-            earlier = self._earlier_s - _TICK_S
+            earlier = self._earlier_s - self._late_s
         setpoint[self._limp(record, before)] = math.nan
         moved = np.abs(setpoint - self._of(before, "setpoint"))
         if mode_of(before) is Mode.BRING_UP:
             moved[GRIPPER] = math.nan
-        jumped = moved > self._limits * (now - earlier + _TICK_S) + _SMALL
+        jumped = moved > self._limits * (now - earlier + self._late_s) + _SMALL
         if jumped.any():
             self._window.clear()
             return self._judge_jump(record, before, moved, jumped, now)
@@ -141,6 +153,11 @@ class SetPointCheck:
         limp: np.ndarray = (self._of(record, "fault") != Fault.NORMAL) & (self._of(before, "fault") != Fault.NORMAL)
         return limp
 
+    def _silent_s(self, record: Any) -> np.ndarray:
+        """Return the age (7,) of each motor's last accepted reply, s."""
+        age_s: np.ndarray = float(record["stamp_s"]) - self._of(record, "motor_stamp_s")
+        return age_s
+
     def _judge_jump(self, record: Any, before: Any, moved: np.ndarray, jumped: np.ndarray, now: float) -> list[Finding]:
         old, new = mode_of(before), mode_of(record)
         seeded = bool(self._on_measured(record, before)[jumped].all())
@@ -156,6 +173,8 @@ class SetPointCheck:
             why = f"{old.name} → {new.name}"
         elif caught:
             why = _CAME_FREE
+        elif old is Mode.FAULT and (self._silent_s(before)[jumped] > WATCHDOG_S).all():
+            why = "a motor unheard for longer than its watchdog, re-enabled"
         if seeded and why:
             if new is not Mode.FLOAT:  # a floating joint receives no set-point
                 self._note_seed(record, before, jumped, why)
@@ -180,6 +199,7 @@ class SetPointCheck:
                 setpoint=record["setpoint"][joints].copy(),
                 within_rad=self._within_rad(record, before)[joints],
                 age_s=float(record["stamp_s"]) - record["motor_stamp_s"][joints],
+                gap_s=float(record["stamp_s"] - before["stamp_s"]),
             )
         )
 
@@ -200,7 +220,7 @@ class SetPointCheck:
 
     def _within_rad(self, record: Any, before: Any) -> np.ndarray:
         """Return (7,) the maximum distance from the arm for a set-point that was seeded from the arm's pose."""
-        moving = np.nan_to_num(np.abs(self._of(record, "dq"))) * _JITTER_S
+        moving = np.nan_to_num(np.abs(self._of(record, "dq"))) * self._jitter_s
         presses = mode_of(record) is Mode.STOPPED or _stopped_in_fault(record, before)
         within: np.ndarray = _AT_MEASURED + moving + (self._press_rad if presses else 0.0)
         return within
@@ -215,7 +235,7 @@ class SetPointCheck:
         if now - stamp < _WINDOW_S:
             return []
         moved = np.abs(setpoint - first)
-        allowed = now - since + _JITTER_S
+        allowed = now - since + self._jitter_s
         ratio = np.nan_to_num((moved - _SMALL) / (self._limits * allowed))
         self.largest_ratio = max(self.largest_ratio, float(ratio.max()))
         found = []
@@ -274,7 +294,7 @@ class PolicyCheck:
         there = mode_of(peer)
         if trouble_of(peer) is not None:  # the operator re-arms both arms, one after the other
             self._told.add(channel)
-        elif now - self._since[channel] > _PEER_S and there in MOVES and float(peer["stamp_s"]) > now - _TICK_S:
+        elif now - self._since[channel] > _PEER_S and there in MOVES and float(peer["stamp_s"]) > now - _PEER_FRESH_S:
             self._told.add(channel)
             what = f"{self._peers[channel]} is in {there.name} while {channel} has trouble: {trouble}"
             found.append(Finding("the other arm as the policy says", now, channel, what))

@@ -37,7 +37,7 @@ class CouplingCheck:
         self._target, self._target_s = -1, -math.inf
         self._led_s = self._apart_s = -math.inf  # when the leader last led; when both targets last agreed
         self._joined_s = math.inf  # time at which the coupling began
-        self._tick, self._is_apart = 0, False  # at the previous record
+        self._tick, self._before_s, self._is_apart = 0, -math.inf, False  # at the previous record
         self._gate: Gate | None = None
         self._told: set[str] = set()  # findings already reported for this coupling
         self.records = self.unseen = 0
@@ -48,6 +48,9 @@ class CouplingCheck:
         now = float(record["stamp_s"])
         missed = int(record["tick"]) - self._tick > 1
         self._tick = int(record["tick"])
+        if now - self._before_s > _LATE_S:  # what the leader did meanwhile was not seen
+            self._led_s = now
+        self._before_s = now
         if int(record["target_sequence"]) != self._target:
             self._target, self._target_s = int(record["target_sequence"]), now
         if leader is not None:

@@ -82,6 +82,7 @@ class Device:
                 "kd": hardware.kd.tolist(),
                 "rest_q": hardware.rest_q.tolist(),
                 "leads": getattr(config, "follower", None),
+                "tick_s": 1.0 / config.rate_hz,
             }
         return found
 
@@ -120,9 +121,10 @@ class Device:
             self.device.disable_torque()
 
 
-def make_devices(rig: str, folder: Path, coupled: bool = False) -> tuple[Device, Device]:
+def make_devices(rig: str, folder: Path, rate_hz: float, coupled: bool = False) -> tuple[Device, Device]:
     """Create robot and teleoperator with a torque clip; `coupled` adds coupling, gate and force feedback."""
     common: dict[str, Any] = {
+        "rate_hz": rate_hz,
         "interface": "yam_sim",
         "gravity_factor": [1.0] * 6,
         "can_options": {"rig": rig},

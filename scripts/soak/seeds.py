@@ -25,6 +25,7 @@ class Seed:
         setpoint: (n,) set-points after the jump, rad.
         within_rad: (n,) allowed distance between set-point and arm.
         age_s: (n,) age of the recorded samples, s.
+        gap_s: time since the previous record that the judge has seen, s.
     """
 
     at_s: float
@@ -34,11 +35,13 @@ class Seed:
     setpoint: np.ndarray
     within_rad: np.ndarray
     age_s: np.ndarray
+    gap_s: float
 
     @property
     def since_s(self) -> float:
         """Time from which the truth is needed."""
-        return self.at_s - float(np.nan_to_num(self.age_s[self.joints]).max(initial=0.0)) - AROUND_S
+        oldest_s = float(np.nan_to_num(self.age_s[self.joints]).max(initial=0.0))
+        return self.at_s - self.gap_s - oldest_s - AROUND_S
 
 
 def judge_seed(seed: Seed, truth: Mapping[str, np.ndarray], free_speed: np.ndarray) -> str:

@@ -11,7 +11,7 @@ import recorders
 from lerobot_robot_yam.rig.control import RigControl
 from lerobot_robot_yam.state.faults import STALE_OVERSHOOT_RAD_S, stale_overshoot_rad_s
 from soak.arm import Arm
-from soak.checks import GRIPPER, READY, Finding, mode_of
+from soak.checks import GRIPPER, READY, TICK_S, Finding, mode_of
 from soak.context import Context
 from soak.injected_faults import LEADERS
 from soak.seeds import judge_seed
@@ -20,8 +20,8 @@ _SETTLE_S = 1.0  # an arm may still move this long after a push, a collision, or
 _COASTS_S = 3.0  # maximum time that a floating arm takes to come to rest after it was released in motion, s
 _SPEED_FACTOR, _SPEED_SLACK = 1.2, 0.15
 _GRIPPER_SPEED_FACTOR = 1.4  # the light gripper overshoots when a late tick makes its ramp jump
-_PUNCTUAL_S = 0.008  # a punctual command acts for one tick plus its time on the wire
-_KEPT_UP_S = 0.005  # command age above which a command was late or lost (1 % are lost); longer than one tick
+_PUNCTUAL_S = 0.004  # a punctual command acts for one tick plus this time on the wire
+_KEPT_UP_S = 0.001  # command age, beyond one tick, above which a command was late or lost (1 % are lost)
 _CARRIED_BY = np.array([1.0, 1.0, 2.0, 3.0, 3.0, 3.0])  # factor on each joint's overshoot: its carriers brake too
 _CUT_OFF_S = 0.02  # age from which a gripper's speed is not judged: it leaps to its ramp, which has moved on
 _FREE_SPEED = 1.1  # factor on the speed limit: a joint that came free must have been faster
@@ -34,7 +34,7 @@ _BEFORE_S = 0.05  # span of true samples requested before a cut; one sample is s
 _FALL_M, _FALL_S = 0.01, 1.0  # maximum motion of a body within _FALL_S after a torque cut by the driver
 _TRUTH_RAD, _TRUTH_RAD_PER_S = 0.02, 3.0  # maximum error of a state, plus this much per second of its age
 _FRESH_S = 0.25
-_KNOWN_S = 0.012  # maximum state age behind an acting command: one tick when sent, one tick of action, wire times
+_KNOWN_S = 0.004  # maximum state age behind an acting command: two ticks, and this time on the wire
 _KEPT_S = 2.0  # span of true samples that the rig keeps; longer than the interval between looks
 _SLOW_ADAPTERS = frozenset({"slow_adapter", "held_back"})
 _SLOW_S = 0.12  # additional state age that slow adapters may cause
@@ -141,11 +141,11 @@ class Truth:
             age_s = np.array(seen["max_command_age_s"])[:n]
             oldest_s = np.maximum(age_s, self._age_s.get(channel, age_s))
             oldest_s[GRIPPER:] = np.maximum(oldest_s, arm.reading_age_s(since_s - _SLOW_S, until_s)[:n])[GRIPPER:]
-            late_s = np.maximum(oldest_s - _PUNCTUAL_S, 0.0)[:GRIPPER]
+            late_s = np.maximum(oldest_s - arm.tick_s - _PUNCTUAL_S, 0.0)[:GRIPPER]
             self._age_s[channel] = age_s
             if not by_others and self._context.undisturbed(channel, since_s - _SETTLE_S, until_s, _PUSHES):
                 slow = self._happened(_SLOW_ADAPTERS, channel, since_s - _SLOW_S, until_s)
-                allowed = allowed_speed_rad_s(arm.motor_speed_limit[:n], oldest_s, slow)
+                allowed = allowed_speed_rad_s(arm.motor_speed_limit[:n], oldest_s, slow, arm.tick_s)
                 ratio = np.array(seen["max_speed_rad_s"])[:n] / allowed
                 i = int(ratio.argmax())
                 self._note("joint speed, of 1.2 x its limit", float(ratio.max()), f"{channel} {seen['motors'][i]}")
@@ -176,7 +176,7 @@ class Truth:
         asked = np.array(seen["max_asked_nm"])[:n]
         if (asked <= allowed).all():
             return asked
-        known_s = np.full(n, _KNOWN_S)
+        known_s = np.full(n, 2.0 * arm.tick_s + _KNOWN_S)
         known_s[:GRIPPER] += late_s
         since_s = float(seen["since_s"])
         if self._happened(_SLOW_ADAPTERS, channel, since_s - _SLOW_S, math.inf):
@@ -208,7 +208,9 @@ class Truth:
         for channel, (at_s, q, bodies) in list(self._cuts.items()):
             if pose["monotonic_s"] <= at_s:
                 continue
-            pushed = self._happened(_PUSHES, channel, at_s - _KNOWN_S, pose["monotonic_s"])
+            pushed = self._happened(
+                _PUSHES, channel, at_s - 2.0 * self._arms[channel].tick_s - _KNOWN_S, pose["monotonic_s"]
+            )
             if pushed or self._held_s.get(channel, -math.inf) >= at_s - _LET_GO_S:
                 del self._cuts[channel]  # a hand moves a limp arm freely, and may drop it
                 continue
@@ -247,7 +249,9 @@ class Truth:
         self.largest[what] = max(self.largest.get(what, (0.0, "")), (value, where))
 
 
-def allowed_speed_rad_s(limit_rad_s: np.ndarray, oldest_s: np.ndarray, slow: bool) -> np.ndarray:
+def allowed_speed_rad_s(
+    limit_rad_s: np.ndarray, oldest_s: np.ndarray, slow: bool, tick_s: float = TICK_S
+) -> np.ndarray:
     """Return the maximum allowed motor speeds (n,).
 
     A joint whose command is late moves on while the joints that carry it brake, and is thrown ahead. The same happens
@@ -259,9 +263,10 @@ def allowed_speed_rad_s(limit_rad_s: np.ndarray, oldest_s: np.ndarray, slow: boo
         oldest_s: (n,) maximum time for which a command was obeyed; for a gripper, the age of the oldest reading if
             this is larger.
         slow: whether the adapter delayed the motors' replies.
+        tick_s: period of the control loop, s.
     """
     allowed = _SPEED_FACTOR * limit_rad_s + _SPEED_SLACK
-    late_s = np.maximum(oldest_s[:GRIPPER] - _KEPT_UP_S, 0.0)
+    late_s = np.maximum(oldest_s[:GRIPPER] - tick_s - _KEPT_UP_S, 0.0)
     late_s[_CARRYING] = late_s[_CARRYING].max()
     allowed[:GRIPPER] += [
         min(count * stale_overshoot_rad_s(float(late)), STALE_OVERSHOOT_RAD_S)

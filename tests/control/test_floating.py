@@ -25,6 +25,7 @@ LEADER, FOLLOWER = "leader_left", "follower_left"
 FLOAT_RAD_S = 3.0  # default of `float_speed_rad_s`
 MOST_RAD_S = 1.15 * FLOAT_RAD_S
 POSE = [0.1, 1.0, 1.0, 0.0, 0.0, 0.0]
+CLIP_NM = [20.0, 24.0, 20.0, 7.0, 7.0, 7.0]
 VENDOR = [1.0, 1.1, 1.1, 1.2, 1.0, 1.0]
 
 
@@ -343,3 +344,29 @@ def test_a_joint_that_slips_for_a_moment_is_judged_by_what_held_it_before():
     assert balance.verdict(0.4) is None
     assert "joint_1 is held with 5.0 Nm where the model says 1.0" in balance.verdict(0.4, memory_s=1.0)
     assert balance.verdict(1.5, memory_s=1.0) is None  # a hand that moves the arm all the time holds it
+
+
+def test_a_joint_that_a_hand_moves_unheard_is_not_torn_back(rig, started):
+    """It floated, so nobody knows where it is: held stiffly where it was heard last, it would be torn back."""
+    session = started(LEADER, torque_limit_nm=CLIP_NM)
+    t = np.linspace(0.0, 0.3, 31)
+    path = np.repeat(np.array(rig.state()["arms"][LEADER]["q"])[None], len(t), axis=0)
+    path[:, 2] += 1.4 * (3.0 * (t / 0.3) ** 2 - 2.0 * (t / 0.3) ** 3)
+    rig.hand(LEADER, t + 0.1, path, gives_way=False)
+    session.clock.sleep(0.16)
+    recorders.truth_start(rig, LEADER, 4.0)
+    begun_s = session.clock.now()
+    rig.fault(LEADER, "joint_3", "silent", True)
+    session.clock.sleep(0.13)
+    rig.fault(LEADER, "joint_3", "silent", False)
+    session.clock.sleep(0.5)
+    rig.release(LEADER)
+    session.clock.sleep(1.5)
+    assert session[LEADER].published().trouble is Trouble.IMPLAUSIBLE
+    truth = recorders.truth(rig, LEADER, begun_s)
+    asked, released = np.abs(truth["asked_nm"][1:, :6]).max(axis=0), truth["stamp_s"] > begun_s + 0.7
+    assert (asked <= CLIP_NM).all(), asked
+    assert np.abs(truth["dq"][released]).max() < 1.5
+    session[LEADER].rearm()
+    session.clock.sleep(0.2)
+    assert session[LEADER].mode() is Mode.FLOAT

@@ -44,9 +44,9 @@ class Lie:
             self._speed = self._drift / TICK_S
         self._frozen = None
 
-    def told(self, q, dq, nm):
+    def told(self, q, dq):
         self._step += self._drift
-        said = q * self._scale[0] + self._step, dq * self._scale[1] + self._speed, nm
+        said = q * self._scale[0] + self._step, dq * self._scale[1] + self._speed
         if "freeze" in self.kinds:
             self._frozen = self._frozen or said
             return self._frozen
@@ -74,12 +74,12 @@ def run(kind, chance, healthy=False):
     command, held, farthest, fastest, most = np.array([[start, 0.0, kp, kd, 0.0]]), None, 0.0, 0.0, 0.0
     for tick in range(TICKS):
         now = tick * TICK_S + chance.uniform(0.0, 0.0005)
-        q_seen, dq_seen, nm_seen = (q, dq, nm) if tick < BEGIN else lie.told(q, dq, nm)
+        q_seen, dq_seen = (q, dq) if tick < BEGIN else lie.told(q, dq)
         seen = quantised(q_seen, row.position_max_rad, 16), quantised(dq_seen, row.velocity_max_rad_s, 12)
         if chance.random() > 0.02 and judge.accept(0, *seen, now + 0.0003, now + 0.0004, now, now + 0.001):
             believed = seen
-        arrays = (np.array([believed[0]]), np.array([believed[1]]), np.array([nm_seen]))
-        if torques.lying(*arrays, np.array([now]), np.array([True])):
+        arrays = (np.array([believed[0]]), np.array([believed[1]]), np.array([nm]), np.array([now]), np.array([True]))
+        if torques.lying(command, *arrays):
             judge.distrust([0])
         phase = 2 * math.pi * hz * (tick + 1) * TICK_S
         goal = start + reach * (1.0 - math.cos(phase)), reach * 2 * math.pi * hz * math.sin(phase)
@@ -88,7 +88,6 @@ def run(kind, chance, healthy=False):
             goal = believed = held
         command = np.array([[*goal, kp, kd, 0.0]])
         mit_laws.clip_torque(command, np.array([believed[0]]), np.array([believed[1]]), clip)
-        torques.sent(command)
         for _ in range(STEPS):
             nm = float(mit_laws.motor_torque(command, np.array([q]), np.array([dq]))[0])
             most = max(most, abs(nm) / clip[0])

@@ -28,6 +28,7 @@ def arms_of(rig, hardware):
             "kp": hardware.kp.tolist(),
             "kd": hardware.kd.tolist(),
             "rest_q": hardware.rest_q.tolist(),
+            "tick_s": 0.004,
         }
         for channel, other in ((CHANNEL, PEER), (PEER, CHANNEL))
     }

@@ -47,6 +47,14 @@ def test_a_leader_that_cannot_lead_is_not_followed(soak, lost, ticks, found):
     assert findings(soak.coupled.CouplingCheck(CHANNEL), rows) == found
 
 
+def test_a_leader_may_have_led_while_the_judge_saw_no_records(soak):
+    rows = [(told(tick, 0.0, target=tick), asked(tick, 0.0)) for tick in range(50)]
+    rows += [(told(tick, 0.0, target=tick), asked(tick, np.nan)) for tick in range(100, 110)]
+    assert findings(soak.coupled.CouplingCheck(CHANNEL), rows) == []
+    rows += [(told(tick, 0.0, target=tick), asked(tick, np.nan)) for tick in range(110, 160)]
+    assert findings(soak.coupled.CouplingCheck(CHANNEL), rows) == [LEADS]
+
+
 @pytest.mark.parametrize(
     ("beside", "from_tick", "found"),
     [

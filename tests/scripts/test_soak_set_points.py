@@ -56,6 +56,13 @@ def test_a_joint_without_torque_cannot_be_sent_anywhere(soak, before, after, jum
     assert ["no set-point jump"] * jumps == [finding.invariant for finding in found]
 
 
+@pytest.mark.parametrize("silent_s, q, jumps", [(0.5, 0.5, False), (0.5, 0.3, True), (0.3, 0.5, True)])
+def test_a_silent_joint_that_fell_starts_again_from_where_it_is(soak, silent_s, q, jumps):
+    rows = [*ramp(0.0, 50, Mode.FAULT), record(50, np.full(7, 0.5), Mode.FAULT, q=np.full(7, q))]
+    rows[-2]["motor_stamp_s"] = rows[-2]["stamp_s"] - silent_s
+    assert bool(findings(soak.checks.SetPointCheck(CHANNEL, LIMITS), rows)) is jumps
+
+
 def test_the_set_point_of_a_floating_arm_follows_the_arm(soak):
     def moved(mode):
         return [*ramp(0.0, 50, mode), *(record(50 + tick, np.full(7, 0.5), mode) for tick in range(50))]

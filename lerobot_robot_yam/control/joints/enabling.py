@@ -37,9 +37,10 @@ def enable(sender: Sender, motors: Sequence[int], clear: bool = False) -> Genera
             while chain.clock.now() < sent_s + ENABLE_PAUSE_S:
                 yield
         until_s = sent_s + _ENABLED_S + 2.0 * chain.round_trip.one_way_s
-        while off and chain.clock.now() < until_s:
+        while off:  # checked last: a late tick has the replies, too
             silent = [i for i in off if chain.asked_s[i] < sent_s]
             off = [i for i in off if i in silent or chain.fault[i] != Fault.NORMAL]
-            if off:
-                yield
+            if not off or chain.clock.now() >= until_s:
+                break
+            yield
     return silent

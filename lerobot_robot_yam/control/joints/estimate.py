@@ -8,9 +8,8 @@ from lerobot_robot_yam.arm.joint_map import JointMap
 from lerobot_robot_yam.arm.resolved_arm import ResolvedArm
 from lerobot_robot_yam.control.gripper.gripper import Gripper
 from lerobot_robot_yam.control.safety.channel_monitor import ChannelMonitor, Finding
-from lerobot_robot_yam.control.safety.torque_check import TorqueCheck
 from lerobot_robot_yam.damiao.chain import MotorChain
-from lerobot_robot_yam.damiao.tables import Fault, motor_type
+from lerobot_robot_yam.damiao.tables import Fault
 from lerobot_robot_yam.state.faults import SILENT_S
 
 _JUST_NOW_S = 0.02  # maximum age of a fresh sample, s; the adapter's delay is added
@@ -36,8 +35,6 @@ class JointEstimate:
         n, self._joints = hardware.n, hardware.joints
         self._direction, self._chain, self._map, self._gripper = hardware.direction, chain, turns, gripper
         self._watch = ChannelMonitor(chain)
-        self._torques = TorqueCheck(np.array([motor_type(motor.type).torque_max_nm for motor in chain.motors]))
-        self.sent = self._torques.sent
         self.q, self.dq, self.tau = np.zeros(n), np.zeros(n), np.zeros(n)
         self.motor_q, self.motor_dq = np.zeros(n), np.zeros(n)
         self._bad = np.zeros(n, dtype=bool)
@@ -61,9 +58,6 @@ class JointEstimate:
     def check(self, now: float) -> Finding:
         """Check for unreliable motors; update `usable`, `all_usable` and `disbelieved`."""
         chain = self._chain
-        lying = self._torques.lying(self.motor_q, self.motor_dq, self.tau, chain.stamp_s, self.usable)
-        if lying:
-            chain.feedback.distrust(lying, chain.position_rad)
         finding = self.find_trouble(now)
         self.disbelieved = []
         if finding.bad is not self._bad:  # the same array as long as all motors are well

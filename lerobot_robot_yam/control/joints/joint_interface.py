@@ -18,6 +18,7 @@ from lerobot_robot_yam.control.safety.thermal_monitor import ThermalMonitor, tri
 from lerobot_robot_yam.damiao.chain import MotorChain
 from lerobot_robot_yam.damiao.codec import SpecialCommand
 from lerobot_robot_yam.damiao.handle_encoder import HandleEncoder
+from lerobot_robot_yam.damiao.plausibility import PERIOD_S
 from lerobot_robot_yam.damiao.registers import Register
 
 logger = logging.getLogger(__name__)
@@ -44,7 +45,8 @@ class JointInterface:
         self._config = config = hardware.config
         hw, n = hardware, hardware.n
         self._encoder = HandleEncoder() if hw.gripper.handle_encoder else None
-        self.chain = MotorChain(bus, hw.motors, channel=config.channel, encoder=self._encoder)
+        period_s = 1.0 / config.rate_hz if config.rate_hz else PERIOD_S
+        self.chain = MotorChain(bus, hw.motors, channel=config.channel, encoder=self._encoder, period_s=period_s)
         self.gripper = None
         if hw.has_gripper:
             self.gripper = Gripper(config, hw.gripper, float(hw.kp[-1]), float(hw.kd[-1]))
@@ -124,7 +126,6 @@ class JointInterface:
         instead, self.instead = self.instead, {}
         self.chain.send(self._map.commands(commands), instead)
         self.sent[:] = commands
-        self.estimate.sent(commands)
 
     def receive(self, until_s: float) -> None:
         """Process the replies to the last `send`; wait for late ones until `until_s`. Raises BusError: channel lost."""

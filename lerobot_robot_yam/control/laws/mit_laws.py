@@ -12,6 +12,7 @@ Q, DQ, KP, KD, TAU = range(5)
 _FRICTION_SPEED_RAD_S = 0.05  # width of the smoothed sign function in the friction term: avoids chatter at standstill
 _WALL_STIFFNESS = 0.3  # wall stiffness, as a share of the position gain
 FELT_SHARE = 0.25  # maximum torque against a hand at a floating joint, as a share of the torque limit
+_SOFT_SHARE = 0.125  # torque of a joint at an unknown position, per rad and per rad/s, as a share of the torque limit
 _WALL_DAMPED_RAD = 0.03  # distance beyond a joint limit at which the wall reaches its full damping
 _FULL = 0.25  # excess speed, as a share of the speed limit, from which the damping is full
 _RELEASE_S = 0.1  # time in which the share of damping decays from 1 to 0
@@ -163,6 +164,12 @@ def sink(out: np.ndarray, joints: np.ndarray, kd: float) -> None:
     """Reduce the commands in `out` for `joints`, (n,) bool, to damping kd."""
     out[joints, DQ] = out[joints, KP] = out[joints, TAU] = 0.0
     out[joints, KD] = kd
+
+
+def hold_softly(out: np.ndarray, joints: np.ndarray, limit_nm: np.ndarray) -> None:
+    """Limit stiffness and damping of `joints`, (n,) bool, in `out`: limit / 8 for each rad, and for each rad/s."""
+    gains = out[:, KP : KD + 1]
+    gains[:] = np.where(joints[:, None], np.minimum(gains, _SOFT_SHARE * limit_nm[:, None]), gains)
 
 
 def motor_torque(commands: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ class BaseMotors:
 
     def __init__(self, hardware: ResolvedBase, bus: can.BusABC):
         self._hardware, self._config, self._bus, n = hardware, hardware.config, bus, hardware.n
-        self.chain = MotorChain(bus, hardware.motors, channel=self._config.channel)
+        self.chain = MotorChain(bus, hardware.motors, channel=self._config.channel, period_s=1.0 / self._config.rate_hz)
         self.watch, self.loss = ChannelMonitor(self.chain), BusLoss()
         self.q, self.dq, self.tau, self.asked = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
         self.instead: dict[int, SpecialCommand] = {}

@@ -1,10 +1,10 @@
-"""Comparison of each motor's reported torque with the torque that its commands give at its reported position.
+"""Comparison of reported with commanded torques, for joints that read far from where they are sent.
 
-    |tau − kp (q* − q) − kd (dq* − dq) − tau*|  ≤  0.15 range (1 + |dq| / 2 rad/s)
+    |q* − q| > 0.3 rad  and  |tau − kp (q* − q) − kd (dq* − dq) − tau*| > 0.15 range (1 + |dq| / 2 rad/s)
 
 A position that drifts together with its speed contradicts nothing else: the motor goes on holding the joint, with
-little torque, where the reading asks for much. A joint that a hand pushes away pulls back with the torque it reports.
-A motor that works hard in the direction asked is believed, since many end below the range of their frames.
+little torque, where the reading asks for much. A joint that a hand or an obstacle keeps away pulls with the torque that
+it reports. A motor that works hard in the direction asked is believed, since many end below the range of their frames.
 """
 
 from collections.abc import Sequence
@@ -16,14 +16,14 @@ from lerobot_robot_yam.system.few_values import any_of
 
 SHARE = 0.15
 """Tolerated difference between reported and commanded torque, as a share of the motor's range."""
+_AWAY_RAD = 0.3  # distance from its set-point that no joint reaches by lagging, as a late command or reply shows it
 _SPEED_RAD_S = 2.0  # speed at which twice the difference is tolerated, rad/s: voltage limits the torque of quick motors
 _HARD = 0.6  # share of its range that counts as hard: a DM4310 ends at 7 of 10 Nm
-_COMMANDS = 16  # number of commands of which a reply may show the torque: 64 ms, more than a slow adapter takes
 _TICKS = 6  # consecutive contradictions after which a motor is not believed
 
 
 class TorqueCheck:
-    """Comparison for n motors. Call `sent` and `lying` once per tick.
+    """Comparison for n joints. Call `lying` once per tick.
 
     Args:
         range_nm: (n,) maximum torques of the motors.
@@ -31,34 +31,28 @@ class TorqueCheck:
 
     def __init__(self, range_nm: np.ndarray):
         self._range = range_nm
-        self._commands = np.zeros((_COMMANDS, len(range_nm), 5))
-        self._next = 0
         self._stamp_s: np.ndarray = np.zeros(len(range_nm))
         self._times: np.ndarray = np.zeros(len(range_nm), dtype=int)  # consecutive contradictions
-        self._none: list[int] = []
-
-    def sent(self, commands: np.ndarray) -> None:
-        """Record commands (n, 5), in joint coordinates, that have been sent."""
-        self._commands[self._next] = commands
-        self._next = (self._next + 1) % _COMMANDS
 
     def lying(
-        self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray, stamp_s: np.ndarray, usable: np.ndarray
+        self, sent: np.ndarray, q: np.ndarray, dq: np.ndarray, tau: np.ndarray, stamp_s: np.ndarray, usable: np.ndarray
     ) -> Sequence[int]:
-        """Return the motors whose readings (n,) have contradicted their torques for some ticks.
+        """Return the joints whose readings have contradicted their torques for some ticks.
 
-        Motors that are not `usable` (n,), or have not replied since the last call, contradict nothing.
+        Joints that are commanded no stiffness, are not `usable`, or have not replied since the last call, contradict
+        nothing.
+
+        Args:
+            sent: (n, 5) last commands, in joint coordinates.
+            q, dq, tau, stamp_s, usable: (n,) readings, the times of their samples, and whether they are used.
         """
         fresh, self._stamp_s = stamp_s != self._stamp_s, stamp_s
-        most = SHARE * self._range * (1.0 + np.abs(dq) / _SPEED_RAD_S)
-        off = np.abs(mit_laws.motor_torque(self._commands[self._next - 1], q, dq) - tau) > most
-        if not any_of(off):  # the usual case
-            if any_of(self._times):
-                self._times[:] = 0
-            return self._none
-        gives = np.clip(mit_laws.motor_torque(self._commands, q, dq), -self._range, self._range)
-        off = ((tau < gives.min(axis=0) - most) | (tau > gives.max(axis=0) + most)) & fresh & usable
-        hard = np.where(tau > 0.0, gives.max(axis=0), -gives.min(axis=0)) > 0.0
-        off &= ~(hard & (np.abs(tau) > _HARD * self._range))
-        self._times = np.where(off, self._times + 1, 0)
+        away = (np.abs(sent[:, mit_laws.Q] - q) > _AWAY_RAD) & (sent[:, mit_laws.KP] > 0.0)
+        if not any_of(away):  # the usual case
+            self._times[:] = 0
+            return ()
+        asked = np.clip(mit_laws.motor_torque(sent, q, dq), -self._range, self._range)
+        off = np.abs(asked - tau) > SHARE * self._range * (1.0 + np.abs(dq) / _SPEED_RAD_S)
+        off &= ~((asked * tau > 0.0) & (np.abs(tau) > _HARD * self._range))
+        self._times = np.where(away & off & fresh & usable, self._times + 1, 0)
         return np.flatnonzero(self._times >= _TICKS).tolist()

@@ -11,7 +11,6 @@ def test_a_motor_that_gives_less_than_its_range_is_believed(tau_nm, believed):
     check = TorqueCheck(np.array([10.0]))
     lying = []
     for tick in range(30):
-        check.sent(np.array([[0.0, 0.0, 10.0, 1.5, 0.0]]))
         sample = np.array([-0.95]), np.zeros(1), np.array([tau_nm]), np.array([0.004 * tick])
-        lying += check.lying(*sample, np.array([True]))
+        lying += check.lying(np.array([[0.0, 0.0, 10.0, 1.5, 0.0]]), *sample, np.array([True]))
     assert (not lying) is believed
