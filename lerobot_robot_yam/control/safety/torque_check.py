@@ -2,9 +2,10 @@
 
     |q* − q| > 0.3 rad  and  |tau − kp (q* − q) − kd (dq* − dq) − tau*| > 0.15 range (1 + v / 2 rad/s)
 
-v is the speed in the direction of the torque asked for, since voltage limits the torque of a quick motor. A position that drifts together with its speed contradicts nothing else: the motor goes on holding the joint, with
-little torque, where the reading asks for much. A joint that a hand or an obstacle keeps away pulls with the torque that
-it reports. A motor that works hard in the direction asked is believed, since many end below the range of their frames.
+v is the speed in the direction of the torque asked for, since voltage limits the torque of a quick motor. A position
+that drifts together with its speed contradicts nothing else: the motor goes on holding the joint, with little torque,
+where the reading asks for much. A joint that a hand or an obstacle keeps away pulls with the torque that it reports. A
+motor that works hard in the direction asked is believed, since many end below the range of their frames.
 """
 
 from collections.abc import Sequence
